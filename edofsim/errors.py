@@ -1,0 +1,28 @@
+"""The two ways a command can end badly, told apart by their exit status."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class EdofsimError(Exception):
+    """Work that could not be finished: exit status 1, one message, no traceback."""
+
+
+class InputError(EdofsimError):
+    """What the user gave cannot be used: exit status 2.
+
+    Each problem is a sentence that says what is wrong, where, and what to do. Several problems found
+    together are reported together, so that a file is mended in one go.
+    """
+
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems: tuple[str, ...] = (problems,) if isinstance(problems, str) else tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+    def __reduce__(self):  # keeps the problems when a worker process sends the error back
+        return type(self), (self.problems,)
+
+
+class EngineError(EdofsimError):
+    """No usable render engine: the message names the command that installs one."""

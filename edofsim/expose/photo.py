@@ -1,0 +1,28 @@
+"""What comes out of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A sensor image and what it is judged by. All images are linear, [channel, y, x], full scale 1.
+
+    image: with noise; clean: without; ideal: all in focus, same response and exposure;
+    exposure: factor from radiance to full scale; lost: fraction of the light that left the PSF windows,
+    per channel [channel]; how: the choices that were made (method, layers, occlusion, ...);
+    seconds: time of each stage.
+    """
+
+    image: Tensor
+    clean: Tensor
+    ideal: Tensor
+    exposure: float
+    lost: Tensor
+    how: Mapping[str, Any] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)

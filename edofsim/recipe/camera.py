@@ -1,0 +1,56 @@
+"""The camera recipe: lens, focus, mask at the pupil, sensor, and how finely its PSFs are computed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from .base import NotNegative, Positive, RecipeModel
+from .masks import AnyMask, ClearMask
+
+
+class Lens(RecipeModel):
+    """A plano-convex lens. `thickness` chooses the exact sag (paper, Eq. `spherical`) or its parabola."""
+
+    material: str = "fused-silica"
+    radius_of_curvature_mm: Positive = 16.51
+    aperture_radius_mm: Positive = 2.5
+    thickness: Literal["exact", "parabolic"] = "exact"
+
+
+class Focus(RecipeModel):
+    """The distance that is sharp at one wavelength, paraxially; it fixes the sensor's distance."""
+
+    distance_m: Positive = 1.5
+    wavelength_nm: Positive = 587.6
+
+
+class Sensor(RecipeModel):
+    """Pixel pitch, spectral response by name or CSV, and exposure. Noise is relative to full scale 1."""
+
+    pixel_um: Positive = 6.0
+    response: str = "paper"
+    read_noise: NotNegative = 0.005
+    exposure: Literal["auto"] | Positive = "auto"
+
+
+class PsfSettings(RecipeModel):
+    """Window in sensor pixels, oversampling within a pixel, and sampling of the pupil."""
+
+    window_px: Annotated[int, Field(ge=1, le=2048)] = 128
+    oversampling: Annotated[int, Field(ge=1, le=16)] = 2
+    pupil_sampling_um: Literal["auto"] | Positive = "auto"
+
+
+class CameraRecipe(RecipeModel):
+    """A camera recipe. The defaults are the paper's camera with a clear aperture."""
+
+    schema_: Annotated[str | None, Field(alias="$schema")] = None
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+    purpose: str = ""
+    lens: Lens = Lens()
+    focus: Focus = Focus()
+    mask: AnyMask = ClearMask()
+    sensor: Sensor = Sensor()
+    psf: PsfSettings = PsfSettings()

@@ -1,0 +1,63 @@
+"""The scene recipe: what is in front of the camera, and how finely it is rendered."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from .base import Positive, RecipeModel
+from .objects import AnyLight, AnyObject
+
+
+class Bands(RecipeModel):
+    """Equally spaced spectral bands, both ends included."""
+
+    start_nm: Annotated[float, Field(ge=360, le=830)] = 420.0
+    stop_nm: Annotated[float, Field(ge=360, le=830)] = 720.0
+    count: Annotated[int, Field(ge=1, le=128)] = 31
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Bands:
+        if self.stop_nm < self.start_nm or (self.count > 1 and self.stop_nm == self.start_nm):
+            raise ValueError("stop_nm must be above start_nm")
+        return self
+
+    def wavelengths(self) -> np.ndarray:
+        """Band centres in metres, shape [band], float64."""
+        return np.linspace(self.start_nm, self.stop_nm, self.count) * 1e-9
+
+
+class Frame(RecipeModel):
+    """The pixels of the view. One pixel sees `pixel_angle_mrad` (tangent, on the optical axis)."""
+
+    width_px: Annotated[int, Field(ge=1, le=8192)] = 512
+    height_px: Annotated[int, Field(ge=1, le=8192)] = 384
+    pixel_angle_mrad: Positive = 0.1626126
+    margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
+
+
+class Render(RecipeModel):
+    """How the path tracer works: samples a pixel, bounces, and what counts as two surfaces."""
+
+    samples: Annotated[int, Field(ge=1, le=1 << 16)] = 64
+    max_depth: Annotated[int, Field(ge=1, le=64)] = 5
+    fragments: Annotated[int, Field(ge=1, le=8)] = 3
+    depth_gap_dpt: Positive = 0.03
+    hidden: bool = True
+
+
+class SceneRecipe(RecipeModel):
+    """A scene recipe. Positions are camera space: x right, y up, z the depth along the optical axis."""
+
+    schema_: Annotated[str | None, Field(alias="$schema")] = None
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+    purpose: str = ""
+    camera: str = "paper-cubic"
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    bands: Bands = Bands()
+    frame: Frame = Frame()
+    render: Render = Render()
+    lights: tuple[AnyLight, ...] = ()
+    objects: Annotated[tuple[AnyObject, ...], Field(min_length=1)]
