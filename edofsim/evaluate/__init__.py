@@ -1,1 +1,1 @@
-"""evaluate."""
+"""How good an image is, and the experiments of the paper."""

@@ -1,1 +1,5 @@
-"""restore."""
+"""From a photo to a sharp image: Wiener deconvolution and networks."""
+
+from .wiener import wiener
+
+__all__ = ["wiener"]

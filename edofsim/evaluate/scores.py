@@ -1,0 +1,98 @@
+"""How close an image is to the truth: PSNR and SSIM, whole and by depth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from skimage.metrics import structural_similarity
+from torch import Tensor
+
+from ..errors import InputError
+
+DEPTH_EDGES_M = (0.0, 0.6, 0.85, 1.15, 1.6, 3.0, math.inf)
+SSIM_WINDOW = 11  # pixels across the Gaussian of Wang et al. (2004), sigma 1.5 cut at 3.5 sigma
+
+
+@dataclass(frozen=True)
+class Score:
+    """psnr_db: infinite for equal images; ssim: NaN where the image is smaller than the SSIM window;
+    pixels: how many it was taken over."""
+
+    psnr_db: float
+    ssim: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class DepthScore:
+    """A score over the pixels with near_m <= depth < far_m."""
+
+    near_m: float
+    far_m: float
+    score: Score
+
+
+def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
+    """Peak signal-to-noise ratio in dB for full scale 1, over all channels together.
+
+    image, truth: [channel, y, x]; mask: bool [y, x]. Infinite where they are equal.
+    """
+    _same_shape(image, truth)
+    error = (image.double() - truth.double()).square().mean(0)
+    mse = float((error if mask is None else error[mask]).mean())
+    return math.inf if mse == 0 else -10 * math.log10(mse)
+
+
+def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
+    """Structural similarity of each pixel, mean of channels, [y, x] (Wang et al., IEEE TIP 13, 2004:
+    Gaussian window of sigma 1.5, full scale 1); None where the image is smaller than the window."""
+    _same_shape(image, truth)
+    if min(image.shape[-2:]) < SSIM_WINDOW:
+        return None
+    _, values = structural_similarity(
+        image.detach().cpu().double().numpy(),
+        truth.detach().cpu().double().numpy(),
+        channel_axis=0,
+        data_range=1.0,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        full=True,
+    )
+    return torch.from_numpy(values).mean(0)
+
+
+def score(image: Tensor, truth: Tensor) -> Score:
+    """PSNR and SSIM over the whole image, [channel, y, x] each."""
+    similarity = ssim_map(image, truth)
+    return Score(psnr(image, truth), math.nan if similarity is None else float(similarity.mean()), truth[0].numel())
+
+
+def score_by_depth(
+    image: Tensor, truth: Tensor, inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
+) -> tuple[DepthScore, ...]:
+    """Scores of the pixels in each depth range that holds any; the last range includes infinity.
+
+    inverse_depth: [y, x] in 1/m; edges_m: ascending.
+    """
+    similarity = ssim_map(image, truth)
+    depth = inverse_depth.double().reciprocal()  # 1 / 0 is infinity, as it should be
+    scores = []
+    for near, far in zip(edges_m, edges_m[1:], strict=False):
+        mask = (depth >= near) & ((depth < far) if math.isfinite(far) else torch.ones_like(depth, dtype=torch.bool))
+        if not mask.any():
+            continue
+        mean_ssim = math.nan if similarity is None else float(similarity[mask.cpu()].mean())
+        scores.append(DepthScore(near, far, Score(psnr(image, truth, mask), mean_ssim, int(mask.sum()))))
+    return tuple(scores)
+
+
+def _same_shape(image: Tensor, truth: Tensor) -> None:
+    if image.ndim != 3 or image.shape != truth.shape:
+        raise InputError(
+            f"images of shape {list(image.shape)} and {list(truth.shape)} cannot be compared; "
+            "both must be [channel, y, x] and alike"
+        )

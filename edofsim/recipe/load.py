@@ -1,0 +1,70 @@
+"""From a path or the name of a shipped recipe to a validated model."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from pydantic import BaseModel
+
+from ..errors import InputError
+from .camera import CameraRecipe
+from .scene import SceneRecipe
+from .toml import read_toml, validate
+
+Recipe = TypeVar("Recipe", bound=BaseModel)
+
+
+@dataclass(frozen=True)
+class Loaded(Generic[Recipe]):
+    """A recipe, the file it came from (relative files in it start from `base`), and that file's text."""
+
+    recipe: Recipe
+    path: Path
+    text: str
+
+    @property
+    def base(self) -> Path:
+        return self.path.parent
+
+
+def shipped_folder(name: str) -> Path:
+    """`scenes` or `train`: in the checkout, or inside an installed package."""
+    package = Path(__file__).resolve().parent.parent
+    installed = package / "shipped" / name
+    return installed if installed.is_dir() else package.parent / name
+
+
+def shipped(folder: Path) -> dict[str, Path]:
+    """Recipes in a shipped folder by name."""
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_scene(source: str | Path) -> Loaded[SceneRecipe]:
+    """A scene recipe from its file, or a shipped one by name (`desk`). Raises InputError."""
+    return _load(SceneRecipe, source, shipped_folder("scenes"), "scene")
+
+
+def load_camera(source: str | Path, base: Path | None = None) -> Loaded[CameraRecipe]:
+    """A camera recipe from its file (relative to `base` if that is given), or a shipped one by name
+    (`paper-cubic`). Raises InputError."""
+    if base is not None and (base / source).is_file():
+        source = base / source
+    return _load(CameraRecipe, source, shipped_folder("scenes") / "cameras", "camera")
+
+
+def _load(model: type[Recipe], source: str | Path, folder: Path, noun: str) -> Loaded[Recipe]:
+    path = Path(source)
+    if path.suffix != ".toml" and not path.exists():
+        known = shipped(folder)
+        if path.name not in known or len(path.parts) > 1:
+            near = difflib.get_close_matches(str(source), known, 1, 0.5)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            raise InputError(
+                f"{source}: no such file and no shipped {noun}; {hint}shipped: {', '.join(known) or 'none'}"
+            )
+        path = known[path.name]
+    data, text = read_toml(path)
+    return Loaded(validate(model, data, text, path), path, text)

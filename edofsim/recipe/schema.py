@@ -1,0 +1,22 @@
+"""JSON Schemas of the recipes, for editors that complete and check TOML."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a recipe model."""
+    return {"$schema": DIALECT, **model.model_json_schema(by_alias=True), "title": title}
+
+
+def write_schema(model: type[BaseModel], title: str, path: Path) -> Path:
+    """The schema as a file, with a stable order of keys. Returns the path."""
+    path.write_text(json.dumps(json_schema(model, title), indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    return path

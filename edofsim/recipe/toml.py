@@ -1,0 +1,169 @@
+"""Reading recipes: every problem found at once, each with its line and, for a misspelt key, the nearest."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+Location = tuple[str | int, ...]
+
+_HEADER = re.compile(r"^\s*(\[\[|\[)\s*([^\]]+?)\s*\]")
+_KEY = re.compile(r"^\s*([A-Za-z0-9_\-]+|\"[^\"]*\"|'[^']*')\s*(?:\.[^=]*)?=")
+MAX_RECIPE_BYTES = 1 << 20
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """The parsed TOML file and its text.
+
+    Raises InputError for a missing, unreadable, oversized or malformed file.
+    """
+    try:
+        if path.stat().st_size > MAX_RECIPE_BYTES:
+            raise InputError(f"{path}: larger than {MAX_RECIPE_BYTES >> 20} MiB, which no recipe is")
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; name a recipe, or a shipped one by its name") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder; name the recipe file inside it") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text at byte {error.start}; a recipe is a TOML file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    try:
+        return tomllib.loads(text), text
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+
+
+def validate(model: type[Model], data: Mapping[str, Any], text: str, path: Path) -> Model:
+    """`data` as a `model`; raises InputError that lists every problem with its line in `text`."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        lines = line_numbers(text)
+        problems = [_sentence(item, model, data, lines, path) for item in error.errors()]
+    # one wrong value in a union can be reported once for each member
+    raise InputError(dict.fromkeys(problems))
+
+
+def line_numbers(text: str) -> dict[Location, int]:
+    """Line of each table header and key, by location. Arrays of tables count from 0.
+
+    Keys inside inline tables share the line of the key that holds them: `nearest_line` climbs to it.
+    """
+    lines: dict[Location, int] = {}
+    counts: dict[tuple[str, ...], int] = {}
+    table: Location = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            names = tuple(part.strip().strip("\"'") for part in header[2].split("."))
+            if header[1] == "[[":
+                counts[names] = counts.get(names, -1) + 1
+            table = _with_indices(names, counts)
+            lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            lines.setdefault((*table, key[1].strip("\"'")), number)
+    return lines
+
+
+def _with_indices(names: tuple[str, ...], counts: Mapping[tuple[str, ...], int]) -> Location:
+    location: list[str | int] = []
+    for depth, name in enumerate(names, start=1):
+        location.append(name)
+        if names[:depth] in counts:
+            location.append(counts[names[:depth]])
+    return tuple(location)
+
+
+def nearest_line(location: Location, lines: Mapping[Location, int]) -> int | None:
+    """Line of `location`, or of the closest table around it."""
+    for end in range(len(location), 0, -1):
+        if location[:end] in lines:
+            return lines[location[:end]]
+    return None
+
+
+def _sentence(item: Mapping[str, Any], model: type[BaseModel], data: Any, lines: Mapping[Location, int], path: Path) -> str:
+    location = _location_in_file(item["loc"], data)
+    line = nearest_line(location, lines)
+    where = f"{path}{f', line {line}' if line else ''}: "
+    name = ".".join(str(part) for part in location) or "the file"
+    message = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    match item["type"]:
+        case "extra_forbidden":
+            near = difflib.get_close_matches(str(location[-1]), _known_keys(model, item["loc"][:-1]), 1, 0.5)
+            hint = f"; did you mean {near[0]!r}?" if near else "; remove it"
+            return f"{where}unknown key {name!r}{hint}"
+        case "missing":
+            return f"{where}{name!r} is missing"
+        case "union_tag_invalid":
+            tags = [tag.strip("' ") for tag in str(item.get("ctx", {}).get("expected_tags", "")).split(",")]
+            given = str(item.get("ctx", {}).get("tag", ""))
+            near = difflib.get_close_matches(given, tags, 1, 0.5)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            return f"{where}{name} has the unknown kind {given!r}; {hint}known: {', '.join(tags)}"
+        case "union_tag_not_found":
+            return f"{where}{name} has no 'kind'"
+        case "value_error":
+            return f"{where}{name}: {message}"
+        case _:
+            return f"{where}{name} must be {_shorten(message)}, not {_shown(item.get('input'))}"
+
+
+def _shorten(message: str) -> str:
+    return message[0].lower() + message[1:] if message else message
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _location_in_file(loc: Location, data: Any) -> Location:
+    """pydantic puts the tag of a chosen union member into the location; the file has no such level."""
+    location: list[str | int] = []
+    for position, part in enumerate(loc):
+        inside = isinstance(data, Mapping) and part in data
+        indexed = isinstance(data, list) and isinstance(part, int) and part < len(data)
+        last = position == len(loc) - 1
+        if inside or indexed:
+            data = data[part]
+            location.append(part)
+        elif last and not (isinstance(data, Mapping) and data.get("kind") == part):
+            location.append(part)
+    return tuple(location)
+
+
+def _known_keys(model: Any, loc: Location) -> list[str]:
+    """Keys of the table at `loc`, following the models' annotations."""
+    candidates = [model]
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        following: list[Any] = []
+        for candidate in candidates:
+            fields = candidate.model_fields
+            by_name = {info.alias or name: info for name, info in fields.items()}
+            if part in by_name:
+                following += _models_in(by_name[part].annotation)
+            elif "kind" in fields and part in get_args(fields["kind"].annotation):
+                following.append(candidate)  # the tag of the chosen union member
+        candidates = following
+    return sorted({info.alias or name for model in candidates for name, info in model.model_fields.items()})
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]

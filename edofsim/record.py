@@ -1,0 +1,110 @@
+"""What a command leaves for machines to read: figures, versions, the machine, inputs and outputs."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import resource
+import sys
+from collections.abc import Mapping
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+from .errors import InputError
+
+PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "OpenEXR", "colour-science", "trimesh", "scikit-image")
+
+
+def versions() -> dict[str, str]:
+    """Versions of edofsim, Python and the packages that decide its figures."""
+    found = {"edofsim": __version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores that this process may use, memory in GiB, operating system."""
+    pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return {
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "memory_gib": round(pages / 2**30, 1),
+        "system": platform.platform(),
+    }
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def peak_memory_mib() -> float:
+    """Largest resident memory of this process so far, in MiB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def record(
+    command: str,
+    *,
+    figures: Mapping[str, float],
+    seed: int | None = None,
+    inputs: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """The object that `--json` writes. `figures` is flat: a dotted name that ends in its unit or says it."""
+    return {
+        "command": command,
+        "versions": versions(),
+        "machine": machine(),
+        "seed": seed,
+        "inputs": dict(inputs or {}),
+        "figures": {name: _plain(value) for name, value in figures.items()},
+        "outputs": {name: str(value) for name, value in (outputs or {}).items()},
+        **more,
+    }
+
+
+def write_record(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write it as JSON, whole or not at all. Raises InputError where that cannot be."""
+    temporary = path.with_name(path.name + f".{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from None
+    return path
+
+
+def _plain(value: float) -> float | int | str:
+    """JSON has no infinity: a PSNR of equal images is written as the string `inf`."""
+    number = value if isinstance(value, int) else float(value)
+    return number if math.isfinite(number) else str(number)
+
+
+def writable_folder(path: Path) -> Path:
+    """`path`, made if need be. Raises InputError where nothing can be written in it."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / f".edofsim-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{path}: nothing can be written there ({reason}); name another folder with --out") from None
+    return path

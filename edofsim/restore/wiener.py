@@ -1,0 +1,88 @@
+"""Wiener deconvolution: the linear restoration that the networks are compared with."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+
+
+def wiener(image: Tensor, psf: Tensor, noise: float) -> Tensor:
+    """The linear filter with the least mean square error for an unknown depth.
+
+    image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
+    of several, equally likely; each PSF keeps its energy, and its centre is index n // 2. noise: standard
+    deviation relative to full scale 1. Returns [channel, y, x].
+
+    With H the transfer function, S the power spectrum of the scene and N that of the noise,
+    W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
+    with the mean PSF above, and below the line what depth adds to it. S falls with the square of the
+    frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
+
+    Raises InputError where channels differ or the noise is negative.
+    """
+    stack = psf if psf.ndim == 4 else psf[None]
+    if stack.ndim != 4 or image.ndim != 3 or stack.shape[1] != image.shape[0]:
+        raise InputError(
+            f"Wiener filter: an image {list(image.shape)} and PSFs {list(psf.shape)} do not fit; "
+            "give [channel, y, x] and [depth, channel, y, x] with the same channels"
+        )
+    if not noise >= 0:
+        raise InputError(f"Wiener filter: noise must be at least 0, not {noise}")
+    padded, (top, left) = _reflected(image, max(stack.shape[-2:]))
+    rows, columns = padded.shape[-2:]
+    transfer = torch.fft.rfft2(_centred_at_origin(stack, rows, columns))
+    mean = transfer.mean(0)
+    power = transfer.abs().square().mean(0)
+    spectrum = torch.fft.rfft2(padded - _level(padded))
+    restored = spectrum * mean.conj() / (power + _noise_to_signal(spectrum, power, noise, (rows, columns)))
+    # the mean level is known far better than the prior says: it is divided by the mean PSF's energy
+    gain = mean[:, :1, :1].real.clamp_min(torch.finfo(power.dtype).tiny)
+    filtered = torch.fft.irfft2(restored, s=(rows, columns)) + _level(padded) / gain
+    return filtered[..., top : top + image.shape[-2], left : left + image.shape[-1]]
+
+
+def _level(image: Tensor) -> Tensor:
+    return image.mean((-2, -1), keepdim=True)
+
+
+def _reflected(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
+    """The image and its mirror images, at least `reach` pixels on each side, as one period of a periodic
+    image without a jump; and where the image begins in it."""
+    rows, columns = (n * 2 * -(-(n + 2 * reach) // (2 * n)) for n in image.shape[-2:])
+    top, left = (rows - image.shape[-2]) // 2, (columns - image.shape[-1]) // 2
+    y = _mirror_index(rows, image.shape[-2], top, image.device)
+    x = _mirror_index(columns, image.shape[-1], left, image.device)
+    return image[..., y[:, None], x[None, :]], (top, left)
+
+
+def _mirror_index(size: int, n: int, before: int, device: torch.device) -> Tensor:
+    folded = (torch.arange(size, device=device) - before).remainder(2 * n)
+    return torch.where(folded < n, folded, 2 * n - 1 - folded)
+
+
+def _centred_at_origin(psf: Tensor, rows: int, columns: int) -> Tensor:
+    """PSFs on the padded grid with their centre pixel at index 0."""
+    height, width = psf.shape[-2:]
+    grid = psf.new_zeros(*psf.shape[:-2], rows, columns)
+    grid[..., :height, :width] = psf
+    return torch.roll(grid, (-(height // 2), -(width // 2)), (-2, -1))
+
+
+def _noise_to_signal(spectrum: Tensor, power: Tensor, noise: float, shape: tuple[int, int]) -> Tensor:
+    """N / S, [channel, y, x // 2 + 1], for S = c / f^2.
+
+    c is what the photo itself says where the optics pass it on: the mean of (|Y|^2 - N) f^2 / E|H|^2 over
+    the frequencies with E|H|^2 above a tenth of its largest value, which end where the choice matters.
+    """
+    rows, columns = shape
+    fy = torch.fft.fftfreq(rows, dtype=power.dtype, device=power.device)[:, None]
+    fx = torch.fft.rfftfreq(columns, dtype=power.dtype, device=power.device)[None, :]
+    squared = fy.square() + fx.square()
+    floor = max(noise**2, torch.finfo(power.dtype).eps) * rows * columns
+    passed = power > 0.1 * power.amax((-2, -1), keepdim=True)
+    signal = (spectrum.abs().square() - floor) * squared / power.clamp_min(torch.finfo(power.dtype).tiny)
+    c = torch.where(passed, signal, 0).sum((-2, -1), keepdim=True) / passed.sum((-2, -1), keepdim=True)
+    # an image without contrast has no signal to fit: any positive floor leaves its level untouched
+    return floor * squared / c.clamp_min(1e-3 * floor * squared.mean())

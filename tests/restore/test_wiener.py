@@ -1,0 +1,111 @@
+"""Wiener deconvolution: limits that follow from its definition, and hard inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from skimage import data, restoration
+
+from edofsim.errors import InputError
+from edofsim.evaluate.scores import psnr
+from edofsim.restore import wiener
+
+
+def photograph(size: int = 128) -> torch.Tensor:
+    image = torch.from_numpy(data.astronaut()[:size, 100 : 100 + size] / 255.0)
+    return image.permute(2, 0, 1).float()
+
+
+def gaussian(sigma: float, size: int = 31) -> torch.Tensor:
+    x = torch.arange(size) - size // 2
+    g = torch.exp(-(x**2) / (2 * sigma**2))
+    kernel = g[:, None] * g[None, :]
+    return (kernel / kernel.sum()).expand(3, size, size)
+
+
+def blurred(image: torch.Tensor, kernel: torch.Tensor) -> torch.Tensor:
+    reach = kernel.shape[-1] // 2
+    padded = torch.nn.functional.pad(image, (reach,) * 4, mode="reflect")
+    return torch.nn.functional.conv2d(padded[None], kernel.flip(-1, -2)[:, None], groups=3)[0]
+
+
+def test_a_point_psf_without_noise_changes_nothing():
+    """H = 1 and N = 0: the filter is 1."""
+    delta = torch.zeros(3, 9, 9)
+    delta[:, 4, 4] = 1
+    image = photograph()
+    torch.testing.assert_close(wiener(image, delta, 0.0), image, atol=1e-4, rtol=0)  # float32 floor
+
+
+def test_a_shifted_psf_is_shifted_back():
+    """A PSF that only moves the image by one pixel down is undone, which fixes the centre and direction."""
+    delta = torch.zeros(3, 9, 9)
+    delta[:, 5, 4] = 1
+    image = photograph()
+    moved = torch.roll(image, 1, -2)
+    restored = wiener(moved, delta, 0.0)
+    torch.testing.assert_close(restored[:, 20:-20, 20:-20], image[:, 20:-20, 20:-20], atol=0.05, rtol=0)
+
+
+@pytest.mark.parametrize("sigma, noise", [(1.5, 0.005), (2.5, 0.005), (1.5, 0.02)])
+def test_it_does_as_well_as_scikit_images_best_tuned_filter(sigma: float, noise: float):
+    """scikit-image's Wiener-Hunt filter with its weight tuned on the truth, which ours never sees."""
+    image, kernel = photograph(), gaussian(sigma)
+    photo = blurred(image, kernel)
+    photo = photo + noise * torch.randn(photo.shape, generator=torch.Generator().manual_seed(1))
+    crop = (..., slice(20, -20), slice(20, -20))  # scikit-image wraps around the frame
+
+    def tuned(balance: float) -> torch.Tensor:
+        channels = [restoration.wiener(c.numpy(), kernel[0].numpy(), balance, clip=False) for c in photo]
+        return torch.from_numpy(np.stack(channels))
+
+    best = max(psnr(tuned(balance)[crop], image[crop]) for balance in np.logspace(-4, 1, 11))
+    assert psnr(wiener(photo, kernel, noise)[crop], image[crop]) > best - 0.5
+
+
+def test_energy_that_left_the_window_is_given_back():
+    """A PSF of energy 0.9 darkens a constant image by 0.9; restoration brings the level back."""
+    kernel = 0.9 * gaussian(2.0)
+    photo = torch.full((3, 40, 50), 0.45)
+    torch.testing.assert_close(wiener(photo, kernel, 0.01), torch.full((3, 40, 50), 0.5), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 0.02])
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_images_without_contrast_stay_finite_and_level(noise: float, value: float):
+    restored = wiener(torch.full((3, 17, 23), value), gaussian(3.0), noise)
+    torch.testing.assert_close(restored, torch.full((3, 17, 23), value), atol=1e-4, rtol=0)
+
+
+def test_zeros_of_the_transfer_function_without_noise_stay_finite():
+    """A box blur has exact zeros; without noise the filter divides 0 by 0 there unless guarded."""
+    box = torch.full((3, 8, 8), 1 / 64)
+    image = photograph(64)
+    restored = wiener(blurred(image, torch.nn.functional.pad(box, (0, 1, 0, 1))), box, 0.0)
+    assert torch.isfinite(restored).all()
+
+
+@pytest.mark.parametrize("shape", [(3, 1, 1), (3, 1, 37), (3, 13, 7)])
+def test_images_smaller_than_the_psf(shape: tuple[int, int, int]):
+    image = torch.rand(shape, generator=torch.Generator().manual_seed(2))
+    restored = wiener(image, gaussian(2.0), 0.01)
+    assert restored.shape == image.shape and torch.isfinite(restored).all()
+
+
+def test_an_unknown_depth_is_handled_better_than_by_its_mean_psf_alone():
+    """The filter for a stack of PSFs minimises the mean square error over them (orthogonality principle)."""
+    image = photograph()
+    stack = torch.stack([gaussian(0.4), gaussian(3.0)])
+    noise = 0.01
+    generator = torch.Generator().manual_seed(3)
+    photos = [blurred(image, k) + noise * torch.randn(image.shape, generator=generator) for k in stack]
+    error = [[(wiener(p, h, noise) - image).square().mean() for p in photos] for h in (stack, stack.mean(0))]
+    assert sum(error[0]) < sum(error[1])
+
+
+def test_shapes_that_do_not_fit_are_refused():
+    with pytest.raises(InputError, match="do not fit"):
+        wiener(torch.zeros(3, 8, 8), torch.zeros(1, 5, 5), 0.01)
+    with pytest.raises(InputError, match="noise"):
+        wiener(torch.zeros(3, 8, 8), torch.zeros(3, 5, 5), float("nan"))
