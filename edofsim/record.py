@@ -84,10 +84,14 @@ def write_record(path: Path, content: Mapping[str, Any]) -> Path:
     temporary = path.with_name(path.name + f".{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8")
+        temporary.write_text(
+            json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8"
+        )
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}); choose another place") from None
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror or error}); choose another place"
+        ) from None
     return path
 
 
@@ -106,5 +110,7 @@ def writable_folder(path: Path) -> Path:
         probe.unlink()
     except OSError as error:
         reason = error.strerror or error
-        raise InputError(f"{path}: nothing can be written there ({reason}); name another folder with --out") from None
+        raise InputError(
+            f"{path}: nothing can be written there ({reason}); name another folder with --out"
+        ) from None
     return path

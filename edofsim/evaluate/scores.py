@@ -68,7 +68,9 @@ def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
 def score(image: Tensor, truth: Tensor) -> Score:
     """PSNR and SSIM over the whole image, [channel, y, x] each."""
     similarity = ssim_map(image, truth)
-    return Score(psnr(image, truth), math.nan if similarity is None else float(similarity.mean()), truth[0].numel())
+    return Score(
+        psnr(image, truth), math.nan if similarity is None else float(similarity.mean()), truth[0].numel()
+    )
 
 
 def score_by_depth(
@@ -82,7 +84,9 @@ def score_by_depth(
     depth = inverse_depth.double().reciprocal()  # 1 / 0 is infinity, as it should be
     scores = []
     for near, far in zip(edges_m, edges_m[1:], strict=False):
-        mask = (depth >= near) & ((depth < far) if math.isfinite(far) else torch.ones_like(depth, dtype=torch.bool))
+        mask = (depth >= near) & (
+            (depth < far) if math.isfinite(far) else torch.ones_like(depth, dtype=torch.bool)
+        )
         if not mask.any():
             continue
         mean_ssim = math.nan if similarity is None else float(similarity[mask.cpu()].mean())

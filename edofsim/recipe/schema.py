@@ -20,3 +20,12 @@ def write_schema(model: type[BaseModel], title: str, path: Path) -> Path:
     """The schema as a file, with a stable order of keys. Returns the path."""
     path.write_text(json.dumps(json_schema(model, title), indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return path
+
+
+def model_of(kind: str) -> type[BaseModel]:
+    """The model of a `scene`, `camera` or `train` recipe."""
+    from .camera import CameraRecipe
+    from .scene import SceneRecipe
+    from .train import TrainRecipe
+
+    return {"scene": SceneRecipe, "camera": CameraRecipe, "train": TrainRecipe}[kind]

@@ -94,7 +94,9 @@ def nearest_line(location: Location, lines: Mapping[Location, int]) -> int | Non
     return None
 
 
-def _sentence(item: Mapping[str, Any], model: type[BaseModel], data: Any, lines: Mapping[Location, int], path: Path) -> str:
+def _sentence(
+    item: Mapping[str, Any], model: type[BaseModel], data: Any, lines: Mapping[Location, int], path: Path
+) -> str:
     location = _location_in_file(item["loc"], data)
     line = nearest_line(location, lines)
     where = f"{path}{f', line {line}' if line else ''}: "

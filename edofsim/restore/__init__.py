@@ -1,5 +1,6 @@
 """From a photo to a sharp image: Wiener deconvolution and networks."""
 
+from .restore import channel_psfs, restore
 from .wiener import wiener
 
-__all__ = ["wiener"]
+__all__ = ["channel_psfs", "restore", "wiener"]

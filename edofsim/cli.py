@@ -1,0 +1,323 @@
+"""The `edofsim` command: one short function a command, no logic."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import __version__, console
+from .errors import InputError
+
+app = typer.Typer(
+    help="A physically based 3D scene simulator for extended-depth-of-field cameras.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+cache_app = typer.Typer(help="Rendered views that are kept: list, check, clear.", no_args_is_help=True)
+evaluate_app = typer.Typer(
+    help="The paper's experiments: each writes figures, a CSV and a picture.", no_args_is_help=True
+)
+app.add_typer(cache_app, name="cache")
+app.add_typer(evaluate_app, name="evaluate")
+
+
+class Device(StrEnum):
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+class RecipeKind(StrEnum):
+    scene = "scene"
+    camera = "camera"
+    train = "train"
+
+
+Scene = Annotated[
+    str, typer.Argument(metavar="SCENE", help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.")
+]
+CameraOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", metavar="CAMERA", help="Camera recipe or shipped name; default: what the scene names."
+    ),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for what is written; default out/NAME.")
+]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="All printed figures, machine-readable.")
+]
+DeviceOption = Annotated[Device, typer.Option("--device", help="Where to compute.")]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, help="Seed of everything random that is not in the scene recipe.")
+]
+CacheOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--cache", metavar="DIR", help="Folder of rendered views; default render_cache in a checkout."
+    ),
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+LayersOption = Annotated[
+    int | None, typer.Option("--layers", help="Depth layers; default: what the plan says.")
+]
+MethodOption = Annotated[
+    str | None,
+    typer.Option("--method", help="brute, layered, low_rank or constant; default: what the plan says."),
+]
+OcclusionOption = Annotated[
+    str | None,
+    typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
+]
+NetworkOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--network", metavar="CHECKPOINT", help="Restore with this checkpoint; default: Wiener deconvolution."
+    ),
+]
+
+
+@app.callback(invoke_without_command=True)
+def root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        console.out.print(f"edofsim {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    scene: Scene = "desk",
+    camera: CameraOption = None,
+    network: NetworkOption = None,
+    method: MethodOption = None,
+    layers: LayersOption = None,
+    occlusion: OcclusionOption = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
+
+    Figures: psnr_db.{photo,restored,lens_alone}[.NEARm_to_FARm], ssim.* alike,
+    seconds.{render,plan,expose,lens_alone,restore,score,report,total}, peak_memory_mib, render_noise.
+    """
+    from .commands import run_scene
+
+    overrule = {"method": method, "layers": layers, "occlusion": occlusion}
+    with console.progress("run", quiet=quiet) as progress:
+        done = run_scene(scene, camera, network, overrule, seed, out, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
+def render(
+    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Scene recipes or shipped names.")],
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """Views into the cache; with --out a picture and a depth picture of each too.
+
+    Figures: seconds.SCENE, render_noise.SCENE, fragments.SCENE, peak_memory_mib.
+    """
+    from .commands import render_scenes
+
+    with console.progress("render", quiet=quiet) as progress:
+        done = render_scenes(scenes, out, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
+def expose(
+    scene: Scene,
+    camera: CameraOption = None,
+    method: MethodOption = None,
+    layers: LayersOption = None,
+    occlusion: OcclusionOption = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """A photo through one camera: EXR (linear) and PNG.
+
+    Figures: psnr_db.photo, seconds.{render,expose}, light_lost.{r,g,b}, peak_memory_mib.
+    """
+    from .commands import expose_scene
+
+    overrule = {"method": method, "layers": layers, "occlusion": occlusion}
+    with console.progress("expose", quiet=quiet) as progress:
+        done = expose_scene(scene, camera, overrule, seed, out, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
+def plan(
+    scene: Scene,
+    camera: CameraOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """Which effects this scene and camera call for, and why.
+
+    Figures: layers, and 1 or 0 for each effect as called_for.EFFECT.
+    """
+    from .commands import plan_scene
+
+    with console.progress("plan", quiet=quiet) as progress:
+        done = plan_scene(scene, camera, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
+def restore(
+    photo: Annotated[
+        Path, typer.Argument(metavar="PHOTO", help="Photo from `expose` (EXR, linear), or PNG/JPEG (sRGB).")
+    ],
+    camera: Annotated[
+        str, typer.Option("--camera", metavar="CAMERA", help="The camera that took it.")
+    ] = "paper-cubic",
+    network: NetworkOption = None,
+    near_m: Annotated[
+        float, typer.Option("--near", metavar="METRES", help="Nearest depth in the photo.")
+    ] = 0.5,
+    far_m: Annotated[
+        float, typer.Option("--far", metavar="METRES", help="Farthest depth; inf is legal.")
+    ] = float("inf"),
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """A network or Wiener deconvolution on any image.
+
+    Figures: seconds.restore, peak_memory_mib.
+    """
+    from .commands import restore_file
+
+    restore_file(photo, camera, network, near_m, far_m, out, json).show()
+
+
+@app.command()
+def psf(
+    camera: Annotated[
+        str, typer.Argument(metavar="CAMERA", help="Camera recipe or shipped name.")
+    ] = "paper-cubic",
+    out: OutOption = None,
+    json: JsonOption = None,
+) -> None:
+    """PSFs and MTFs of a camera as picture and EXR."""
+    from .commands import draw_psf
+
+    draw_psf(camera, out, json).show()
+
+
+@evaluate_app.command()
+def mtf(camera: CameraOption = None, out: OutOption = None, json: JsonOption = None) -> None:
+    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7)."""
+    from .commands import evaluate_mtf
+
+    evaluate_mtf(camera, out, json).show()
+
+
+@evaluate_app.command()
+def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
+    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6)."""
+    from .commands import evaluate_bandwidth
+
+    evaluate_bandwidth(out, json).show()
+
+
+@cache_app.command("ls")
+def cache_ls(cache: CacheOption = None, json: JsonOption = None) -> None:
+    """Every entry with its scene, size and age."""
+    from .commands import cache_list
+
+    cache_list(cache, json).show()
+
+
+@cache_app.command("verify")
+def cache_verify(cache: CacheOption = None, json: JsonOption = None) -> None:
+    """Check every entry against its checksum; damaged ones are set aside."""
+    from .commands import cache_check
+
+    cache_check(cache, json).show()
+
+
+@cache_app.command("prune")
+def cache_prune(
+    cache: CacheOption = None,
+    older_than_days: Annotated[
+        float, typer.Option("--older-than-days", min=0, help="Remove entries not used for so long.")
+    ] = 30.0,
+    json: JsonOption = None,
+) -> None:
+    """Remove old entries, what was set aside, and what interrupted work left."""
+    from .commands import cache_clear
+
+    cache_clear(cache, older_than_days, json).show()
+
+
+@app.command()
+def doctor(
+    again: Annotated[bool, typer.Option("--again", help="Probe anew instead of remembering.")] = False,
+    json: JsonOption = None,
+) -> None:
+    """Engines and devices found, which works, what to install for a faster one."""
+    from .commands import examine_engines
+
+    examine_engines(again, json).show()
+
+
+@app.command()
+def schema(
+    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write it there instead of printing it.")
+    ] = None,
+) -> None:
+    """JSON Schema of a recipe, for editors."""
+    from .commands import recipe_schema
+
+    recipe_schema(kind.value, out)
+
+
+def main() -> None:
+    """Entry point: every failure is one message and a status (0 done, 1 failed, 2 bad input)."""
+    sys.exit(console.exit_status(_invoke))
+
+
+def _invoke() -> None:
+    try:
+        app(standalone_mode=False)
+    except typer.Exit as stop:
+        if stop.exit_code:
+            raise SystemExit(stop.exit_code) from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except Exception as error:
+        usage = getattr(error, "format_message", None)  # click's own exceptions: a wrong option or argument
+        if usage is None:
+            raise
+        raise InputError(f"{usage()}; see `edofsim --help`") from None
+
+
+if __name__ == "__main__":
+    main()

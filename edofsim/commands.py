@@ -1,0 +1,427 @@
+"""What each command does: from its options to files, figures and lines to print."""
+
+from __future__ import annotations
+
+import json as json_text
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from . import console
+from .errors import InputError
+from .recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
+from .record import peak_memory_mib, record, writable_folder, write_record
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Done:
+    """The end of a command: what it prints, last of all the paths of what it wrote."""
+
+    printed: Sequence[str | Table] = ()
+    outputs: Mapping[str, Path] = field(default_factory=dict)
+
+    def show(self) -> None:
+        for item in self.printed:
+            console.out.print(item, markup=False) if isinstance(item, str) else console.out.print(item)
+        console.show_outputs(self.outputs)
+
+
+def run_scene(
+    scene: str,
+    camera: str | None,
+    network: Path | None,
+    overrule: Mapping[str, Any],
+    seed: int,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim run`."""
+    scene_recipe, camera_recipe = _recipes(scene, camera)
+    folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
+    from . import pipeline
+    from .report import write_run_report
+
+    result = pipeline.run(
+        scene_recipe,
+        camera_recipe,
+        cache=cache,
+        network=network,
+        overrule=overrule,
+        seed=seed,
+        device=device,
+        progress=progress,
+    )
+    progress(0.98, "report")
+    started = time.perf_counter()
+    report = write_run_report(folder / "report.html", result)
+    numbers = pipeline.figures(result)
+    numbers["seconds.report"] = time.perf_counter() - started
+    numbers["seconds.total"] += numbers["seconds.report"]
+    numbers["peak_memory_mib"] = peak_memory_mib()
+    outputs = {"report": report}
+    if json:
+        outputs["json"] = json
+        content = record(
+            "run",
+            figures=numbers,
+            seed=seed,
+            inputs=_inputs(scene_recipe, camera_recipe, network=network),
+            outputs=outputs,
+            plan=_plan_rows(result.plan),
+            settings=dict(result.plan.settings),
+            restored_by=result.restored_by,
+        )
+        write_record(json, content)
+    lines = [
+        _plan_table(result.plan),
+        _score_table(result),
+        f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
+        f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
+    ]
+    return Done(lines, outputs)
+
+
+def render_scenes(
+    scenes: Sequence[str],
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim render`."""
+    loaded = [load_scene(scene) for scene in scenes]  # every recipe is checked before any time is spent
+    folder = writable_folder(out) if out else None
+    from .render import render
+    from .report import save_depth, save_srgb
+
+    numbers: dict[str, float] = {}
+    outputs: dict[str, Path] = {}
+    for index, item in enumerate(loaded):
+        name = item.recipe.name
+        started = time.perf_counter()
+
+        def part(done: float, text: str, index: int = index, name: str = name) -> None:
+            progress((index + done) / len(loaded), f"{name}: {text}")
+
+        view = render(item.recipe, item.base, cache=cache, device=device, progress=part)
+        numbers[f"seconds.{name}"] = time.perf_counter() - started
+        numbers[f"render_noise.{name}"] = view.noise
+        numbers[f"fragments.{name}"] = int(view.pixel.numel())
+        if folder:
+            from .expose import ideal_image
+
+            outputs[f"{name} picture"] = save_srgb(
+                folder / f"{name}.png", view.crop_margin(ideal_image(view))
+            )
+            depth = view.crop_margin(view.mean_inverse_depth())
+            outputs[f"{name} depth"] = save_depth(folder / f"{name}-depth.png", depth)
+    numbers["peak_memory_mib"] = peak_memory_mib()
+    lines = [
+        f"{name}: {numbers[f'seconds.{name}']:.1f} s, {numbers[f'fragments.{name}']} fragments, "
+        f"noise {numbers[f'render_noise.{name}']:.2%}"
+        for name in (item.recipe.name for item in loaded)
+    ]
+    inputs = {"scenes": [str(item.path) for item in loaded]}
+    return _finish("render", lines, numbers, outputs, json, inputs=inputs, seed=None)
+
+
+def expose_scene(
+    scene: str,
+    camera: str | None,
+    overrule: Mapping[str, Any],
+    seed: int,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim expose`."""
+    scene_recipe, camera_recipe = _recipes(scene, camera)
+    folder = writable_folder(out or Path("out") / f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}")
+    from .evaluate.scores import psnr
+    from .expose import expose, write_photo
+    from .optics import Camera
+    from .pipeline import torch_device
+    from .plan import plan_photo
+    from .render import render
+    from .report import save_srgb
+
+    started = time.perf_counter()
+    view = render(scene_recipe.recipe, scene_recipe.base, cache=cache, device=device, progress=progress)
+    rendered = time.perf_counter()
+    optics = Camera.from_recipe(camera_recipe.recipe)
+    chosen = plan_photo(view, optics, overrule)
+    photo = expose(view, optics, seed=seed, device=torch_device(device), **chosen.settings)
+    numbers = {
+        "psnr_db.photo": psnr(photo.image, photo.ideal),
+        "seconds.render": rendered - started,
+        "seconds.expose": time.perf_counter() - rendered,
+        **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.lost, strict=False)},
+        "peak_memory_mib": peak_memory_mib(),
+    }
+    outputs = {
+        "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
+        "photo (PNG, sRGB)": save_srgb(folder / "photo.png", photo.image),
+        "ideal (PNG, sRGB)": save_srgb(folder / "ideal.png", photo.ideal),
+    }
+    lines: list[str | Table] = [
+        _plan_table(chosen),
+        f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
+    ]
+    inputs = _inputs(scene_recipe, camera_recipe)
+    return _finish("expose", lines, numbers, outputs, json, inputs=inputs, seed=seed)
+
+
+def plan_scene(
+    scene: str, camera: str | None, json: Path | None, cache: Path | None, device: str, progress: Progress
+) -> Done:
+    """`edofsim plan`: decided on a small, coarse rendering of the scene unless its view is in the cache."""
+    scene_recipe, camera_recipe = _recipes(scene, camera)
+    from .optics import Camera
+    from .plan import plan_photo, thumbnail
+    from .render import cached, render
+
+    view = cached(scene_recipe.recipe, scene_recipe.base, cache=cache)
+    if view is None:
+        small = thumbnail(scene_recipe.recipe)
+        view = render(small, scene_recipe.base, cache=cache, device=device, progress=progress)
+    chosen = plan_photo(view, Camera.from_recipe(camera_recipe.recipe))
+    numbers: dict[str, float] = {
+        f"called_for.{d.effect.replace(' ', '_')}": int(d.called_for) for d in chosen.decisions
+    }
+    numbers["layers"] = chosen.settings["layers"]
+    inputs = _inputs(scene_recipe, camera_recipe)
+    return _finish("plan", [_plan_table(chosen)], numbers, {}, json, inputs=inputs, plan=_plan_rows(chosen))
+
+
+def restore_file(
+    photo: Path,
+    camera: str,
+    network: Path | None,
+    near_m: float,
+    far_m: float,
+    out: Path | None,
+    json: Path | None,
+) -> Done:
+    """`edofsim restore`."""
+    if not 0 < near_m <= far_m:
+        raise InputError(f"--near {near_m:g} and --far {far_m:g}: give 0 < near <= far, in metres")
+    recipe = load_camera(camera).recipe
+    folder = writable_folder(out or Path("out") / f"{photo.stem}-restored")
+    import torch
+
+    from .expose import read_image, write_image
+    from .optics import Camera
+    from .report import save_srgb
+    from .restore import restore
+
+    image = read_image(photo)
+    wavelengths = torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64)
+    depths = torch.linspace(1 / far_m, 1 / near_m, 1 if near_m == far_m else 9)
+    started = time.perf_counter()
+    restored, by = restore(image, Camera.from_recipe(recipe), wavelengths, depths, network=network)
+    numbers = {"seconds.restore": time.perf_counter() - started, "peak_memory_mib": peak_memory_mib()}
+    outputs = {
+        "restored (EXR, linear)": write_image(folder / "restored.exr", restored),
+        "restored (PNG, sRGB)": save_srgb(folder / "restored.png", restored),
+    }
+    lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
+    inputs = {"photo": str(photo), "camera": camera, "network": str(network) if network else None}
+    return _finish("restore", lines, numbers, outputs, json, inputs=inputs)
+
+
+def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
+    """`edofsim psf`."""
+    recipe = load_camera(camera).recipe
+    from .evaluate import psf_figure
+    from .optics import Camera
+
+    folder = writable_folder(out or Path("out") / f"psf-{recipe.name}")
+    numbers = psf_figure.run(Camera.from_recipe(recipe), folder)
+    return _experiment("psf", numbers, folder, json, {"camera": camera})
+
+
+def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
+    """`edofsim evaluate mtf`."""
+    recipe = load_camera(camera or "paper-cubic").recipe
+    from .evaluate import mtf
+    from .optics import Camera
+
+    folder = writable_folder(out or Path("out") / "mtf")
+    return _experiment(
+        "evaluate mtf", mtf.run(folder, Camera.from_recipe(recipe)), folder, json, {"camera": recipe.name}
+    )
+
+
+def evaluate_bandwidth(out: Path | None, json: Path | None) -> Done:
+    """`edofsim evaluate bandwidth`."""
+    from .evaluate import bandwidth
+
+    folder = writable_folder(out or Path("out") / "bandwidth")
+    return _experiment("evaluate bandwidth", bandwidth.run(folder), folder, json, {})
+
+
+def cache_list(cache: Path | None, json: Path | None) -> Done:
+    """`edofsim cache ls`."""
+    from .render import cache as store
+
+    folder = cache or store.default_folder()
+    entries = store.ls(folder)
+    table = Table("key", "scene", "MiB", "last used", box=None)
+    for entry in entries:
+        used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
+        table.add_row(entry.key[:16], entry.scene, f"{entry.bytes / 2**20:.1f}", used)
+    numbers = {"entries": len(entries), "size_mib": sum(entry.bytes for entry in entries) / 2**20}
+    lines = [table, f"{len(entries)} views, {numbers['size_mib']:.1f} MiB"]
+    return _finish("cache ls", lines, numbers, {"cache": folder}, json)
+
+
+def cache_check(cache: Path | None, json: Path | None) -> Done:
+    """`edofsim cache verify`."""
+    from .render import cache as store
+
+    folder = cache or store.default_folder()
+    checked = store.verify(folder)
+    lines = [
+        f"{path.name}: damaged, set aside; it is rendered again when it is asked for"
+        for path in checked.damaged
+    ]
+    lines.append(f"{checked.good} views are as they were written, {len(checked.damaged)} were damaged")
+    numbers = {"good": checked.good, "damaged": len(checked.damaged)}
+    return _finish("cache verify", lines, numbers, {"cache": folder}, json)
+
+
+def cache_clear(cache: Path | None, older_than_days: float, json: Path | None) -> Done:
+    """`edofsim cache prune`."""
+    from .render import cache as store
+
+    folder = cache or store.default_folder()
+    removed = store.prune(folder, older_than_days)
+    numbers = {"removed": removed.files, "freed_mib": removed.bytes / 2**20}
+    return _finish(
+        "cache prune",
+        [f"{removed.files} files removed, {numbers['freed_mib']:.1f} MiB"],
+        numbers,
+        {"cache": folder},
+        json,
+    )
+
+
+def examine_engines(again: bool, json: Path | None) -> Done:
+    """`edofsim doctor`."""
+    from .render import engine
+
+    probes = engine.find_engines(again=again)
+    chosen = engine.choose(probes)  # raises EngineError with the command to type
+    table = Table("engine", "version", "library", "works", "used", box=None)
+    for probe in probes:
+        works = "yes" if probe.works else f"no: {probe.reason}"
+        table.add_row(probe.variant, probe.version, probe.library, works, "*" if probe == chosen else "")
+    numbers = {"engines.found": len(probes), "engines.working": sum(probe.works for probe in probes)}
+    return _finish("doctor", [table, engine.hint(probes, chosen)], numbers, {}, json)
+
+
+def recipe_schema(kind: str, out: Path | None) -> None:
+    """`edofsim schema`."""
+    from .recipe.schema import json_schema, model_of, write_schema
+
+    model = model_of(kind)
+    if out is None:
+        console.out.print(
+            json_text.dumps(json_schema(model, f"edofsim {kind} recipe"), indent=1, sort_keys=True),
+            markup=False,
+        )
+    else:
+        writable_folder(out.parent)
+        console.show_outputs({"schema": write_schema(model, f"edofsim {kind} recipe", out)})
+
+
+def _recipes(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
+    """Both recipes, with the problems of both if both have any."""
+    problems: list[str] = []
+    scene_recipe = camera_recipe = None
+    try:
+        scene_recipe = load_scene(scene)
+    except InputError as error:
+        problems += error.problems
+    if camera or scene_recipe:
+        try:
+            base = scene_recipe.base if scene_recipe and not camera else None
+            camera_recipe = load_camera(camera or scene_recipe.recipe.camera, base)
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return scene_recipe, camera_recipe
+
+
+def _inputs(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: Any) -> dict[str, Any]:
+    return {"scene": str(scene.path), "camera": str(camera.path)} | {
+        k: str(v) for k, v in more.items() if v is not None
+    }
+
+
+def _finish(
+    command: str,
+    printed: Sequence[str | Table],
+    numbers: Mapping[str, float],
+    outputs: Mapping[str, Path],
+    json: Path | None,
+    **more: Any,
+) -> Done:
+    if json:
+        outputs = {**outputs, "json": json}
+        write_record(json, record(command, figures=numbers, outputs=outputs, **more))
+    return Done(printed, outputs)
+
+
+def _experiment(
+    command: str, numbers: Mapping[str, float], folder: Path, json: Path | None, inputs: dict[str, Any]
+) -> Done:
+    table = Table("figure", "value", box=None)
+    for name, value in numbers.items():
+        table.add_row(name, f"{value:.6g}")
+    outputs = {path.name: path for path in sorted(folder.iterdir()) if path.is_file()}
+    return _finish(command, [table], numbers, outputs, json, inputs=inputs)
+
+
+def _plan_rows(plan: Any) -> list[dict[str, Any]]:
+    return [vars(decision) for decision in plan.decisions]
+
+
+def _plan_table(plan: Any) -> Table:
+    table = Table("effect", "called for", "simulated", "why", box=None)
+    for d in plan.decisions:
+        table.add_row(
+            d.effect,
+            "yes" if d.called_for else "no",
+            d.chosen + (" (overruled)" if d.overruled else ""),
+            d.why,
+        )
+    return table
+
+
+def _score_table(result: Any) -> Table:
+    names = {"photo": "photo", "restored": f"restored ({result.restored_by})", "lens_alone": "lens alone"}
+    ranges = [(part.near_m, part.far_m) for part in result.by_depth["photo"]]
+    table = Table("PSNR / dB (SSIM)", "whole", *(_range(near, far) for near, far in ranges), box=None)
+    for name, label in names.items():
+        cells = [result.scores[name], *(part.score for part in result.by_depth[name])]
+        table.add_row(label, *(f"{cell.psnr_db:.2f} ({cell.ssim:.3f})" for cell in cells))
+    return table
+
+
+def _range(near: float, far: float) -> str:
+    return f"{near:g} m to {'infinity' if math.isinf(far) else f'{far:g} m'}"

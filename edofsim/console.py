@@ -1,0 +1,84 @@
+"""What a command shows while it works, and how it ends."""
+
+from __future__ import annotations
+
+import errno
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from .errors import EdofsimError, InputError
+
+out = Console(highlight=False, soft_wrap=True)
+err = Console(stderr=True, highlight=False, soft_wrap=True)
+
+LINE_EVERY_S = 10.0
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@contextmanager
+def progress(title: str, *, quiet: bool = False) -> Iterator[Callable[[float, str], None]]:
+    """A callable (fraction done, what is going on): a bar on a terminal, a line now and then elsewhere."""
+    if quiet:
+        yield lambda done, text: None
+    elif err.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+        with Progress(
+            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=err, transient=True
+        ) as bar:
+            task = bar.add_task(title, total=1.0)
+            yield lambda done, text: bar.update(task, completed=done, description=f"{title}: {text}")
+    else:
+        yield _line_printer(title)
+
+
+def _line_printer(title: str) -> Callable[[float, str], None]:
+    last = {"time": -LINE_EVERY_S, "stage": ""}
+
+    def show(done: float, text: str) -> None:
+        stage, now = text.split(":")[0].split(",")[0], time.monotonic()
+        if stage != last["stage"] or now - last["time"] >= LINE_EVERY_S:
+            last.update(time=now, stage=stage)
+            print(f"{title}: {done:4.0%} {text}", file=sys.stderr, flush=True)
+
+    return show
+
+
+def show_outputs(outputs: Mapping[str, Any]) -> None:
+    """The last lines of a command: where its files are."""
+    for name, path in outputs.items():
+        out.print(f"{name}: {Path(path)}", markup=False)
+
+
+def exit_status(command: Callable[[], Any]) -> int:
+    """Run a command; what goes wrong ends in one message and in the status that says whose fault it was."""
+    try:
+        command()
+    except InputError as error:
+        return _complain(error.problems, BAD_INPUT)
+    except EdofsimError as error:
+        return _complain([str(error)], FAILED)
+    except KeyboardInterrupt:
+        return _complain(
+            ["interrupted; what was finished is kept, the same command goes on from there"], INTERRUPTED
+        )
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return _complain(
+                [f"{error.filename or 'the disk'}: no space left; free some and run the same again"], FAILED
+            )
+        raise
+    return DONE
+
+
+def _complain(problems: Any, status: int) -> int:
+    for problem in problems:
+        err.print(f"edofsim: {problem}", markup=False, style="red" if err.is_terminal else None)
+    return status

@@ -1,0 +1,110 @@
+"""Which effects a photo of this view through this camera calls for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+
+from ..optics import Camera
+from ..render.view import View
+from .effect import Decision, Plan
+
+LAYER_STEP_PX = 2.0
+"""Change of the geometric blur's diameter from one depth layer to the next, in pixels. Over the two dioptres
+of the paper's scene range its camera gets 31 steps with it."""
+
+
+def plan_photo(view: View, camera: Camera, overrule: Mapping[str, Any] | None = None) -> Plan:
+    """Decide on the effects of a photo.
+
+    overrule: settings of `expose` that the user insists on (`method`, `layers`, `occlusion`); None values
+    are left to the plan.
+    """
+    insisted = {name: value for name, value in (overrule or {}).items() if value is not None}
+    decisions = [
+        _bands(view),
+        _layers(view, camera, insisted),
+        _occlusion(view, insisted),
+        _exact_lens(camera),
+        _outside(view, camera),
+        _noise(camera),
+    ]
+    settings = {name: value for decision in decisions for name, value in decision[1].items()}
+    return Plan(tuple(decision[0] for decision in decisions), {**settings, **insisted})
+
+
+Choice = tuple[Decision, dict[str, Any]]
+
+
+def _bands(view: View) -> Choice:
+    nm = view.wavelengths * 1e9
+    span = f"{nm[0]:.0f} to {nm[-1]:.0f} nm"
+    why = f"the view holds {view.bands} bands, {span}, and the lens and the DOE refract each differently"
+    return Decision("bands", view.bands > 1, f"{view.bands} bands", why), {}
+
+
+def _layers(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
+    near, far = float(view.inverse_depth.max()), float(view.inverse_depth.min())
+    blur_per_dioptre = 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
+    spread = (near - far) * blur_per_dioptre
+    layers = 1 if spread < 1e-3 else 2 + math.floor(spread / LAYER_STEP_PX)
+    why = (
+        "everything lies at one depth: one convolution a band is exact"
+        if layers == 1
+        else f"depths from {_metres(near)} to {_metres(far)} change the blur by {spread:.1f} pixels"
+    )
+    chosen = insisted.get("layers", layers)
+    decision = Decision(
+        "depth layers", layers > 1, f"{chosen} layer{'s'[: chosen > 1]}", why, "layers" in insisted
+    )
+    return decision, {"layers": layers}
+
+
+def _occlusion(view: View, insisted: Mapping[str, Any]) -> Choice:
+    seen = view.pixel[~view.hidden]
+    shared = int((torch.bincount(seen, minlength=1) > 1).sum()) if seen.numel() else 0
+    hidden = int(view.hidden.sum())
+    chosen = "none" if not shared else ("hidden" if hidden else "normalised")
+    why = (
+        "no pixel sees two surfaces: nothing covers anything"
+        if not shared
+        else f"{shared} pixels lie on depth edges"
+        + (
+            f"; {hidden} hidden fragments were rendered behind them"
+            if hidden
+            else "; nothing is known of what they hide"
+        )
+    )
+    decision = Decision(
+        "occlusion", bool(shared), insisted.get("occlusion", chosen), why, "occlusion" in insisted
+    )
+    return decision, {"occlusion": chosen}
+
+
+def _exact_lens(camera: Camera) -> Choice:
+    exact = camera.recipe.lens.thickness == "exact"
+    why = "the spherical surface departs from its parabola by several waves at the rim of this lens"
+    return Decision("exact lens", True, "exact sag" if exact else "parabola", why, not exact), {}
+
+
+def _outside(view: View, camera: Camera) -> Choice:
+    reach = camera.recipe.psf.window_px // 2
+    why = f"a PSF reaches {reach} pixels; the view holds {view.margin} beyond the frame"
+    return Decision("light from outside the frame", True, f"{min(reach, view.margin)} px margin", why), {}
+
+
+def _noise(camera: Camera) -> Choice:
+    sigma = camera.read_noise
+    why = (
+        f"the recipe asks for Gaussian read noise of {sigma:g} of full scale"
+        if sigma
+        else "the recipe asks for none"
+    )
+    return Decision("sensor noise", sigma > 0, "Gaussian" if sigma else "none", why), {}
+
+
+def _metres(inverse_depth: float) -> str:
+    return "infinity" if inverse_depth <= 0 else f"{1 / inverse_depth:.2f} m"

@@ -1,0 +1,72 @@
+"""Data goes one way through the rooms, and imports only follow it."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import edofsim
+
+PACKAGE = Path(edofsim.__file__).parent
+
+MAY_IMPORT = {
+    "recipe": set(),
+    "scene": {"recipe"},
+    "render": {"recipe", "scene"},
+    "optics": {"recipe"},
+    "expose": {"recipe", "render", "optics"},
+    "reference": {"recipe", "scene", "render", "optics", "expose"},
+    "plan": {"recipe", "scene", "render", "optics", "expose"},
+    "restore": {"recipe", "optics", "expose"},
+    "learn": {"recipe", "scene", "render", "optics", "expose", "restore"},
+    "evaluate": {"recipe", "scene", "render", "optics", "expose", "reference", "plan", "restore", "learn"},
+}
+MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"}
+COMMON = {"errors", "record"}
+KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
+ONLY_IN = {"mitsuba": {"render", "reference", "evaluate"}, "drjit": {"render", "reference", "evaluate"}}
+
+
+def modules() -> list[Path]:
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if path.parent != PACKAGE]
+
+
+def imported(path: Path) -> set[str]:
+    """Absolute dotted names that a module imports, wherever in it; names under TYPE_CHECKING too."""
+    package = ("edofsim", *path.relative_to(PACKAGE).parts[:-1])
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module or "") if part)
+            # `from .. import x` names modules, `from ..x import y` names what is in one
+            names |= {module} if node.module else {f"{module}.{alias.name}" for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_follow_the_flow_of_data(path: Path):
+    room = path.relative_to(PACKAGE).parts[0]
+    names = imported(path)
+    rooms = {name.split(".")[1] for name in names if name.startswith("edofsim.")} - COMMON - {room, "__version__"}
+    assert rooms <= MAY_IMPORT[room], f"{path.name} in {room}/ imports {sorted(rooms - MAY_IMPORT[room])}"
+    outside = {name.split(".")[0] for name in names}
+    assert not outside & KEPT_OUT.get(room, set())
+    for package, homes in ONLY_IN.items():
+        assert package not in outside or room in homes, f"{package} is not for {room}/"
+
+
+def test_the_rooms_are_all_there():
+    assert {path.relative_to(PACKAGE).parts[0] for path in modules()} == set(MAY_IMPORT)
+
+
+def test_importing_edofsim_and_the_command_line_starts_no_engine():
+    """`edofsim --help` and a wrong option must answer at once, on a machine without LLVM too."""
+    code = "import sys, edofsim.cli; assert not {'mitsuba', 'drjit', 'torch'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
