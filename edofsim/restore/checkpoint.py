@@ -1,0 +1,223 @@
+"""A trained camera in one file: the network, the DOE's height map, and a card that says how it came to be.
+
+The file is safetensors: named arrays and text, nothing that could run. Arrays: `network.*`, and for a
+learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's top) with its sampling
+`mask.sampling_m`. The card is JSON in the metadata entry `card`, with the keys
+
+    name, format, network (kind, settings), camera (the recipe it was trained for), recipe (the training
+    recipe), data (sources, counts, sha256), versions, seed, step, figures
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from ..errors import EdofsimError, InputError
+from ..recipe.base import RecipeModel
+from ..recipe.load import shipped_folder
+from .network import build_network
+
+FORMAT = 1
+SUFFIX = ".safetensors"
+MAX_BYTES = 1 << 30
+# what the optics of a photo depend on; noise, exposure and the window of the PSFs may differ
+CAMERA_FIELDS = ("lens", "focus", "sensor.pixel_um")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A network in evaluation mode on the CPU, and the DOE it was trained with.
+
+    height: [n, n] in metres, or None where the mask is the camera recipe's own; sampling: its pitch in
+    metres; card: everything else (see the module).
+    """
+
+    network: nn.Module
+    height: Tensor | None
+    sampling: float | None
+    card: Mapping[str, Any] = field(repr=False)
+    path: Path | None = None
+
+    @property
+    def name(self) -> str:
+        return str(self.card.get("name", "network"))
+
+
+def shipped_checkpoints() -> dict[str, Path]:
+    """Checkpoints that came with the package, by name."""
+    folder = shipped_folder("train") / "checkpoints"
+    return {path.name.removesuffix(SUFFIX): path for path in sorted(folder.glob("*" + SUFFIX))}
+
+
+def find_checkpoint(source: str | Path) -> Path:
+    """The file of a checkpoint given by path, or of a shipped one by name. Raises InputError."""
+    path = Path(source)
+    if path.is_file():
+        return path
+    known = shipped_checkpoints()
+    if str(source) in known:
+        return known[str(source)]
+    names = ", ".join(known) or "none"
+    raise InputError(f"{source}: no such checkpoint file, and none shipped of that name; shipped: {names}")
+
+
+def save_checkpoint(
+    path: Path,
+    network: nn.Module,
+    card: Mapping[str, Any],
+    *,
+    height: Tensor | None = None,
+    sampling: float | None = None,
+) -> Path:
+    """Write a checkpoint in one piece: after a crash the file is the old one or the new one.
+
+    network: one of `restore.network.NETWORKS`; card: JSON values, keys as in the module's text (`format`
+    and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
+    Raises EdofsimError where the disk refuses, InputError for values that are not finite.
+    """
+    arrays = {f"network.{name}": value for name, value in network.state_dict().items()}
+    if height is not None:
+        arrays["mask.height_m"] = height
+        arrays["mask.sampling_m"] = torch.tensor(sampling, dtype=torch.float64)
+    broken = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
+    if broken:
+        raise InputError(f"{path}: not saved, since {broken[0]} holds values that are not finite")
+    card = {**card, "format": FORMAT, "network": {"kind": network.kind, "settings": network.settings()}}
+    save_arrays(path, arrays, {"card": json.dumps(card, sort_keys=True)})
+    return path
+
+
+def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None) -> Checkpoint:
+    """The checkpoint in a file, or a shipped one by name; nothing in it is executed.
+
+    camera_recipe: the camera that took the photo. Raises InputError for a missing, damaged or truncated
+    file, one that is no checkpoint, and one of another camera, naming each field that differs.
+    """
+    path = find_checkpoint(source)
+    arrays, metadata = load_arrays(path, "checkpoint")
+    try:
+        card = json.loads(metadata["card"])
+        kind, settings = card["network"]["kind"], card["network"]["settings"]
+        known_format = card["format"] == FORMAT
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise InputError(
+            f"{path}: no card of an edofsim checkpoint in it; name a file that `edofsim train` wrote"
+        ) from None
+    if not known_format:
+        raise InputError(
+            f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
+        )
+    if camera_recipe is not None:
+        _check_camera(path, card.get("camera", {}), camera_recipe.model_dump(mode="json"))
+    network = build_network(kind, settings)
+    prefix = "network."
+    weights = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise InputError(
+            f"{path}: its weights do not fit its network {kind!r}: {_first_line(error)}"
+        ) from None
+    height, sampling = arrays.get("mask.height_m"), arrays.get("mask.sampling_m")
+    if height is not None and (sampling is None or height.ndim != 2 or height.shape[0] != height.shape[1]):
+        raise InputError(f"{path}: its height map is not a square array with a sampling; it is damaged")
+    return Checkpoint(network.eval(), height, None if sampling is None else float(sampling), card, path)
+
+
+def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+    problems = [
+        f"{path}: trained for a camera with {name} = {trained_value!r}, this one has {given_value!r}; "
+        "use that camera, or train a checkpoint for this one"
+        for name, trained_value, given_value in _differences(trained, given)
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _differences(trained: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+    for wanted in CAMERA_FIELDS:
+        ours, theirs = (dict(_leaves(_at(recipe, wanted), wanted)) for recipe in (trained, given))
+        for name in sorted(ours.keys() | theirs.keys()):
+            if ours.get(name) != theirs.get(name):
+                yield name, ours.get(name), theirs.get(name)
+
+
+def _at(recipe: Any, name: str) -> Any:
+    for part in name.split("."):
+        recipe = recipe.get(part) if isinstance(recipe, Mapping) else None
+    return recipe
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{name}.{key}")
+    else:
+        yield name, value
+
+
+def save_arrays(path: Path, arrays: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
+    """Write a safetensors file atomically and durably. Raises EdofsimError where the disk refuses."""
+    data = save({name: value.detach().cpu().contiguous() for name, value in arrays.items()}, dict(metadata))
+    write_atomically(path, data)
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace a file in one step: whoever reads it finds all of the old bytes or all of the new.
+
+    Raises EdofsimError where the disk is full or the folder cannot be written; nothing is left behind.
+    """
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except OSError as error:
+        if temporary is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+        raise EdofsimError(
+            f"{path}: could not be written ({error.strerror}); free some space or choose another folder"
+        ) from None
+
+
+def load_arrays(path: Path, noun: str) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Arrays and metadata of a safetensors file. Raises InputError, calling the file a `noun`, where it is
+    missing, damaged, too large, or holds values that are not finite."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES >> 30} GiB, which no {noun} is")
+        with safe_open(path, framework="pt", device="cpu") as file:
+            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            metadata = file.metadata() or {}
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; name a {noun}") from None
+    except (SafetensorError, OSError, ValueError) as error:
+        problem = f"{path}: not a whole {noun} ({_first_line(error)}); copy or train it again"
+        raise InputError(problem) from None
+    for name, value in arrays.items():
+        if value.is_floating_point() and not torch.isfinite(value).all():
+            raise InputError(f"{path}: {name} holds values that are not finite; this {noun} is damaged")
+    return arrays, metadata
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return " ".join(lines[:2]) if lines else type(error).__name__

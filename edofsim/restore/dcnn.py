@@ -1,0 +1,55 @@
+"""The deblurring network of Akpinar et al. (their Sec. "Deblurring CNN")."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+DILATIONS = (1, 2, 3, 2, 1)
+KERNELS = 32
+LEAK = 0.01
+
+
+class DCnn(nn.Module):
+    """Five dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
+
+    A block is a 3x3 convolution with 32 kernels, batch normalisation and a leaky ReLU; the dilations are
+    1, 2, 3, 2, 1. A 3x3 convolution gives three channels, which are added to the photo; two transposed
+    3x3 convolutions follow, and the clamp of Eq. `Clip`. 39,243 weights.
+
+    The paper does not say how the weights start. The transposed convolutions start as the identity, so
+    that the untrained network returns about its input and its clamp is not saturated.
+    """
+
+    kind = "dcnn"
+    radius = sum(DILATIONS) + 1 + 2
+    multiple = 1
+
+    def __init__(self) -> None:
+        super().__init__()
+        layers: list[nn.Module] = []
+        channels = 3
+        for dilation in DILATIONS:
+            layers += [
+                nn.Conv2d(channels, KERNELS, 3, padding=dilation, dilation=dilation),
+                nn.BatchNorm2d(KERNELS),
+                nn.LeakyReLU(LEAK),
+            ]
+            channels = KERNELS
+        layers.append(nn.Conv2d(channels, 3, 3, padding=1))
+        self.residual = nn.Sequential(*layers)
+        self.refine = nn.Sequential(*(nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(2)))
+        for layer in self.refine:
+            nn.init.dirac_(layer.weight)
+            nn.init.zeros_(layer.bias)
+
+    def settings(self) -> dict[str, int]:
+        """What rebuilds this network: nothing, its shape is fixed."""
+        return {}
+
+    def forward(self, photo: Tensor) -> Tensor:
+        """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1]."""
+        # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's
+        sharp = photo + self.residual(photo).to(photo.dtype)
+        with torch.autocast(photo.device.type, enabled=False):
+            return self.refine(sharp).clamp(0, 1)

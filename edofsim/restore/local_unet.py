@@ -1,0 +1,124 @@
+"""A stronger deblurring network: a small U-Net of NAFNet's blocks, made local.
+
+NAFNet (Chen et al., "Simple Baselines for Image Restoration", ECCV 2022) needs no activation function:
+two halves of the channels are multiplied instead. Its global channel attention is left out: a mean over
+the whole image makes the result depend on the size of the patch, and trained on small patches it costs
+sharpness on large photos. What remains is local, so that a photo restored in tiles is the same as whole.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+
+class LocalUNet(nn.Module):
+    """U-Net on 2x2-unshuffled pixels; adds its output to the photo. 446,000 weights by default.
+
+    width: channels of the first level; each further level has twice as many at half the resolution.
+    blocks: blocks a level, on the way down and (except for the last level) on the way up.
+    kernel: size of the depthwise convolutions of the second and later levels (the first has 3).
+    """
+
+    kind = "local-unet"
+
+    def __init__(self, width: int = 32, blocks: tuple[int, ...] = (2, 2, 2), kernel: int = 5) -> None:
+        super().__init__()
+        self.width, self.blocks, self.kernel = width, tuple(blocks), kernel
+        levels = len(self.blocks)
+        channels = [width << level for level in range(levels)]
+        kernels = [3] + [kernel] * (levels - 1)
+        self.first = nn.Conv2d(12, width, 3, padding=1)
+        self.last = nn.Conv2d(width, 12, 3, padding=1)
+        self.down_blocks = nn.ModuleList(
+            nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
+            for i in range(levels)
+        )
+        self.up_blocks = nn.ModuleList(
+            nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
+            for i in range(levels - 1)
+        )
+        self.downs = nn.ModuleList(nn.Conv2d(channels[i], channels[i + 1], 2, 2) for i in range(levels - 1))
+        self.ups = nn.ModuleList(nn.Conv2d(channels[i + 1], 4 * channels[i], 1) for i in range(levels - 1))
+        nn.init.zeros_(self.last.weight)
+        nn.init.zeros_(self.last.bias)
+
+    @property
+    def multiple(self) -> int:
+        """Photos are padded to a multiple of this many pixels."""
+        return 1 << len(self.blocks)
+
+    @property
+    def radius(self) -> int:
+        """How far in pixels an output pixel sees, at most."""
+        reach = 2 + 2 + self.multiple  # first and last convolution, and pixels that share a coarse one
+        for level, count in enumerate(self.blocks):
+            passes = count if level == len(self.blocks) - 1 else 2 * count
+            reach += passes * ((3 if level == 0 else self.kernel) // 2) * (2 << level)
+        return reach
+
+    def settings(self) -> dict[str, int | list[int]]:
+        """What rebuilds this network."""
+        return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
+
+    def forward(self, photo: Tensor) -> Tensor:
+        """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,
+        where a clamp would stop the gradient of the pixels that need it most."""
+        rows, columns = photo.shape[-2:]
+        padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
+        padded = functional.pad(photo, padding, mode="replicate") if any(padding) else photo
+        features = self.first(functional.pixel_unshuffle(padded, 2))
+        skipped = []
+        for level, blocks in enumerate(self.down_blocks):
+            features = blocks(features)
+            if level < len(self.downs):
+                skipped.append(features)
+                features = self.downs[level](features)
+        for level in reversed(range(len(self.ups))):
+            features = skipped[level] + functional.pixel_shuffle(self.ups[level](features), 2)
+            features = self.up_blocks[level](features)
+        residual = functional.pixel_shuffle(self.last(features), 2)[..., :rows, :columns]
+        sharp = photo + residual.to(photo.dtype)
+        return sharp if self.training else sharp.clamp(0, 1)
+
+
+class GatedBlock(nn.Module):
+    """NAFNet's block without its channel attention: [batch, channel, y, x] to the same shape."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__()
+        self.norm_space = ChannelNorm(channels)
+        self.widen = nn.Conv2d(channels, 2 * channels, 1)
+        self.spread = nn.Conv2d(2 * channels, 2 * channels, kernel, padding=kernel // 2, groups=2 * channels)
+        self.narrow = nn.Conv2d(channels, channels, 1)
+        self.norm_channels = ChannelNorm(channels)
+        self.mix_in = nn.Conv2d(channels, 2 * channels, 1)
+        self.mix_out = nn.Conv2d(channels, channels, 1)
+        # each branch starts at zero, so that a deep stack starts as the identity
+        self.scale_space = nn.Parameter(torch.zeros(1, channels, 1, 1))
+        self.scale_channels = nn.Parameter(torch.zeros(1, channels, 1, 1))
+
+    def forward(self, features: Tensor) -> Tensor:
+        branch = self.narrow(_gate(self.spread(self.widen(self.norm_space(features)))))
+        features = features + branch * self.scale_space
+        branch = self.mix_out(_gate(self.mix_in(self.norm_channels(features))))
+        return features + branch * self.scale_channels
+
+
+class ChannelNorm(nn.Module):
+    """Layer normalisation over the channels of each pixel."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(channels))
+        self.bias = nn.Parameter(torch.zeros(channels))
+
+    def forward(self, features: Tensor) -> Tensor:
+        last = features.permute(0, 2, 3, 1)
+        return functional.layer_norm(last, last.shape[-1:], self.weight, self.bias, 1e-6).permute(0, 3, 1, 2)
+
+
+def _gate(features: Tensor) -> Tensor:
+    first, second = features.chunk(2, dim=1)
+    return first * second

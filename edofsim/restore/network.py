@@ -1,0 +1,57 @@
+"""Networks by name, and how one is applied to a photo of any size."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from ..errors import InputError
+from .dcnn import DCnn
+from .local_unet import LocalUNet
+
+NETWORKS: dict[str, type[nn.Module]] = {DCnn.kind: DCnn, LocalUNet.kind: LocalUNet}
+
+
+def build_network(kind: str, settings: Mapping[str, Any] | None = None) -> nn.Module:
+    """An untrained network. Raises InputError for an unknown kind or settings that it does not take."""
+    if kind not in NETWORKS:
+        raise InputError(f"unknown network {kind!r}; known: {', '.join(NETWORKS)}")
+    try:
+        return NETWORKS[kind](**dict(settings or {}))
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"network {kind!r} cannot be built from {dict(settings or {})}: {error}") from None
+
+
+def weights_of(network: nn.Module) -> int:
+    """Number of trained values."""
+    return sum(parameter.numel() for parameter in network.parameters())
+
+
+def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tensor:
+    """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
+
+    Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
+    network sees (`radius`): memory stays bounded and the result is that of the whole photo. Computed on
+    the image's device in float32. Raises InputError for a photo that is not [3, y, x] or not finite.
+    """
+    if image.ndim != 3 or image.shape[0] != 3:
+        raise InputError(f"the network restores photos of 3 channels [3, y, x], not {list(image.shape)}")
+    if not torch.isfinite(image).all():
+        raise InputError("the photo holds values that are not finite; nothing can be restored from it")
+    network = network.eval().to(image.device)
+    photo = image.to(torch.float32)[None].contiguous(memory_format=torch.channels_last)
+    rows, columns = image.shape[-2:]
+    around = -(-network.radius // network.multiple) * network.multiple
+    tile = -(-tile // network.multiple) * network.multiple
+    restored = torch.empty_like(image)
+    with torch.inference_mode():
+        for top in range(0, rows, tile):
+            for left in range(0, columns, tile):
+                above, before = max(0, top - around), max(0, left - around)
+                part = photo[..., above : top + tile + around, before : left + tile + around]
+                done = network(part)[0, :, top - above :, left - before :][:, :tile, :tile]
+                restored[:, top : top + tile, left : left + tile] = done.to(image.dtype)
+    return restored

@@ -1,0 +1,88 @@
+"""The networks' shape and size, and that tiles do not show."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from edofsim.errors import InputError
+from edofsim.restore.network import NETWORKS, apply_network, build_network, weights_of
+
+
+def _random_network(kind: str) -> torch.nn.Module:
+    """A network with no zero weights, so that every path in it matters."""
+    network = build_network(kind)
+    generator = torch.Generator().manual_seed(3)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(0.05 * torch.randn(parameter.shape, generator=generator))
+    return network.eval()
+
+
+def test_dcnn_has_as_many_weights_as_the_paper_describes() -> None:
+    """Counted from Akpinar et al.: blocks of 3x3 convolution with bias and batch normalisation, the
+    convolution to 3 channels, two transposed 3 -> 3 convolutions."""
+    blocks = (3 * 32 * 9 + 32 + 2 * 32) + 4 * (32 * 32 * 9 + 32 + 2 * 32)
+    assert blocks + (32 * 3 * 9 + 3) + 2 * (3 * 3 * 9 + 3) == 39243
+    assert weights_of(build_network("dcnn")) == 39243
+
+
+def test_the_stronger_network_ships_in_under_2_megabytes() -> None:
+    assert 4 * weights_of(build_network("local-unet")) < 2_000_000
+
+
+@pytest.mark.parametrize("kind", NETWORKS)
+@settings(max_examples=8, deadline=None)
+@given(rows=st.integers(1, 40), columns=st.integers(1, 40))
+def test_any_size_in_same_size_out(kind: str, rows: int, columns: int) -> None:
+    photo = torch.rand(1, 3, rows, columns, generator=torch.Generator().manual_seed(1))
+    with torch.no_grad():
+        restored = _random_network(kind)(photo)
+    assert restored.shape == photo.shape
+    assert restored.min() >= 0 and restored.max() <= 1
+
+
+@pytest.mark.parametrize("kind", NETWORKS)
+def test_an_untrained_network_returns_its_photo(kind: str) -> None:
+    """Both add a residual to the photo; the U-Net's starts at zero, the D-CNN's is small."""
+    photo = torch.rand(3, 32, 32, generator=torch.Generator().manual_seed(2))
+    restored = apply_network(build_network(kind), photo)
+    assert (restored - photo).abs().mean() < (0.15 if kind == "dcnn" else 1e-6)
+
+
+@pytest.mark.parametrize("kind", NETWORKS)
+def test_a_pixel_sees_no_further_than_the_radius(kind: str) -> None:
+    """The gradient of one output pixel is zero outside the radius, and not zero near it (D-CNN: at it)."""
+    network = _random_network(kind)
+    if kind == "dcnn":
+        network.refine[0].bias.data.fill_(0.3)  # keeps the sum away from the clamp
+    size = 2 * network.radius + 2 * network.multiple + 9
+    photo = torch.full((1, 3, size, size), 0.5, requires_grad=True)
+    centre = size // 2
+    network(photo)[0, 1, centre, centre].backward()
+    seen = photo.grad[0].abs().sum(0).nonzero() - centre
+    assert seen.abs().max() <= network.radius
+    if kind == "dcnn":
+        assert seen.abs().max() == network.radius
+
+
+@pytest.mark.parametrize("kind", NETWORKS)
+def test_tiles_give_the_whole_photo(kind: str) -> None:
+    network = _random_network(kind)
+    photo = torch.rand(3, 150, 197, generator=torch.Generator().manual_seed(4))
+    whole = apply_network(network, photo, tile=256)
+    assert torch.allclose(apply_network(network, photo, tile=64), whole, atol=1e-6)
+
+
+def test_the_untrained_shape_is_checked_before_the_work() -> None:
+    network = build_network("dcnn")
+    with pytest.raises(InputError, match=r"3 channels"):
+        apply_network(network, torch.rand(1, 16, 16))
+    with pytest.raises(InputError, match="finite"):
+        apply_network(network, torch.full((3, 16, 16), torch.nan))
+    with pytest.raises(InputError, match="local-unet"):
+        build_network("unet")
+    with pytest.raises(InputError, match="cannot be built"):
+        build_network("dcnn", {"kernels": 64})
