@@ -1,0 +1,146 @@
+"""A recipe with mistakes is refused with every mistake named, its line, and the nearest known word."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from edofsim.errors import InputError
+from edofsim.recipe.load import load_scene
+from edofsim.recipe.toml import line_numbers
+
+GOOD = """\
+name = "small"
+seed = 3
+
+[frame]
+width_px = 32
+height_px = 24
+
+[[objects]]
+kind = "sphere"
+name = "ball"
+radius_mm = 5.0
+depth_m = 0.6
+
+[[objects]]
+kind = "panel"
+width_mm = 10
+height_mm = 10
+depth_m = 1.0
+surface = { kind = "plastic", roughness = 0.2 }
+"""
+
+
+def problems(tmp_path: Path, text: str) -> tuple[str, ...]:
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    return caught.value.problems
+
+
+def test_the_good_recipe_loads(tmp_path: Path):
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD)
+    loaded = load_scene(path)
+    assert loaded.recipe.objects[0].radius_mm == 5.0 and loaded.base == tmp_path
+
+
+def test_an_unknown_key_is_named_with_its_line_and_the_nearest_known_one(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("width_px = 32", "widht_px = 32"))
+    assert "line 5" in only and "'frame.widht_px'" in only and "did you mean 'width_px'" in only
+
+
+def test_an_unknown_key_in_an_object_is_compared_with_that_objects_keys(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0", "radius_mm = 5.0\nradios_mm = 6.0"))
+    assert "line 12" in only and "did you mean 'radius_mm'" in only
+
+
+def test_an_unknown_key_inside_an_inline_table_has_its_line(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("roughness = 0.2", "roughnes = 0.2"))
+    assert "line 19" in only and "did you mean 'roughness'" in only
+
+
+def test_a_negative_radius(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0", "radius_mm = -5.0"))
+    assert "line 11" in only and "radius_mm" in only and "greater than 0" in only and "-5.0" in only
+
+
+def test_two_mistakes_are_both_named(tmp_path: Path):
+    both = GOOD.replace("radius_mm = 5.0", "radius_mm = -5.0").replace("height_px = 24", 'height_px = "tall"')
+    found = problems(tmp_path, both)
+    assert len(found) == 2 and "height_px" in found[0] and "radius_mm" in found[1]
+
+
+def test_an_unknown_kind_lists_the_known_ones(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace('"sphere"', '"shpere"'))
+    assert "line 8" in only or "line 9" in only
+    assert "did you mean 'sphere'" in only and "panel" in only
+
+
+def test_a_missing_key_is_named(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0\n", ""))
+    assert "'objects.0.radius_mm' is missing" in only and "line 8" in only
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_numbers_that_are_not_finite_are_refused(tmp_path: Path, value: str):
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0", f"radius_mm = {value}"))
+    assert "radius_mm" in only
+
+
+def test_toml_syntax_has_its_place(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("seed = 3", "seed = "))
+    assert "not valid TOML" in only and "line 2" in only
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, "a = " + "[" * 100_000], ids=["headers", "arrays"])
+def test_deep_nesting_is_refused(tmp_path: Path, text: str):
+    (only,) = problems(tmp_path, text)
+    assert "not valid TOML" in only
+
+
+def test_bytes_that_are_not_text(tmp_path: Path):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"name = \xff\xfe")
+    with pytest.raises(InputError, match="not UTF-8"):
+        load_scene(path)
+
+
+def test_a_missing_file_and_a_misspelt_shipped_name(tmp_path: Path):
+    with pytest.raises(InputError, match="no such file"):
+        load_scene(tmp_path / "none.toml")
+    with pytest.raises(InputError, match="did you mean 'desk'"):
+        load_scene("deks")
+
+
+def test_a_folder_is_not_a_recipe(tmp_path: Path):
+    with pytest.raises(InputError, match="is a folder"):
+        load_scene(tmp_path)
+
+
+def test_lines_are_those_of_the_file():
+    """Each location that the scanner finds exists in what tomllib parses, on a line that mentions it."""
+    lines = line_numbers(GOOD)
+    data = tomllib.loads(GOOD)
+    for location, number in lines.items():
+        value = data
+        for part in location:
+            value = value[part]
+        if isinstance(location[-1], str):
+            assert location[-1] in GOOD.splitlines()[number - 1]
+
+
+def test_the_command_ends_in_one_message_and_status_2(tmp_path: Path):
+    path = tmp_path / "scene.toml"
+    path.write_text(GOOD.replace("radius_mm = 5.0", "radius_mm = -5.0"))
+    done = subprocess.run(
+        [sys.executable, "-m", "edofsim.cli", "render", str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert "radius_mm" in done.stderr and "Traceback" not in done.stderr
