@@ -92,8 +92,9 @@ def _exact_lens(camera: Camera) -> Choice:
 
 def _outside(view: View, camera: Camera) -> Choice:
     reach = camera.recipe.psf.window_px // 2
-    why = f"a PSF reaches {reach} pixels; the view holds {view.margin} beyond the frame"
-    return Decision("light from outside the frame", True, f"{min(reach, view.margin)} px margin", why), {}
+    margin = round(view.margin * view.pixel_angle / camera.pixel_angle)  # a thumbnail has coarser pixels
+    why = f"a PSF reaches {reach} pixels; the view holds {margin} beyond the frame"
+    return Decision("light from outside the frame", True, f"{min(reach, margin)} px margin", why), {}
 
 
 def _noise(camera: Camera) -> Choice:
