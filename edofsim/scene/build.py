@@ -1,0 +1,119 @@
+"""A scene recipe turned into a SceneModel: every object built, placed and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..recipe.objects import AnyObject, Placed, Table, Wall
+from ..recipe.scene import SceneRecipe
+from . import solids
+from .builders import BUILDERS, Context, Part
+from .lights import build_lights
+from .model import SceneModel, SceneObject, TriangleMesh
+from .placement import place, rotation
+
+NEAREST = 1e-3
+"""Everything lies at least this far in front of the lens plane, in metres."""
+
+
+def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
+    """Build a scene: meshes in metres in camera space, surfaces and lights at the recipe's bands.
+
+    base: folder that file names in the recipe are relative to. Raises InputError with every problem found:
+    names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
+    """
+    wavelengths = recipe.bands.wavelengths()
+    problems: list[str] = []
+    names = _names(recipe.objects, problems)
+    objects: list[SceneObject] = []
+    tops: dict[str, float] = {}
+    for name, item in zip(names, recipe.objects, strict=True):
+        try:
+            parts = BUILDERS[item.kind](item, Context(wavelengths, Path(base), recipe.seed, name))
+            built = _placed(item, name, parts, recipe, tops)
+        except InputError as error:
+            problems += [p if p.startswith(name) else f"{name}: {p}" for p in error.problems]
+            continue
+        tops[name] = max(float(o.mesh.vertices[:, 1].max()) for o in built)
+        objects += built
+    environment = None
+    try:
+        environment, lamps = build_lights(recipe.lights, wavelengths)
+        objects += lamps
+        problems += _repeated([o.name for o in objects])
+    except InputError as error:
+        problems += error.problems
+    if environment is None and not any(o.emission is not None for o in objects) and not problems:
+        problems.append('the scene has no light: add a table to [[lights]], for instance kind = "sky"')
+    if problems:
+        raise InputError(problems)
+    return SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+
+
+def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
+    """Every object's name: its own, or its kind with a number."""
+    given = [o.name for o in objects if o.name is not None]
+    problems += _repeated(given)
+    names: list[str] = []
+    counts: dict[str, int] = {}
+    for item in objects:
+        name = item.name
+        while name is None or (item.name is None and name in given):
+            counts[item.kind] = counts.get(item.kind, 0) + 1
+            name = f"{item.kind}-{counts[item.kind]}"
+        names.append(name)
+    return names
+
+
+def _repeated(names: Sequence[str]) -> list[str]:
+    twice = sorted({n for n in names if list(names).count(n) > 1})
+    return [f"the name {n!r} is given to {list(names).count(n)} objects; names must differ" for n in twice]
+
+
+def _placed(
+    item: AnyObject, name: str, parts: list[Part], recipe: SceneRecipe, tops: dict[str, float]
+) -> list[SceneObject]:
+    matrix, shift = np.eye(3), np.zeros(3)
+    if isinstance(item, Table):
+        shift = np.array([0.0, item.y_mm * 1e-3, 0.0])
+    elif isinstance(item, Wall):
+        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, item.depth_m])
+    elif isinstance(item, Placed):
+        if item.on is not None and item.on not in tops:
+            raise InputError(
+                f"{name} stands on {item.on!r}, which is no object given before it; known: "
+                f"{', '.join(map(repr, tops)) or 'none'}"
+            )
+        matrix = rotation(item.turn_deg, item.tilt_deg, item.roll_deg)
+        shift = place(item, recipe.frame, None if item.on is None else tops[item.on])
+        if item.anchor == "base":
+            shift[1] -= min(float((p.mesh.vertices @ matrix.T)[:, 1].min()) for p in parts)
+    built = []
+    for part in parts:
+        label = f"{name}/{part.suffix}" if part.suffix else name
+        mesh = solids.moved(part.mesh, matrix, shift)
+        _check(mesh, label)
+        built.append(SceneObject(label, mesh, part.surface))
+    _check_in_front(name, built)
+    return built
+
+
+def _check(mesh: TriangleMesh, label: str) -> None:
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError(f"{label}: its size or position is too large for single precision")
+
+
+def _check_in_front(name: str, built: Sequence[SceneObject]) -> None:
+    nearest = min(float(o.mesh.vertices[:, 2].min()) for o in built)
+    farthest = max(float(o.mesh.vertices[:, 2].max()) for o in built)
+    if nearest >= NEAREST:
+        return
+    verb = "lies" if farthest < NEAREST else "reaches"
+    raise InputError(
+        f"{name} {verb} behind the camera (its depth goes from {nearest:.4g} to {farthest:.4g} m); give it a "
+        "larger depth_m or make it smaller"
+    )

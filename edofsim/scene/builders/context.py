@@ -1,0 +1,40 @@
+"""What every object builder is given, and what it gives back."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...recipe.surfaces import AnySurface
+from ..model import Surface, TriangleMesh
+from ..surfaces import build_surface
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of an object with one surface, in the object's local metres; `suffix` tells pieces apart."""
+
+    suffix: str
+    mesh: TriangleMesh
+    surface: Surface
+
+
+@dataclass(frozen=True)
+class Context:
+    """One object's surroundings: bands in metres, the recipe's folder, a seed, and the object's name."""
+
+    wavelengths: np.ndarray
+    base: Path
+    seed: int
+    what: str
+
+    def rng(self, purpose: str = "") -> np.random.Generator:
+        """A random generator of this object alone, so that other objects don't change it."""
+        return np.random.default_rng([self.seed, zlib.crc32(f"{self.what}/{purpose}".encode())])
+
+    def surface(self, recipe: AnySurface, purpose: str = "surface") -> Surface:
+        """The recipe's surface at the view's wavelengths."""
+        return build_surface(recipe, self.wavelengths, self.base, self.rng(purpose), self.what)

@@ -1,0 +1,85 @@
+"""Meshes of the user's: read by trimesh, mended where that changes nothing one can see, else refused."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...recipe.objects import MeshFile
+from .. import solids
+from ..model import TriangleMesh
+from .context import Context, Part
+
+SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
+
+
+def mesh_file(recipe: MeshFile, context: Context) -> list[Part]:
+    """The file's triangles about the centre of their bounding box, scaled to `size_mm`."""
+    shape = read_mesh(context.base / recipe.path, context.what, smooth=recipe.smooth)
+    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+    scale = recipe.size_mm * 1e-3 / float((high - low).max())
+    # files have z towards the viewer: a half turn about y keeps x x y x z right-handed
+    # as coordinates, and the front faces the camera
+    flip = np.diag([-1.0, 1.0, -1.0]) * scale
+    centred = solids.moved(shape, shift=-(low + high) / 2)
+    return [Part("", solids.moved(centred, flip), context.surface(recipe.surface))]
+
+
+def read_mesh(path: Path, what: str, smooth: bool = True) -> TriangleMesh:
+    """A mesh file as triangles in the file's own axes and units.
+
+    Duplicate and degenerate faces and stray vertices are dropped; a closed mesh that is inside out is
+    turned. Raises InputError, naming `what`, for a missing or unreadable file, for one without triangles,
+    and for vertices that are not finite.
+    """
+    if not path.is_file():
+        raise InputError(f"{what}: the mesh {str(path)!r} does not exist")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{what}: {str(path)!r} is not of a known kind; known: {', '.join(SUFFIXES)}")
+    import trimesh
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            loaded = trimesh.load(path, force="mesh", process=False)
+    except Exception as error:  # each reader raises its own kinds
+        text = (str(error).strip() or type(error).__name__).splitlines()[0][:160]
+        raise InputError(f"{what}: {str(path)!r} cannot be read as a mesh: {text}") from error
+    vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), float)
+    faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int64)
+    if len(faces) == 0 or len(vertices) == 0:
+        raise InputError(f"{what}: the mesh {str(path)!r} has no triangles")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{what}: faces of the mesh {str(path)!r} name vertices that it doesn't have")
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise InputError(
+            f"{what}: {bad} of the {len(vertices)} vertices of the mesh {str(path)!r} are not finite (NaN or "
+            "infinity); mend the file in the program that wrote it"
+        )
+    return _mended(loaded, path, what, smooth)
+
+
+def _mended(loaded, path: Path, what: str, smooth: bool) -> TriangleMesh:
+    loaded.update_faces(loaded.nondegenerate_faces())
+    loaded.update_faces(loaded.unique_faces())
+    loaded.remove_unreferenced_vertices()
+    size = np.ptp(loaded.vertices, axis=0).max() if len(loaded.vertices) else 0.0
+    if len(loaded.faces) == 0 or not size > 0:
+        raise InputError(f"{what}: the mesh {str(path)!r} has no triangle with an area")
+    uv = getattr(loaded.visual, "uv", None)
+    if uv is not None and (len(uv) != len(loaded.vertices) or not np.isfinite(uv).all()):
+        uv = None
+    if uv is None:  # vertices that lie on each other become one, so that shading is smooth across them
+        loaded.merge_vertices()
+    if loaded.is_watertight and loaded.volume < 0:
+        loaded.invert()
+    normals = None
+    if smooth:
+        normals = np.array(loaded.vertex_normals)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(length > 0, normals / np.maximum(length, 1e-12), [0.0, 1.0, 0.0])
+    return solids.mesh(loaded.vertices, loaded.faces, uv, normals)

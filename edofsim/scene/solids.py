@@ -1,0 +1,217 @@
+"""Triangle meshes of simple solids, in local metres: x right, y up, z away from the camera.
+
+Faces are wound so that (b - a) x (c - a), taken by coordinates, points out of the solid; the front of a
+panel faces the camera, -z. Texture coordinates start at the lower left as seen from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .model import TriangleMesh
+
+
+def mesh(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uv: np.ndarray | None = None,
+    normals: np.ndarray | None = None,
+) -> TriangleMesh:
+    """A TriangleMesh with its arrays in their types."""
+    return TriangleMesh(
+        np.ascontiguousarray(vertices, np.float32),
+        np.ascontiguousarray(faces, np.uint32),
+        None if uv is None else np.ascontiguousarray(uv, np.float32),
+        None if normals is None else np.ascontiguousarray(normals, np.float32),
+    )
+
+
+def join(parts: Sequence[TriangleMesh]) -> TriangleMesh:
+    """Several meshes as one; all of them have uv, or none, and so for normals."""
+    offsets = np.cumsum([0, *(len(p.vertices) for p in parts)])
+    optional = {
+        key: None if getattr(parts[0], key) is None else np.concatenate([getattr(p, key) for p in parts])
+        for key in ("uv", "normals")
+    }
+    faces = [p.faces + np.uint32(o) for p, o in zip(parts, offsets[:-1], strict=True)]
+    return mesh(np.concatenate([p.vertices for p in parts]), np.concatenate(faces), **optional)
+
+
+def moved(
+    part: TriangleMesh, matrix: np.ndarray | None = None, shift: Sequence[float] = (0, 0, 0)
+) -> TriangleMesh:
+    """A mesh after a rotation or scaling (float [3, 3], positive determinant) and a shift in metres."""
+    if matrix is None:
+        return TriangleMesh(part.vertices + np.asarray(shift, np.float32), part.faces, part.uv, part.normals)
+    vertices = part.vertices @ np.asarray(matrix).T + np.asarray(shift)
+    normals = part.normals
+    if normals is not None:
+        normals = normals @ np.linalg.inv(matrix)
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return mesh(vertices, part.faces, part.uv, normals)
+
+
+def quad(corners: Sequence[Sequence[float]], uv: Sequence[Sequence[float]] | None = None) -> TriangleMesh:
+    """A flat quadrilateral: lower left, lower right, upper right, upper left as seen from its front."""
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)] if uv is None else uv
+    return mesh(np.array(corners), np.array([[0, 3, 2], [0, 2, 1]]), np.array(square))
+
+
+def panel(width: float, height: float, centre: Sequence[float] = (0, 0, 0)) -> TriangleMesh:
+    """A rectangle that faces the camera."""
+    x, y = width / 2, height / 2
+    corners = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]) + np.asarray(centre)
+    return quad(corners)
+
+
+def box(size: Sequence[float], centre: Sequence[float] = (0, 0, 0)) -> TriangleMesh:
+    """A block of `size` (x, y, z) with each side's texture coordinates from 0 to 1."""
+    x, y, z = np.asarray(size) / 2
+    sides = [
+        [(-x, -y, -z), (x, -y, -z), (x, y, -z), (-x, y, -z)],  # front
+        [(x, -y, z), (-x, -y, z), (-x, y, z), (x, y, z)],  # back
+        [(-x, -y, z), (-x, -y, -z), (-x, y, -z), (-x, y, z)],  # left
+        [(x, -y, -z), (x, -y, z), (x, y, z), (x, y, -z)],  # right
+        [(-x, y, -z), (x, y, -z), (x, y, z), (-x, y, z)],  # top
+        [(-x, -y, z), (x, -y, z), (x, -y, -z), (-x, -y, -z)],  # bottom
+    ]
+    return moved(join([quad(side) for side in sides]), shift=centre)
+
+
+def grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Faces of a grid of vertices [row, column], seen from its front with rows upwards, columns right."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = (i.ravel() for i in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    return np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)])
+
+
+def _drop_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    size = np.ptp(vertices, axis=0).max()
+    return faces[twice_area > 1e-12 * size**2]
+
+
+def lathe(profile: Sequence[Sequence[float]], segments: int = 64, smooth: bool = True) -> TriangleMesh:
+    """A profile turned about the y axis.
+
+    profile: (radius, y) from the bottom up along the outside; a hollow body goes on down its inside. With
+    `smooth`, normals are smooth within runs of the profile that bend by less than 40 degrees.
+    """
+    points = np.asarray(profile, float)
+    runs = _smooth_runs(points) if smooth else [points[i : i + 2] for i in range(len(points) - 1)]
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    start, parts = 0, []
+    for run in runs:
+        v = along[start : start + len(run)] / along[-1]
+        parts.append(_lathe_run(run, v, segments))
+        start += len(run) - 1
+    return join(parts)
+
+
+def _smooth_runs(points: np.ndarray) -> list[np.ndarray]:
+    steps = np.diff(points, axis=0)
+    angle = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    bends = np.flatnonzero(np.abs(np.diff(angle)) > np.radians(40)) + 1
+    edges = [0, *bends, len(points) - 1]
+    return [points[a : b + 1] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
+    phi = np.linspace(0, 2 * np.pi, segments + 1)
+    # phi = 0 faces away from the camera, so that a texture's middle is in front and its seam behind
+    circle = np.stack([-np.sin(phi), np.cos(phi)], 1)  # x, z
+    steps = np.diff(run, axis=0)
+    tangent = np.zeros_like(run)
+    tangent[:-1] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    tangent[1:] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    radial, up = tangent[:, 1], -tangent[:, 0]
+    vertices = np.empty((len(run), segments + 1, 3))
+    normals = np.empty_like(vertices)
+    vertices[..., 0], vertices[..., 2] = (run[:, 0, None] * circle[:, i] for i in (0, 1))
+    vertices[..., 1] = run[:, 1, None]
+    normals[..., 0], normals[..., 2] = (radial[:, None] * circle[:, i] for i in (0, 1))
+    normals[..., 1] = up[:, None]
+    uv = np.stack(np.broadcast_arrays(phi / (2 * np.pi), v[:, None]), -1)
+    vertices = vertices.reshape(-1, 3)
+    faces = _drop_degenerate(vertices, grid_faces(len(run), segments + 1))
+    return mesh(vertices, faces, uv.reshape(-1, 2), normals.reshape(-1, 3))
+
+
+def sphere(radius: float, segments: int = 64) -> TriangleMesh:
+    """A ball about the origin."""
+    theta = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
+    profile = np.stack([radius * np.cos(theta), radius * np.sin(theta)], 1)
+    profile[[0, -1], 0] = 0
+    return lathe(profile, segments)
+
+
+def prism(sides: int, radius: float, height: float) -> TriangleMesh:
+    """A regular prism from y = 0 to `height`, closed at both ends; flat faces."""
+    return flat_shaded(lathe([(0, 0), (radius, 0), (radius, height), (0, height)], sides, smooth=False))
+
+
+def flat_shaded(part: TriangleMesh) -> TriangleMesh:
+    """The same mesh without vertex normals: every triangle is shaded flat."""
+    return TriangleMesh(part.vertices, part.faces, part.uv)
+
+
+def tube(points: np.ndarray, radius: float, sides: int = 12, closed: bool = False) -> TriangleMesh:
+    """A round tube along a polyline, float [point, 3]; ends are capped unless `closed`.
+
+    The rings are carried along without twist (double reflection of Wang et al., TOG 2008).
+    """
+    points = np.asarray(points, float)
+    if closed:
+        points = np.concatenate([points, points[:1]])
+    tangents = np.gradient(points, axis=0)
+    if closed:
+        tangents[0] = tangents[-1] = points[1] - points[-2]
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    first = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
+    frames = [first / np.linalg.norm(first)]
+    for i in range(len(points) - 1):
+        frames.append(_double_reflection(frames[-1], tangents[i], tangents[i + 1], points[i + 1] - points[i]))
+    normal = np.stack(frames)
+    other = np.cross(tangents, normal)
+    if closed:  # spread the closing angle over the length, so that the last ring meets the first
+        angle = np.arctan2((normal[-1] * other[0]).sum(), (normal[-1] * normal[0]).sum())
+        a = -np.linspace(0, angle, len(points))[:, None]
+        normal, other = np.cos(a) * normal + np.sin(a) * other, np.cos(a) * other - np.sin(a) * normal
+    phi = np.linspace(0, 2 * np.pi, sides + 1)
+    out = np.cos(phi)[None, :, None] * normal[:, None] + np.sin(phi)[None, :, None] * other[:, None]
+    vertices = points[:, None] + radius * out
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    uv = np.stack(np.broadcast_arrays(phi / (2 * np.pi), (length / length[-1])[:, None]), -1)
+    faces = grid_faces(len(points), sides + 1)[:, ::-1]
+    parts = [mesh(vertices.reshape(-1, 3), faces, uv.reshape(-1, 2), out.reshape(-1, 3))]
+    if not closed:
+        parts += [
+            _cap(vertices[0, :-1], -tangents[0], points[0]),
+            _cap(vertices[-1, :-1][::-1], tangents[-1], points[-1]),
+        ]
+    return join(parts)
+
+
+def _double_reflection(r: np.ndarray, t0: np.ndarray, t1: np.ndarray, step: np.ndarray) -> np.ndarray:
+    c = step @ step
+    r_left, t_left = r - 2 / c * (step @ r) * step, t0 - 2 / c * (step @ t0) * step
+    second = t1 - t_left
+    c = second @ second
+    return r_left if c < 1e-24 else r_left - 2 / c * (second @ r_left) * second
+
+
+def _cap(ring: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> TriangleMesh:
+    n = len(ring)
+    faces = np.stack([np.full(n, n), (np.arange(n) + 1) % n, np.arange(n)], 1)
+    vertices = np.concatenate([ring, centre[None]])
+    return mesh(vertices, faces, np.full((n + 1, 2), 0.5), np.broadcast_to(normal, (n + 1, 3)))
+
+
+def signed_volume(part: TriangleMesh) -> float:
+    """Volume enclosed by a closed mesh in m3; positive where its faces point outward."""
+    a, b, c = (part.vertices[part.faces[:, i]].astype(float) for i in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)

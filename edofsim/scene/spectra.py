@@ -1,0 +1,198 @@
+"""Spectra at the wavelengths of a view: reflectances, illuminants, metals, and photographs.
+
+All spectra come from colour-science, except the optical constants of metals, which are the measured
+tables that ship with Mitsuba (data/ior). Wavelengths are metres, results float64 [band].
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+import re
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+
+MAX_EXTRAPOLATION = 60e-9
+"""How far a measured reflectance is continued as a constant beyond its data, in metres. The patches and
+surfaces in colour-science end at 700 to 780 nm, where the spectra are flat."""
+
+_METALS = {
+    "aluminium": "Al",
+    "silver": "Ag",
+    "gold": "Au",
+    "copper": "Cu",
+    "chromium": "Cr",
+    "tungsten": "W",
+    "iridium": "Ir",
+    "nickel": "Ni_palik",
+    "titanium nitride": "TiN",
+}
+
+
+def _unknown(what: str, name: str, known: list[str]) -> InputError:
+    near = difflib.get_close_matches(name.lower(), [n.lower() for n in known], n=3, cutoff=0.4)
+    listed = [n for n in known if n.lower() in near] or sorted(known)[:12]
+    word = "nearest" if near else "known"
+    return InputError(f"unknown {what} {name!r}; {word}: {', '.join(map(repr, listed))}")
+
+
+def _inside(nm: np.ndarray, first: float, last: float, slack_nm: float, what: str) -> None:
+    low, high = first - slack_nm, last + slack_nm
+    if nm.min() < low - 1e-6 or nm.max() > high + 1e-6:
+        raise InputError(
+            f"{what} has data from {first:g} to {last:g} nm, but the bands reach from {nm.min():g} to "
+            f"{nm.max():g} nm; choose bands inside the data or another spectrum"
+        )
+
+
+def _interpolated(sd, wavelengths: np.ndarray, slack: float, what: str) -> np.ndarray:
+    """Linear interpolation of a colour-science spectrum, constant for `slack` metres beyond its ends."""
+    nm = np.asarray(wavelengths, float) * 1e9
+    x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
+    _inside(nm, x[0], x[-1], slack * 1e9, what)
+    return np.interp(nm, x, y)
+
+
+@lru_cache(maxsize=1)
+def _measured_surfaces() -> dict[str, object]:
+    from colour import SDS_COLOURCHECKERS
+
+    found: dict[str, object] = {}
+    for sds in (SDS_COLOURCHECKERS["PMC"], SDS_COLOURCHECKERS["ColorChecker N Ohta"]):
+        found.update({name.lower(): sd for name, sd in sds.items()})
+    # The names of the neutral patches carry their densities; the plain words find them too.
+    for name in ("white 9.5", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black 2"):
+        found[name] = next(sd for key, sd in found.items() if key.startswith(name + " ("))
+    return found
+
+
+def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
+    """Measured reflectances of the 24 patches (N. Ohta, in colour-science), in the chart's order.
+
+    wavelengths: [band] m. Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
+    """
+    from colour import SDS_COLOURCHECKERS
+
+    sds = SDS_COLOURCHECKERS["ColorChecker N Ohta"]
+    return {n: _interpolated(sd, wavelengths, MAX_EXTRAPOLATION, f"the patch {n!r}") for n, sd in sds.items()}
+
+
+def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
+    """The three reflectances of Mallett and Yuksel (EGSR 2019), float64 [3, band], for linear sRGB.
+
+    They sum to 1 at every wavelength, so that white is white and no reflectance exceeds 1.
+    """
+    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as BASIS
+
+    nm = np.asarray(wavelengths, float) * 1e9
+    _inside(nm, 380, 780, MAX_EXTRAPOLATION * 1e9, "the basis for sRGB photographs (Mallett and Yuksel)")
+    x = np.asarray(BASIS.wavelengths, float)
+    basis = np.stack([np.interp(nm, x, column) for column in np.asarray(BASIS.values, float).T])
+    return basis / basis.sum(axis=0)
+
+
+def srgb_to_linear(values: np.ndarray) -> np.ndarray:
+    """Decode sRGB (IEC 61966-2-1) values in [0, 1] to linear ones, same shape."""
+    v = np.asarray(values, float)
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def hex_to_linear(text: str) -> np.ndarray:
+    """`#rrggbb` to linear sRGB, float64 [3]. Raises InputError for anything else."""
+    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+        raise InputError(f"colour {text!r} is not of the form #rrggbb (six hexadecimal digits)")
+    return srgb_to_linear(np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) / 255)
+
+
+def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
+    """A reflectance at `wavelengths` ([band], m), float64 [band] in [0, 1].
+
+    value: a number, `#rrggbb`, or the name of a measured surface. Raises InputError for an unknown name
+    (with the nearest ones) and for wavelengths further than 60 nm beyond the measured data.
+    """
+    if isinstance(value, int | float):
+        return np.full(len(wavelengths), float(value))
+    if value.startswith("#"):
+        return hex_to_linear(value) @ srgb_basis(wavelengths)
+    surfaces = _measured_surfaces()
+    if value.lower() not in surfaces:
+        raise _unknown("reflectance", value, list(surfaces))
+    sd = surfaces[value.lower()]
+    return np.clip(_interpolated(sd, wavelengths, MAX_EXTRAPOLATION, f"the reflectance {value!r}"), 0, 1)
+
+
+def _luminance_normalised(sd) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths (nm) and values of a spectrum scaled to the luminance of the constant spectrum 1.
+
+    The scale is taken from the whole spectrum, so that it does not depend on the bands of a view.
+    """
+    from colour import MSDS_CMFS
+
+    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
+    nm = np.arange(max(380, x[0]), min(780, x[-1]) + 0.5)
+    weight = np.interp(nm, np.asarray(cmfs.wavelengths, float), np.asarray(cmfs.values, float)[:, 1])
+    return x, y * weight.sum() / (weight * np.interp(nm, x, y)).sum()
+
+
+def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
+    """Relative spectrum of an illuminant or light source of colour-science, float64 [band].
+
+    Scaled so that its luminance is that of the constant spectrum 1. No value is invented outside the
+    data: raises InputError there, and for unknown names (with the nearest ones).
+    """
+    from colour import SDS_ILLUMINANTS, SDS_LIGHT_SOURCES
+
+    known: dict[str, object] = {}
+    for key, entry in (*SDS_LIGHT_SOURCES.items(), *SDS_ILLUMINANTS.items()):
+        group = entry.items() if hasattr(entry, "items") else [(key, entry)]
+        known.update({str(key): sd for key, sd in group})
+    by_lower = {key.lower(): sd for key, sd in known.items()}
+    if name.lower() not in by_lower:
+        raise _unknown("illuminant", name, list(known))
+    x, y = _luminance_normalised(by_lower[name.lower()])
+    nm = np.asarray(wavelengths, float) * 1e9
+    _inside(nm, x[0], x[-1], 0, f"the illuminant {name!r}")
+    return np.interp(nm, x, y)
+
+
+def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
+    """CIE daylight of a correlated colour temperature (4000 to 25000 K), scaled as `illuminant`."""
+    from colour import sd_CIE_illuminant_D_series
+    from colour.temperature import CCT_to_xy_CIE_D
+
+    if not 4000 <= cct_k <= 25000:
+        raise InputError(f"daylight of {cct_k:g} K is not defined by the CIE: choose 4000 to 25000 K")
+    x, y = _luminance_normalised(sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(cct_k)))
+    nm = np.asarray(wavelengths, float) * 1e9
+    _inside(nm, x[0], x[-1], 0, f"daylight of {cct_k:g} K")
+    return np.interp(nm, x, y)
+
+
+def _optical_constant(stem: str, wavelengths: np.ndarray, what: str) -> np.ndarray:
+    package = importlib.util.find_spec("mitsuba")  # finds the folder without importing the package
+    if package is None or package.origin is None:
+        raise InputError("the optical constants of metals come with Mitsuba, which is not installed")
+    table = np.loadtxt(Path(package.origin).parent / "data" / "ior" / f"{stem}.spd", comments="#")
+    x, y = table[np.argsort(table[:, 0])].T
+    nm = np.asarray(wavelengths, float) * 1e9
+    _inside(nm, x[0], x[-1], 0, what)
+    return np.interp(nm, x, y)
+
+
+def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
+    """Reflectance of a bare metal at normal incidence, ((n-1)^2 + k^2) / ((n+1)^2 + k^2), float64 [band].
+
+    n and k are the measured tables that ship with Mitsuba. Raises InputError for unknown metals and for
+    wavelengths outside the tables.
+    """
+    if name.lower() not in _METALS:
+        raise _unknown("metal", name, list(_METALS))
+    stem, what = _METALS[name.lower()], f"the metal {name!r}"
+    n = _optical_constant(f"{stem}.eta", wavelengths, what)
+    k = _optical_constant(f"{stem}.k", wavelengths, what)
+    return ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)

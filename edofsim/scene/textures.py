@@ -1,0 +1,170 @@
+"""Textures: photographs, files of the user's, and procedural ones, as coefficients over basis spectra.
+
+A texture is a BandTexture whose image holds, at every point, at most three coefficients. Photographs are
+decoded from sRGB to linear and put over the basis of Mallett and Yuksel (EGSR 2019).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..recipe.surfaces import (
+    AnyTexture,
+    CheckerTexture,
+    FileTexture,
+    NoiseTexture,
+    PhotoTexture,
+    WoodTexture,
+)
+from .model import BandTexture
+from .spectra import hex_to_linear, reflectance, srgb_basis, srgb_to_linear
+
+PHOTOS = (
+    "astronaut", "brick", "camera", "cell", "chelsea", "coffee", "coins", "color", "grass", "gravel",
+    "hubble_deep_field", "ihc", "moon", "motorcycle_left", "page", "retina", "rocket", "text",
+)  # fmt: skip
+"""Pictures of skimage.data that come inside its wheel, so that nothing is downloaded."""
+
+
+def flat(value: float | str, wavelengths: np.ndarray) -> BandTexture:
+    """The same reflectance everywhere; see `spectra.reflectance`."""
+    return BandTexture(reflectance(value, wavelengths)[None].astype(np.float32))
+
+
+def from_srgb(image: np.ndarray, wavelengths: np.ndarray) -> BandTexture:
+    """An sRGB picture, uint8/uint16 or float in [0, 1], [y, x], [y, x, 3] or [y, x, 4]."""
+    return BandTexture(
+        srgb_basis(wavelengths).astype(np.float32), srgb_to_linear(_unit_rgb(image)).astype(np.float32)
+    )
+
+
+def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTexture:
+    """Two spectra mixed by an image: (1 - weight) first + weight second. weight: [y, x] in [0, 1]."""
+    image = np.stack([1 - weight, weight], axis=-1)
+    return BandTexture(np.stack([first, second]).astype(np.float32), image.astype(np.float32))
+
+
+def _unit_rgb(image: np.ndarray) -> np.ndarray:
+    image = np.asarray(image)
+    if image.dtype == bool:
+        image = image.astype(float)
+    elif np.issubdtype(image.dtype, np.integer):
+        image = image / np.iinfo(image.dtype).max
+    if image.ndim == 2:
+        image = image[..., None]
+    if image.ndim != 3:
+        raise InputError(f"a texture needs the shape [y, x] or [y, x, channel], not {image.shape}")
+    if image.shape[2] in (2, 4):  # alpha: paint on white
+        alpha = image[..., -1:]
+        image = image[..., :-1] * alpha + (1 - alpha)
+    if image.shape[2] not in (1, 3):
+        raise InputError(f"a texture needs 1 to 4 channels, not {image.shape[2]}")
+    return np.clip(np.broadcast_to(image, (*image.shape[:2], 3)), 0, 1)
+
+
+def read_image(path: Path, what: str) -> np.ndarray:
+    """A picture file as an array [y, x] or [y, x, channel].
+
+    `what` names the object in errors. Raises InputError for a missing file and for one that is no picture.
+    """
+    if not path.is_file():
+        raise InputError(f"{what}: the texture {str(path)!r} does not exist")
+    from skimage.io import imread
+
+    try:
+        image = imread(path)
+    except Exception as error:  # the readers behind imread raise nearly anything
+        raise InputError(
+            f"{what}: {str(path)!r} is not a picture that can be read (PNG, JPEG, TIFF): {_first_line(error)}"
+        ) from error
+    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "buif":
+        raise InputError(f"{what}: {str(path)!r} holds an array of shape {image.shape}, not one picture")
+    if image.dtype.kind == "f" and not np.isfinite(image).all():
+        raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
+    return image
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:160]
+
+
+@lru_cache(maxsize=32)
+def photo(name: str) -> np.ndarray:
+    """A photograph of skimage.data, as it is stored. Raises InputError for one that would be downloaded."""
+    if name not in PHOTOS:
+        raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTOS)}")
+    import skimage.data
+    from skimage.io import imread
+
+    folder = Path(skimage.data.__file__).parent
+    found = [path for path in (folder / f"{name}.png", folder / f"{name}.jpg") if path.exists()]
+    if not found:
+        raise InputError(f"this installation of scikit-image lacks its photograph {name!r}")
+    return imread(found[0])
+
+
+def _cropped(image: np.ndarray, crop: tuple[float, float, float, float] | None) -> np.ndarray:
+    if crop is None:
+        return image
+    rows, columns = image.shape[:2]
+    left, top, right, bottom = crop
+    x0, x1, y0, y1 = round(left * columns), round(right * columns), round(top * rows), round(bottom * rows)
+    if x1 <= x0 or y1 <= y0:
+        raise InputError(f"the crop {crop} is empty: it is left, top, right, bottom as fractions")
+    return image[y0:y1, x0:x1]
+
+
+def periodic_noise(
+    shape: tuple[int, int], scale: tuple[float, float], rng: np.random.Generator
+) -> np.ndarray:
+    """Smooth noise without seams at the borders, [y, x] in [0, 1] with a flat histogram.
+
+    scale: standard deviation of the smoothing along (y, x) as a fraction of the image.
+    """
+    fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None]
+    gain = np.exp(-2 * np.pi**2 * ((fy * shape[0] * scale[0]) ** 2 + (fx * shape[1] * scale[1]) ** 2))
+    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * gain, s=shape)
+    rank = np.empty(noise.size)
+    rank[np.argsort(noise, axis=None, kind="stable")] = np.linspace(0, 1, noise.size)
+    return rank.reshape(shape)
+
+
+def _wood(texture: WoodTexture, wavelengths: np.ndarray, rng: np.random.Generator) -> BandTexture:
+    shape = (512, 512)
+    warp = periodic_noise(shape, (0.25, 0.06), rng)
+    fine = periodic_noise(shape, (0.12, 0.0015), rng)
+    across = np.arange(shape[1]) / shape[1]
+    phase = texture.rings * across + 2.5 * warp
+    ring = 0.5 - 0.5 * np.cos(2 * np.pi * (phase - np.floor(phase)) ** 0.7)
+    weight = np.clip(0.55 * ring + 0.45 * fine, 0, 1)
+    dark, light = (hex_to_linear(c) @ srgb_basis(wavelengths) for c in (texture.dark, texture.light))
+    return mixture(weight, light, dark)
+
+
+def build_texture(
+    texture: AnyTexture, wavelengths: np.ndarray, base: Path, rng: np.random.Generator, what: str
+) -> BandTexture:
+    """A recipe's texture as coefficients over spectra. `what` names the object in errors.
+
+    Files are relative to `base`. Raises InputError for what cannot be read.
+    """
+    if isinstance(texture, PhotoTexture):
+        return from_srgb(_cropped(photo(texture.name), texture.crop), wavelengths)
+    if isinstance(texture, FileTexture):
+        return from_srgb(read_image(base / texture.path, what), wavelengths)
+    if isinstance(texture, WoodTexture):
+        return _wood(texture, wavelengths, rng)
+    if isinstance(texture, NoiseTexture):
+        weight = periodic_noise((512, 512), (texture.grain, texture.grain), rng)
+        first, second = (hex_to_linear(c) @ srgb_basis(wavelengths) for c in (texture.first, texture.second))
+        return mixture(weight, first, second)
+    if isinstance(texture, CheckerTexture):
+        side = 16  # texels a square: edges stay sharp under bilinear interpolation
+        odd = np.indices((texture.rows, texture.columns)).sum(axis=0) % 2
+        weight = np.kron(odd, np.ones((side, side)))
+        return mixture(weight, *(reflectance(r, wavelengths) for r in (texture.first, texture.second)))
+    raise TypeError(f"no texture builder for {type(texture).__name__}")
