@@ -1,0 +1,65 @@
+"""What cannot be photographed, found before any time is spent."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..render.view import View
+
+PIXEL_ANGLE_SLACK = 1e-3
+"""Relative difference of pixel angles that is taken as rounding: half a pixel over a frame of 512."""
+
+
+def check_view(view: View) -> None:
+    """Refuse a view with values that are not light or not depth. Raises InputError naming the pixels."""
+    problems = []
+    depth = view.inverse_depth.detach()
+    bad = torch.isnan(depth)
+    if bool(bad.any()):
+        problems.append(f"the view's depth is NaN {_where(view, bad)}: render it again")
+    bad = (depth < 0) | torch.isinf(depth)
+    if bool(bad.any()):
+        problems.append(
+            f"the view has depths that are negative or zero {_where(view, bad)}: only what lies in "
+            "front of the lens can be photographed"
+        )
+    bad = ~torch.isfinite(view.radiance.detach()).all(0)
+    if bool(bad.any()):
+        problems.append(f"the view's radiance is NaN or infinite {_where(view, bad)}: render it again")
+    coverage = view.coverage.detach()
+    bad = ~((coverage >= 0) & (coverage <= 1 + 1e-4))
+    if bool(bad.any()):
+        problems.append(f"the view's coverage is not between 0 and 1 {_where(view, bad)}: render it again")
+    if problems:
+        raise InputError(problems)
+
+
+def check_pixel_angle(view: View, pixel_angle: float) -> None:
+    """Refuse a view whose pixels see another angle than the camera's."""
+    if abs(view.pixel_angle / pixel_angle - 1) > PIXEL_ANGLE_SLACK:
+        raise InputError(
+            f"a pixel of the view sees {view.pixel_angle * 1e3:.6g} mrad and one of the camera's "
+            f"{pixel_angle * 1e3:.6g} mrad: render with frame.pixel_angle_mrad = {pixel_angle * 1e3:.7g}, "
+            "choose another camera, or ask for the view to be resampled (resample=True)"
+        )
+
+
+def check_window(view: View, window: int) -> None:
+    """Refuse PSFs that are wider than the image with its margin."""
+    rows, columns = view.padded_shape
+    if window > min(rows, columns):
+        raise InputError(
+            f"the PSFs' window of {window} pixels is wider than the image of {columns} x {rows} pixels "
+            "with its margin: render a larger frame or margin, or make psf.window_px smaller"
+        )
+
+
+def _where(view: View, bad: Tensor) -> str:
+    """Names the first few pixels, counted in the frame (row, column from its top left corner)."""
+    columns = view.padded_shape[1]
+    pixels = torch.unique(view.pixel[bad]).tolist()
+    named = ", ".join(f"({p // columns - view.margin}, {p % columns - view.margin})" for p in pixels[:5])
+    more = f" and {len(pixels) - 5} more" if len(pixels) > 5 else ""
+    return f"at (row, column) {named}{more}"

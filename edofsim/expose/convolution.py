@@ -1,0 +1,85 @@
+"""Convolution of light with PSFs: one grid on which nothing wraps into the frame, channels summed as spectra.
+
+Every method goes through `add_convolved`, so that what a photo costs can be counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The padded frame and the sizes of its Fourier transforms.
+
+    rows, columns: of the frame with its margin; margin: pixels on each side; window: width of the PSFs in
+    pixels, centred on pixel window // 2. The transform is as large as it must be for light that leaves one
+    side not to come back on the other side inside the frame: where the margin holds half a window, it is
+    no larger than the padded frame.
+    """
+
+    rows: int
+    columns: int
+    margin: int
+    window: int
+
+    @property
+    def pixels(self) -> int:
+        return self.rows * self.columns
+
+    @property
+    def transform(self) -> tuple[int, int]:
+        """(rows, columns) of the transforms: products of small primes."""
+        reach = max(self.window - 1 - self.window // 2, self.window // 2) - self.margin
+        rows, columns = (max(side, side + reach, self.window) for side in (self.rows, self.columns))
+        return fast_length(rows), fast_length(columns, even=True)
+
+
+def spectrum(image: Tensor, grid: Grid) -> Tensor:
+    """Spectrum of images or of PSFs, put at the top left corner: [..., y, x] to [..., ky, kx], half of it."""
+    return torch.fft.rfft2(image, s=grid.transform)
+
+
+def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Tensor, grid: Grid) -> Tensor:
+    """Convolve images with PSFs and add them, weighted, to the channels' spectra.
+
+    total: complex [channel, ky, kx] or None for a first sum; light: [n, y, x] of the padded frame;
+    psf: [n, v, u], n convolutions in all; weights: [channel, n]. Returns the new total; channel c gains
+    sum_n weights[c, n] light[n] * psf[n].
+    """
+    product = spectrum(light, grid) * spectrum(psf, grid)
+    n, *shape = product.shape
+    # a real matrix on interleaved real and imaginary parts: half the work of a complex one
+    parts = torch.view_as_real(product).reshape(n, -1)
+    gained = torch.view_as_complex((weights @ parts).reshape(-1, *shape, 2))
+    return gained if total is None else total + gained
+
+
+def image_of(total: Tensor, grid: Grid) -> Tensor:
+    """Channels' spectra to images of the padded frame: [channel, ky, kx] to [channel, y, x].
+
+    The PSFs' centre pixel moves to the origin here, once for all.
+    """
+    rows, columns = grid.transform
+    image = torch.fft.irfft2(total, s=grid.transform)
+    centre = grid.window // 2
+    image = torch.roll(image, (-centre, -centre), dims=(-2, -1)) if centre else image
+    return image[..., : grid.rows, : grid.columns]
+
+
+@lru_cache(maxsize=256)
+def fast_length(at_least: int, even: bool = False) -> int:
+    """The smallest product of 2, 3, 5 and 7 (with a factor 2 if `even`) that is not below `at_least`."""
+    length = max(1, at_least)
+    while True:
+        rest = length
+        for prime in (2, 3, 5, 7):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1 and not (even and length % 2):
+            return length
+        length += 1

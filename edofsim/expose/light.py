@@ -1,0 +1,93 @@
+"""Light to be blurred: fragments with their place between depth nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..render.view import View
+
+
+@dataclass(frozen=True)
+class Light:
+    """Fragments, sorted by depth cell. Cell k lies between the depth nodes k and k + 1.
+
+    rows, columns: of the padded frame; pixel: int64 [fragment], row by row in it; share: [fragment] in
+    [0, 1], hat weight of the cell's upper node (the lower one has the rest); radiance: [band, fragment];
+    starts: cell k is fragments starts[k] to starts[k + 1].
+    """
+
+    rows: int
+    columns: int
+    pixel: Tensor
+    share: Tensor
+    radiance: Tensor
+    starts: tuple[int, ...]
+
+    @property
+    def bands(self) -> int:
+        return int(self.radiance.shape[0])
+
+    def cells(self) -> list[tuple[int, slice]]:
+        """The cells that hold fragments, with the range of these."""
+        bounds = enumerate(zip(self.starts, self.starts[1:], strict=False))
+        return [(cell, slice(begin, end)) for cell, (begin, end) in bounds if end > begin]
+
+    def occupied_nodes(self) -> list[int]:
+        """Nodes that some fragment has a share in, ascending."""
+        found: set[int] = set()
+        for cell, part in self.cells():
+            share = self.share[part]
+            if bool((share < 1).any()):
+                found.add(cell)
+            if bool(share.any()):
+                found.add(cell + 1)
+        return sorted(found)
+
+    def at_node(self, node: int, bands: slice = slice(None)) -> Tensor:
+        """Image of the light at one node: [band, y, x]."""
+        image = self.radiance.new_zeros(self.radiance[bands].shape[0], self.rows * self.columns)
+        for cell, rising in ((node - 1, True), (node, False)):
+            if 0 <= cell < len(self.starts) - 1 and self.starts[cell + 1] > self.starts[cell]:
+                part = slice(self.starts[cell], self.starts[cell + 1])
+                weight = self.share[part] if rising else 1 - self.share[part]
+                image = image.index_add(1, self.pixel[part], self.radiance[bands, part] * weight)
+        return image.reshape(-1, self.rows, self.columns)
+
+
+def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None = None) -> Light:
+    """Some of a view's fragments, between depth nodes.
+
+    nodes: [node] inverse depths in 1/m, ascending; depths beyond them take the end node.
+    which: int64 [n], the fragments that shine; radiance: [band, n], theirs (default: the view's).
+    """
+    cell, share = hat_weights(view.inverse_depth[which], nodes)
+    order = torch.argsort(cell, stable=True)
+    counts = torch.bincount(cell, minlength=max(1, nodes.numel() - 1))
+    starts = (0, *torch.cumsum(counts, 0).tolist())
+    shine = view.radiance[:, which[order]] if radiance is None else radiance[:, order]
+    rows, columns = view.padded_shape
+    return Light(rows, columns, view.pixel[which[order]], share[order], shine, starts)
+
+
+def seen(view: View) -> Tensor:
+    """The fragments that are not hidden, int64 [n]."""
+    return torch.nonzero(~view.hidden).squeeze(1)
+
+
+def hat_weights(inverse_depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
+    """Cell and share of the upper node of each inverse depth: linear interpolation between ascending nodes.
+
+    One node: cell 0 and share 0. Shares within 1e-6 of an end are moved onto it: a float32 depth that equals
+    a node then costs one convolution, not two.
+    """
+    if nodes.numel() == 1:
+        return torch.zeros_like(inverse_depth, dtype=torch.int64), torch.zeros_like(inverse_depth)
+    exact = inverse_depth.double().contiguous()
+    nodes = nodes.to(exact)
+    cell = (torch.searchsorted(nodes, exact, right=True) - 1).clamp(0, nodes.numel() - 2)
+    share = ((exact - nodes[cell]) / (nodes[cell + 1] - nodes[cell])).clamp(0, 1).to(inverse_depth.dtype)
+    share = torch.where(share < 1e-6, torch.zeros_like(share), share)
+    return cell, torch.where(share > 1 - 1e-6, torch.ones_like(share), share)

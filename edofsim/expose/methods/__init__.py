@@ -1,0 +1,34 @@
+"""How light becomes channels' images. Each method is one function with the same signature:
+
+    prepare(kernels, response, grid, *, tolerance_db) -> blur;  blur(light) -> [channel, y, x]
+
+kernels: PSFs at depth nodes; response: [channel, band]; the image covers the padded frame. A blur is linear
+in the light's radiance, and may be called many times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from torch import Tensor
+
+from ..convolution import Grid
+from ..kernels import Kernels
+from ..light import Light
+from . import brute, constant, layered
+
+Blur = Callable[[Light], Tensor]
+
+
+class Method(Protocol):
+    def __call__(self, kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float) -> Blur: ...
+
+
+METHODS: Mapping[str, Method] = {
+    "brute": brute.prepare,
+    "layered": layered.prepare,
+    "constant": constant.prepare,
+}
+
+__all__ = ["METHODS", "Blur", "Method"]

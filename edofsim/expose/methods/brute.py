@@ -1,0 +1,31 @@
+"""Brute force: for every depth and every band, the band's light at that depth is convolved on its own.
+
+What everybody writes first, and what the other methods are measured against: each (depth, band) pair costs
+the transforms of its light and of its PSF and one back.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..convolution import Grid, add_convolved, image_of
+from ..kernels import Kernels
+from ..light import Light
+
+
+def prepare(kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float = 50.0):
+    """Nothing to prepare and no tolerance: the error is that of the depth nodes alone."""
+
+    def blur(light: Light) -> Tensor:
+        photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)
+        one = torch.ones(1, 1, dtype=photo.dtype, device=photo.device)
+        for node in light.occupied_nodes():
+            psf = kernels.layer(node)
+            for band in range(light.bands):
+                each = slice(band, band + 1)
+                total = add_convolved(None, light.at_node(node, each), psf[each], one, grid)
+                photo = photo + response[:, band, None, None] * image_of(total, grid)
+        return photo
+
+    return blur

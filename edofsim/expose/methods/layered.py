@@ -1,0 +1,36 @@
+"""Layers: the light at each depth node is convolved with the node's PSF of each band.
+
+Light between two nodes is shared by both (hat weights in inverse depth, in which defocus is linear). The
+channels are summed as spectra, so that one transform back serves all depths and bands.
+"""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from ..convolution import Grid, add_convolved, image_of
+from ..kernels import Kernels
+from ..light import Light
+
+BLOCK_PIXELS = 1 << 22
+"""Pixels of all transforms at work at one time: bounds memory whatever the bands and the frame."""
+
+
+def prepare(kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float = 50.0):
+    """Nothing to prepare; the tolerance is met by the choice of the nodes."""
+    rows, columns = grid.transform
+    block = max(1, BLOCK_PIXELS // (rows * columns))
+
+    def blur(light: Light) -> Tensor:
+        total = None
+        for node in light.occupied_nodes():
+            psf = kernels.layer(node)
+            for begin in range(0, light.bands, block):
+                bands = slice(begin, begin + block)
+                image = light.at_node(node, bands)
+                total = add_convolved(total, image, psf[bands], response[:, bands], grid)
+        if total is None:
+            return light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)
+        return image_of(total, grid)
+
+    return blur

@@ -1,0 +1,97 @@
+"""Slabs: ranges of depth such that what hides something and what it hides lie in different ones.
+
+Within a slab light adds up as if nothing were hidden, which is exact for one connected surface however steep;
+between slabs it is composited front to back. So a view is cut in as few places as its hidden fragments ask
+for, and there where the fewest surfaces pass through the cut.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...render.view import View
+
+BINS = 512
+"""Resolution, over the range of the view's inverse depths, at which cuts are placed."""
+
+
+@dataclass(frozen=True)
+class Hides:
+    """Pairs of fragments of one pixel, the second right behind the first and hidden by it: int64 [pair]."""
+
+    front: Tensor
+    behind: Tensor
+
+
+def hides(view: View, gap: float) -> Hides:
+    """Which fragments hide which, over gaps in inverse depth of at least `gap` (1/m).
+
+    A hidden fragment is hidden by the nearest of those in front of it, in its pixel, from which it is that
+    far: cutting there serves all that are nearer still.
+    """
+    previous = torch.arange(view.pixel.numel() - 1, device=view.pixel.device)
+    same = view.pixel[1:] == view.pixel[:-1]
+    far = view.inverse_depth[:-1] - view.inverse_depth[1:] >= gap
+    pair = previous[same & far & view.hidden[1:]]
+    return Hides(pair, pair + 1)
+
+
+def cuts(view: View, gap: float) -> list[float]:
+    """Inverse depths at which the view is cut into slabs, from near to far."""
+    found = hides(view, gap)
+    if not found.front.numel():
+        return []
+    depth = view.inverse_depth.detach().double()
+    low, high = float(depth.min()), float(depth.max())
+    width = (high - low) / BINS
+    bins = ((high - depth) / width).floor().long().clamp(0, BINS - 1)  # bin 0 is the nearest
+    crossed = torch.bincount(bins, weights=view.coverage.detach().double(), minlength=BINS)
+    # a cut after bin k has the bins up to k in front of it
+    pairs = torch.unique(torch.stack([bins[found.front], bins[found.behind] - 1], 1), dim=0)
+    pairs = pairs[pairs[:, 1] >= pairs[:, 0]]
+    ends = sorted(((end, begin) for begin, end in pairs.tolist()))
+    chosen: list[float] = []
+    begin, end = 0, -1
+    for next_end, next_begin in ends:
+        if next_begin <= end:  # the cut so far may still lie in this gap too
+            begin, end = max(begin, next_begin), min(end, next_end)
+            continue
+        if end >= begin:
+            chosen.append(high - width * (_emptiest(crossed, begin, end) + 1))
+        begin, end = next_begin, next_end
+    chosen.append(high - width * (_emptiest(crossed, begin, end) + 1))
+    return chosen
+
+
+def _emptiest(crossed: Tensor, begin: int, end: int) -> int:
+    """Where to cut between bins begin and end: in the middle of the longest run of the least-crossed bins."""
+    # a cut after bin k passes through what lies in bins k and k + 1
+    cost = torch.maximum(crossed[begin : end + 1], crossed[begin + 1 : end + 2])
+    least = (cost <= cost.min() + 1e-9).tolist()
+    best, run = (0, 0), 0
+    for k, good in enumerate([*least, False]):
+        if good:
+            run += 1
+        else:
+            best, run = max(best, (run, k - run)), 0
+    return begin + best[1] + best[0] // 2
+
+
+def revealed(view: View, which: Tensor) -> Tensor:
+    """Coverage that fragments would be seen with if only they were there: [n].
+
+    which: int64 [n], ascending, of fragments sorted by pixel and depth. Nearer ones come first; together the
+    fragments of a pixel cover it once at most.
+    """
+    coverage = view.coverage[which]
+    pixel = view.pixel[which]
+    total = torch.cumsum(coverage.double(), 0)
+    start = torch.ones_like(pixel, dtype=torch.bool)
+    start[1:] = pixel[1:] != pixel[:-1]
+    before = torch.where(start, total - coverage, torch.zeros_like(total))
+    before = torch.cummax(before, 0).values
+    nearer = (total - coverage - before).clamp_min(0).to(coverage.dtype)
+    return torch.minimum(coverage, (1 - nearer).clamp_min(0))

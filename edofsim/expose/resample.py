@@ -1,0 +1,66 @@
+"""A view with pixels of another size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..render.view import View
+
+
+def resampled(view: View, pixel_angle: float) -> View:
+    """The view as a camera with pixels of `pixel_angle` sees it, about the same axis; same field of view.
+
+    Each fragment is shared by the new pixels that its old pixel overlaps, by area; light and coverage are
+    kept per solid angle, so a constant stays constant. The frame and its margin keep their extent, to within
+    a pixel. Pixels at the border that are covered in part only belong to the margin or are left out.
+    """
+    ratio = view.pixel_angle / pixel_angle  # new pixels in an old one
+    if abs(ratio - 1) < 1e-9:
+        return view
+    height, width = max(1, round(view.height * ratio)), max(1, round(view.width * ratio))
+    rows, columns = view.padded_shape
+    room = min((rows * ratio - height) / 2, (columns * ratio - width) / 2)
+    margin = max(0, int(room))
+    old_row, old_column = view.pixel // columns, view.pixel % columns
+    row_index, row_share = _overlaps(rows, height + 2 * margin, ratio)
+    column_index, column_share = _overlaps(columns, width + 2 * margin, ratio)
+    down, across = row_index.shape[1], column_index.shape[1]
+    new_row = row_index[old_row][:, :, None].expand(-1, -1, across)
+    new_column = column_index[old_column][:, None, :].expand(-1, down, -1)
+    share = row_share[old_row][:, :, None] * column_share[old_column][:, None, :]
+    fragment, i, j = torch.nonzero(share > 1e-7, as_tuple=True)
+    pixel = new_row[fragment, i, j] * (width + 2 * margin) + new_column[fragment, i, j]
+    part = share[fragment, i, j].to(view.coverage)
+    # within a pixel from near to far
+    order = torch.argsort(-view.inverse_depth[fragment], stable=True)
+    order = order[torch.argsort(pixel[order], stable=True)]
+    fragment, pixel, part = fragment[order], pixel[order], part[order]
+    return replace(
+        view,
+        height=height,
+        width=width,
+        margin=margin,
+        pixel=pixel,
+        coverage=view.coverage[fragment] * part,
+        inverse_depth=view.inverse_depth[fragment],
+        radiance=view.radiance[:, fragment] * part,
+        hidden=view.hidden[fragment],
+        pixel_angle=pixel_angle,
+    )
+
+
+def _overlaps(old: int, new: int, ratio: float) -> tuple[Tensor, Tensor]:
+    """For each of `old` pixels, the new pixels that it overlaps and the fraction of *their* extent it fills.
+
+    Both lines of pixels share their centre. Returns int64 [old, k] and float64 [old, k].
+    """
+    k = int(ratio) + 2
+    begin = (torch.arange(old, dtype=torch.float64) - old / 2) * ratio + new / 2
+    end = begin + ratio
+    index = begin.floor().long()[:, None] + torch.arange(k)
+    filled = torch.minimum(end[:, None], index + 1.0) - torch.maximum(begin[:, None], index.double())
+    filled = filled.clamp_min(0) * ((index >= 0) & (index < new))
+    return index.clamp(0, new - 1), filled
