@@ -27,12 +27,20 @@ class Focus(RecipeModel):
 
 
 class Sensor(RecipeModel):
-    """Pixel pitch, spectral response by name or CSV, and exposure. Noise is relative to full scale 1."""
+    """Pixel pitch, spectral response by name or CSV, and exposure. Noise is relative to full scale 1.
+
+    Off unless given: `saturation` clips at 0 and full scale; `full_well_electrons` adds the shot noise of
+    that many electrons at full scale; `bits` quantises; `bayer` is the mosaic's top left 2 x 2 pixels.
+    """
 
     pixel_um: Positive = 6.0
     response: str = "paper"
     read_noise: NotNegative = 0.005
     exposure: Literal["auto"] | Positive = "auto"
+    saturation: bool = False
+    full_well_electrons: Positive | None = None
+    bits: Annotated[int, Field(ge=1, le=24)] | None = None
+    bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
 
 
 class PsfSettings(RecipeModel):
