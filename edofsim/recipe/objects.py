@@ -173,7 +173,8 @@ class Wall(RecipeModel):
 class Book(Placed):
     """A closed book that stands upright with its front cover to the camera.
 
-    `tilt_deg = 90` lays it on its back; `turn_deg = 90` shows its pages, -90 its spine."""
+    `turn_deg = 90` shows its pages, -90 its spine; `roll_deg = 90, tilt_deg = 90` lays it on its back with
+    the spine to the camera."""
 
     kind: Literal["book"]
     width_mm: Positive = 150.0

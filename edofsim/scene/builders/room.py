@@ -95,7 +95,8 @@ def hills(recipe: Hills, context: Context) -> list[Part]:
     y = -base + (top + base) * v
     z = 1.5 * (y + base) + bumps
     x = np.broadcast_to((u - 0.5) * width, y.shape)
-    uv = np.stack(np.broadcast_arrays(u, v), -1)
+    # the texture is as wide as the slope is high, so that its spots are round
+    uv = np.stack(np.broadcast_arrays(u * width / (height + base), v), -1)
     vertices = np.stack([x, y, z], -1).reshape(-1, 3)
     shape = solids.mesh(vertices, solids.grid_faces(rows, columns), uv.reshape(-1, 2))
     return [Part("", shape, context.surface(recipe.surface))]

@@ -50,8 +50,8 @@ def _page_edges(context: Context):
 def _spine(recipe: Book, w: float, h: float, t: float, lift: float):
     x = -w / 2 - lift
     corners = [(x, -h / 2, t / 2), (x, -h / 2, -t / 2), (x, h / 2, -t / 2), (x, h / 2, t / 2)]
-    # the title reads from the bottom up: its left end is at the lower end of the spine
-    return solids.quad(corners, [(0, 1), (0, 0), (1, 0), (1, 1)])
+    # the title reads downwards, so that it is upright where the book lies on its back
+    return solids.quad(corners, [(1, 0), (1, 1), (0, 1), (0, 0)])
 
 
 def _spine_surface(recipe: Book, context: Context, aspect: float):
