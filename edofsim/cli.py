@@ -77,7 +77,7 @@ OcclusionOption = Annotated[
     typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
 ]
 NetworkOption = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
         "--network", metavar="CHECKPOINT", help="Restore with this checkpoint; default: Wiener deconvolution."
     ),

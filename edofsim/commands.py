@@ -36,7 +36,7 @@ class Done:
 def run_scene(
     scene: str,
     camera: str | None,
-    network: Path | None,
+    network: str | None,
     overrule: Mapping[str, Any],
     seed: int,
     out: Path | None,
@@ -103,7 +103,7 @@ def render_scenes(
     loaded = [load_scene(scene) for scene in scenes]  # every recipe is checked before any time is spent
     folder = writable_folder(out) if out else None
     from .render import render
-    from .report import save_depth, save_srgb
+    from .report import depth_plot, save_srgb
 
     numbers: dict[str, float] = {}
     outputs: dict[str, Path] = {}
@@ -125,7 +125,7 @@ def render_scenes(
                 folder / f"{name}.png", view.crop_margin(ideal_image(view))
             )
             depth = view.crop_margin(view.mean_inverse_depth())
-            outputs[f"{name} depth"] = save_depth(folder / f"{name}-depth.png", depth)
+            outputs[f"{name} depth"] = depth_plot(depth).save(folder / f"{name}-depth.png")
     numbers["peak_memory_mib"] = peak_memory_mib()
     lines = [
         f"{name}: {numbers[f'seconds.{name}']:.1f} s, {numbers[f'fragments.{name}']} fragments, "
@@ -161,7 +161,7 @@ def expose_scene(
     started = time.perf_counter()
     view = render(scene_recipe.recipe, scene_recipe.base, cache=cache, device=device, progress=progress)
     rendered = time.perf_counter()
-    optics = Camera.from_recipe(camera_recipe.recipe)
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     chosen = plan_photo(view, optics, overrule)
     photo = expose(view, optics, seed=seed, device=torch_device(device), **chosen.settings)
     numbers = {
@@ -197,7 +197,7 @@ def plan_scene(
     if view is None:
         small = thumbnail(scene_recipe.recipe)
         view = render(small, scene_recipe.base, cache=cache, device=device, progress=progress)
-    chosen = plan_photo(view, Camera.from_recipe(camera_recipe.recipe))
+    chosen = plan_photo(view, Camera.from_recipe(camera_recipe.recipe, camera_recipe.base))
     numbers: dict[str, float] = {
         f"called_for.{d.effect.replace(' ', '_')}": int(d.called_for) for d in chosen.decisions
     }
@@ -209,7 +209,7 @@ def plan_scene(
 def restore_file(
     photo: Path,
     camera: str,
-    network: Path | None,
+    network: str | None,
     near_m: float,
     far_m: float,
     out: Path | None,
@@ -218,50 +218,59 @@ def restore_file(
     """`edofsim restore`."""
     if not 0 < near_m <= far_m:
         raise InputError(f"--near {near_m:g} and --far {far_m:g}: give 0 < near <= far, in metres")
-    recipe = load_camera(camera).recipe
+    loaded = load_camera(camera)
     folder = writable_folder(out or Path("out") / f"{photo.stem}-restored")
     import torch
 
     from .expose import read_image, write_image
     from .optics import Camera
+    from .pipeline import depths_between
+    from .recipe.scene import Bands
     from .report import save_srgb
     from .restore import restore
+    from .restore.checkpoint import load_checkpoint
 
+    checkpoint = None if network is None else load_checkpoint(network, loaded.recipe)
     image = read_image(photo)
-    wavelengths = torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64)
-    depths = torch.linspace(1 / far_m, 1 / near_m, 1 if near_m == far_m else 9)
+    optics = Camera.from_recipe(loaded.recipe, loaded.base)
+    wavelengths = torch.from_numpy(Bands().wavelengths())
+    depths = depths_between(torch.tensor(1 / far_m), torch.tensor(1 / near_m))
     started = time.perf_counter()
-    restored, by = restore(image, Camera.from_recipe(recipe), wavelengths, depths, network=network)
+    restored, by = restore(image, optics, wavelengths, depths, checkpoint=checkpoint)
     numbers = {"seconds.restore": time.perf_counter() - started, "peak_memory_mib": peak_memory_mib()}
     outputs = {
         "restored (EXR, linear)": write_image(folder / "restored.exr", restored),
         "restored (PNG, sRGB)": save_srgb(folder / "restored.png", restored),
     }
     lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
-    inputs = {"photo": str(photo), "camera": camera, "network": str(network) if network else None}
+    inputs = {"photo": str(photo), "camera": camera, "network": network}
     return _finish("restore", lines, numbers, outputs, json, inputs=inputs)
 
 
 def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
     """`edofsim psf`."""
-    recipe = load_camera(camera).recipe
+    loaded = load_camera(camera)
     from .evaluate import psf_figure
     from .optics import Camera
 
-    folder = writable_folder(out or Path("out") / f"psf-{recipe.name}")
-    numbers = psf_figure.run(Camera.from_recipe(recipe), folder)
+    folder = writable_folder(out or Path("out") / f"psf-{loaded.recipe.name}")
+    numbers = psf_figure.run(Camera.from_recipe(loaded.recipe, loaded.base), folder)
     return _experiment("psf", numbers, folder, json, {"camera": camera})
 
 
 def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
     """`edofsim evaluate mtf`."""
-    recipe = load_camera(camera or "paper-cubic").recipe
+    loaded = load_camera(camera or "paper-cubic")
     from .evaluate import mtf
     from .optics import Camera
 
     folder = writable_folder(out or Path("out") / "mtf")
     return _experiment(
-        "evaluate mtf", mtf.run(folder, Camera.from_recipe(recipe)), folder, json, {"camera": recipe.name}
+        "evaluate mtf",
+        mtf.run(folder, Camera.from_recipe(loaded.recipe, loaded.base)),
+        folder,
+        json,
+        {"camera": loaded.recipe.name},
     )
 
 

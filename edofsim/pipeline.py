@@ -12,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from .errors import InputError
 from .evaluate.scores import DepthScore, Score, score, score_by_depth
 from .expose import Photo, expose
 from .optics import Camera
@@ -20,6 +21,7 @@ from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, render
 from .restore import restore
+from .restore.checkpoint import Checkpoint, load_checkpoint
 
 Progress = Callable[[float, str], None]
 
@@ -30,6 +32,9 @@ class Run:
 
     scene: Loaded[SceneRecipe]
     camera: Loaded[CameraRecipe]
+    optics: Camera
+    checkpoint: Checkpoint | None
+    seed: int
     view: View
     plan: Plan
     photo: Photo
@@ -62,7 +67,7 @@ def run(
     camera: Loaded[CameraRecipe],
     *,
     cache: Path | None = None,
-    network: Path | None = None,
+    network: str | Path | None = None,
     overrule: Mapping[str, Any] | None = None,
     seed: int = 0,
     device: str = "auto",
@@ -70,12 +75,15 @@ def run(
 ) -> Run:
     """Photograph a scene, restore the photo, and score both.
 
-    cache: folder of rendered views, None for the default one. network: checkpoint that restores, None for
-    Wiener deconvolution. overrule: settings of `expose` that replace the plan's. seed: of the sensor's noise.
+    cache: folder of rendered views, None for the default one. network: checkpoint (file or shipped name)
+    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: settings of `expose` that replace the plan's. seed: of the sensor's noise.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch()
-    optics = Camera.from_recipe(camera.recipe)
+    compute = torch_device(device)
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    checkpoint = None if network is None else load_checkpoint(network, camera.recipe)
+    height = None if checkpoint is None else checkpoint.height
     alone = optics.without_mask()
     with watch.stage("render", progress, 0.0):
         view = render(
@@ -83,31 +91,34 @@ def run(
         )
     with watch.stage("plan", progress, 0.7):
         plan = plan_photo(view, optics, overrule)
-    compute = torch_device(device)
     with watch.stage("expose", progress, 0.72):
-        photo = expose(view, optics, seed=seed, device=compute, **plan.settings)
+        photo = expose(view, optics, height=height, seed=seed, device=compute, **plan.settings)
     with watch.stage("lens alone", progress, 0.82):
         lens_alone = expose(view, alone, seed=seed, device=compute, exposure=photo.exposure, **plan.settings)
     with watch.stage("restore", progress, 0.92):
-        restored, by = restore(photo.image, optics, view.wavelengths, _depths(view), network=network)
+        depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
+        restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)
     with watch.stage("score", progress, 0.96):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
         images = {"photo": photo.image, "restored": restored, "lens_alone": lens_alone.image}
         scores = {name: score(image, photo.ideal) for name, image in images.items()}
         by_depth = {name: score_by_depth(image, photo.ideal, inverse_depth) for name, image in images.items()}
     return Run(
-        scene,
-        camera,
-        view,
-        plan,
-        photo,
-        restored,
-        by,
-        lens_alone,
-        scores,
-        by_depth,
-        watch.seconds,
-        peak_memory_mib(),
+        scene=scene,
+        camera=camera,
+        optics=optics,
+        checkpoint=checkpoint,
+        seed=seed,
+        view=view,
+        plan=plan,
+        photo=photo,
+        restored=restored,
+        restored_by=by,
+        lens_alone=lens_alone,
+        scores=scores,
+        by_depth=by_depth,
+        seconds=watch.seconds,
+        peak_memory_mib=peak_memory_mib(),
     )
 
 
@@ -127,13 +138,15 @@ def figures(result: Run) -> dict[str, float]:
     return found
 
 
-def _depths(view: View, count: int = 9) -> Tensor:
-    """Inverse depths that stand for the scene, equally spaced over what it spans, [depth]."""
-    return torch.linspace(float(view.inverse_depth.min()), float(view.inverse_depth.max()), count)
+def depths_between(far: Tensor, near: Tensor, count: int = 9) -> Tensor:
+    """Inverse depths that stand for a scene, equally spaced over what it spans, [depth]."""
+    return torch.linspace(float(far), float(near), 1 if far == near else count)
 
 
 def torch_device(device: str) -> str:
-    """The torch device for `auto`, `cpu` or `cuda`."""
+    """The torch device for `auto`, `cpu` or `cuda`. Raises InputError for CUDA where there is none."""
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: PyTorch finds no CUDA device here; use --device cpu or auto")
     return ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
 
 

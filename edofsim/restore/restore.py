@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 from torch import Tensor
 
 from ..optics import Camera, psf_bank, response
-from .checkpoint import load_checkpoint
+from .checkpoint import Checkpoint
 from .network import apply_network
 from .wiener import wiener
 
@@ -19,25 +17,26 @@ def restore(
     wavelengths: Tensor,
     inverse_depths: Tensor,
     *,
-    network: Path | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
-    image: [channel, y, x] linear, full scale 1. wavelengths [band] in metres and inverse_depths [depth] in
-    1/m are what the photo may hold; Wiener deconvolution (no network given) takes every depth as equally
-    likely. network: a checkpoint. Raises InputError for a checkpoint of another camera.
+    image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
+    wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
+    equally likely.
     """
-    if network is not None:
-        checkpoint = load_checkpoint(network, camera.recipe)
-        with torch.no_grad():
-            return apply_network(checkpoint.network, image), f"{checkpoint.name} ({network.name})"
+    if checkpoint is not None:
+        with torch.inference_mode():
+            return apply_network(checkpoint.network, image), f"network {checkpoint.name}"
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
     return wiener(image, psf, camera.read_noise), "Wiener deconvolution"
 
 
-def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:
+def channel_psfs(
+    camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, height: Tensor | None = None
+) -> Tensor:
     """PSFs as the sensor's channels see a white point, [depth, channel, y, x]: the bands of the bank
-    weighted with the response."""
-    bank = psf_bank(camera, wavelengths, inverse_depths)
+    weighted with the response. height: [n, n] in metres in place of the recipe's mask."""
+    bank = psf_bank(camera, wavelengths, inverse_depths, height=height)
     weights = response(camera, wavelengths).to(bank.values)
     return torch.einsum("cb,dbyx->dcyx", weights, bank.values)
