@@ -1,0 +1,186 @@
+"""The figures of a camera: point spread functions, modulation transfer, height map."""
+
+from __future__ import annotations
+
+import functools
+
+import torch
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from .model import Mtfs, Psfs
+from .plot import (
+    DASHES,
+    DEPTH_MAP,
+    HALF_IN,
+    LIGHT_MAP,
+    MUTED,
+    NARROW_IN,
+    SERIES,
+    WIDE_IN,
+    Plot,
+    new_figure,
+    spread,
+)  # fmt: skip
+from .words import distance, percent, significant
+
+CHANNELS = ("Red", "Green", "Blue")
+PSF_DECADES = 4  # of brightness that a picture of a PSF spans
+PSF_ENERGY = 0.97  # of the light in the window that the part shown must hold, at every depth
+
+
+def psf_plot(psfs: Psfs) -> Plot:
+    """Point spread functions as small multiples: channels by depths, logarithmic brightness, scale bar."""
+    values = psfs.values.detach().cpu().double()
+    order = sorted(range(len(psfs.depths_m)), key=lambda i: psfs.depths_m[i])
+    side = _part_with_energy(values, PSF_ENERGY)
+    rows, columns = values.shape[-2:]
+    top, left = rows // 2 - side // 2, columns // 2 - side // 2
+    shown = values[..., max(top, 0) : top + side, max(left, 0) : left + side]
+    peak = float(torch.nan_to_num(shown, nan=0.0).max()) or 1.0
+    bar = next((n for n in (100, 50, 20, 10, 5, 2) if n <= 0.42 * side), 1)
+
+    def paint(narrow: bool = False) -> Figure:
+        picked = [order[i] for i in spread(len(order), 5 if narrow else 7)]
+        down, across = (len(picked), 3) if narrow else (3, len(picked))
+        left, right, top, bottom, gap = (
+            (0.3, 0.1, 0.28, 0.85, 0.06) if narrow else (0.3, 0.95, 0.28, 0.05, 0.06)
+        )
+        room = (NARROW_IN if narrow else WIDE_IN) - left - right - gap * (across - 1)
+        tile = min(room / across, 1.9)
+        width = left + right + across * tile + (across - 1) * gap
+        height = top + bottom + down * tile + (down - 1) * gap
+        figure = new_figure(width, height, layout="none")  # placed by hand: many axes lay out slowly
+        norm = LogNorm(peak * 10.0**-PSF_DECADES, peak, clip=True)
+        for row in range(down):
+            for column in range(across):
+                x, y = left + column * (tile + gap), height - top - tile - row * (tile + gap)
+                axes = figure.add_axes((x / width, y / height, tile / width, tile / height))
+                depth, channel = (row, column) if narrow else (column, row)
+                tile_values = torch.nan_to_num(shown[picked[depth], channel], nan=0.0).clamp_min(peak * 1e-9)
+                last = axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
+                axes.set_xticks([])
+                axes.set_yticks([])
+                axes.spines[:].set_visible(False)
+                at = distance(psfs.depths_m[picked[depth]])
+                if row == 0:
+                    axes.set_title(CHANNELS[channel] if narrow else at)
+                if column == 0:
+                    axes.set_ylabel(at if narrow else CHANNELS[channel], fontweight="bold")
+                if row == column == 0:
+                    x0, y0 = 0.07 * shown.shape[-1] - 0.5, 0.91 * shown.shape[-2] - 0.5
+                    axes.plot([x0, x0 + bar], [y0, y0], color="white", linewidth=2.4, solid_capstyle="butt")
+                    axes.annotate(
+                        f"{bar} px", (x0, y0), (0, 3), textcoords="offset points", color="white", fontsize=8
+                    )
+        place = (
+            (left, 0.52, width - left - right, 0.12)
+            if narrow
+            else (width - 0.8, 0.05, 0.12, height - top - bottom)
+        )
+        scale_axes = figure.add_axes(
+            (place[0] / width, place[1] / height, place[2] / width, place[3] / height)
+        )
+        scale = figure.colorbar(last, cax=scale_axes, orientation="horizontal" if narrow else "vertical")
+        scale.outline.set_visible(False)
+        scale.set_label("fraction of the light in a pixel")
+        return figure
+
+    kept = percent(float(torch.nan_to_num(shown, nan=0.0).sum((-2, -1)).min()))
+    names = ", ".join(distance(psfs.depths_m[i]) for i in order)
+    return Plot(
+        paint,
+        alt=f"Point spread functions of the red, green and blue channel at {names}; the largest value is "
+        f"{percent(peak)} of the light in one pixel.",
+        caption=f"Point spread functions by depth, upright as in the picture, logarithmic over {PSF_DECADES} "
+        f"decades, one scale for all. Central {shown.shape[-1]} × {shown.shape[-2]} pixels, which hold at "
+        f"least {kept} of the light; the bar is {bar} {'pixel' if bar == 1 else 'pixels'} = "
+        f"{significant(bar * psfs.pixel_um)} µm on the sensor.",
+        paint_narrow=functools.partial(paint, True),
+    )
+
+
+def mtf_plot(mtfs: Mtfs) -> Plot:
+    """Modulation transfer over spatial frequency, one panel a channel, one line a depth."""
+    order = sorted(range(len(mtfs.depths_m)), key=lambda i: mtfs.depths_m[i])
+    picked = [order[i] for i in spread(len(order), 5)]
+    frequencies = mtfs.frequencies_per_mm.detach().cpu().double()
+
+    def paint(narrow: bool = False) -> Figure:
+        figure = new_figure(NARROW_IN if narrow else WIDE_IN, 7.4 if narrow else 3.3)
+        panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
+        for channel, axes in enumerate(panels):
+            for i, depth in enumerate(picked):
+                axes.plot(
+                    frequencies,
+                    mtfs.values[depth, channel].detach().cpu().double(),
+                    color=SERIES[i],
+                    linestyle=DASHES[i],
+                    label=distance(mtfs.depths_m[depth]),
+                    linewidth=1.6,
+                )
+            if mtfs.nyquist_per_mm is not None and mtfs.nyquist_per_mm <= float(frequencies.max()):
+                axes.axvline(mtfs.nyquist_per_mm, color=MUTED, linewidth=1, linestyle=(0, (2, 2)))
+            axes.set_title(CHANNELS[channel], loc="left")
+            axes.set_ylim(0, 1.02)
+            axes.set_xlim(0, float(frequencies.max()))
+            if narrow or channel == 0:
+                axes.set_ylabel("modulation transfer")
+            if not narrow or channel == 2:
+                axes.set_xlabel("frequency on the sensor (cycles/mm)")
+        figure.legend(
+            *panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3 if narrow else 5
+        )
+        return figure
+
+    limit = ""
+    if mtfs.nyquist_per_mm is not None:
+        limit = f" Dotted: the sensor's Nyquist frequency, {significant(mtfs.nyquist_per_mm)} cycles/mm."
+    names = ", ".join(distance(mtfs.depths_m[i]) for i in picked)
+    return Plot(
+        paint,
+        alt=f"Modulation transfer functions of the three channels at {names}.",
+        caption=f"Modulation transfer by channel and depth.{limit}",
+        paint_narrow=functools.partial(paint, True),
+    )
+
+
+def height_plot(height_m: Tensor, width_m: float) -> Plot:
+    """Height map [y, x] of a mask in metres, seen from the sensor; width_m is what its columns cover."""
+    height = height_m.detach().cpu().double() * 1e6
+    finite = height[torch.isfinite(height)]
+    tallest = significant(float(finite.max() - finite.min()) if finite.numel() else 0.0)
+    right = 1e3 * width_m / 2
+    top = right * height.shape[0] / height.shape[1]
+
+    def paint() -> Figure:
+        figure = new_figure(HALF_IN, 3.6)
+        axes = figure.add_subplot()
+        shown = axes.imshow(height, cmap=DEPTH_MAP, extent=(-right, right, -top, top))
+        axes.grid(False)
+        axes.set_xlabel("across the pupil (mm)")
+        axes.set_ylabel("up the pupil (mm)")
+        bar = figure.colorbar(shown, ax=axes, aspect=26)
+        bar.outline.set_visible(False)
+        bar.set_label("height (µm)")
+        return figure
+
+    return Plot(
+        paint,
+        alt=f"Height map of the mask, {tallest} µm from the lowest to the highest point.",
+        caption=f"Height of the mask at the pupil, seen from the sensor; {tallest} µm between its extremes.",
+    )
+
+
+def _part_with_energy(values: Tensor, energy: float) -> int:
+    """Side of the smallest centred square that holds this part of every PSF's light in the window."""
+    light = torch.nan_to_num(values, nan=0.0)
+    rows, columns = light.shape[-2:]
+    total = light.sum((-2, -1))
+    for side in range(min(15, rows, columns), min(rows, columns) + 1, 2):
+        top, left = rows // 2 - side // 2, columns // 2 - side // 2
+        held = light[..., max(top, 0) : top + side, max(left, 0) : left + side].sum((-2, -1))
+        if bool((held >= energy * total).all()):
+            return side
+    return min(rows, columns)

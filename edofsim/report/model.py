@@ -1,0 +1,167 @@
+"""What the page of a run is made from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from torch import Tensor
+
+from ..evaluate.scores import DepthScore, Score
+from .words import depth_range
+
+IMAGES = ("ideal", "photo", "restored", "lens_alone")
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """An image against the ideal one: as a whole, and over the pixels of each depth range."""
+
+    whole: Score
+    by_depth: tuple[DepthScore, ...] = ()
+
+
+@dataclass(frozen=True)
+class DepthRange:
+    """Depths from near_m to far_m, both included; far_m may be infinite. `name` says what is special."""
+
+    near_m: float
+    far_m: float
+    name: str = ""
+
+    def mask(self, inverse_depth: Tensor) -> Tensor:
+        """Where inverse_depth [y, x] in 1/m lies inside: bool [y, x]. NaN lies nowhere."""
+        nearest = math.inf if self.near_m <= 0 else 1 / self.near_m
+        slack = 1e-6  # float32 depths that equal a bound belong to the range
+        return (inverse_depth <= nearest * (1 + slack)) & (inverse_depth >= 1 / self.far_m * (1 - slack))
+
+    def __str__(self) -> str:
+        return depth_range(self.near_m, self.far_m)
+
+
+@dataclass(frozen=True)
+class Psfs:
+    """Point spread functions of the three channels at some depths.
+
+    values: [depth, channel, y, x], the fraction of the light through the pupil that lands in each pixel;
+    depths_m: one each, infinity is legal; pixel_um: the sensor's pitch.
+    """
+
+    values: Tensor
+    depths_m: tuple[float, ...]
+    pixel_um: float
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 4 or self.values.shape[:2] != (len(self.depths_m), 3):
+            raise ValueError(
+                f"PSFs of shape {list(self.values.shape)} for {len(self.depths_m)} depths; "
+                "[depth, 3, y, x] is needed"
+            )
+
+
+@dataclass(frozen=True)
+class Mtfs:
+    """Modulation transfer of the three channels at some depths.
+
+    frequencies_per_mm: [frequency], cycles/mm on the sensor; values: [depth, channel, frequency];
+    nyquist_per_mm: the sensor's own limit, drawn where given.
+    """
+
+    frequencies_per_mm: Tensor
+    values: Tensor
+    depths_m: tuple[float, ...]
+    nyquist_per_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if tuple(self.values.shape) != (len(self.depths_m), 3, len(self.frequencies_per_mm)):
+            raise ValueError(
+                f"MTFs of shape {list(self.values.shape)} for {len(self.depths_m)} depths and "
+                f"{len(self.frequencies_per_mm)} frequencies; [depth, 3, frequency] is needed"
+            )
+
+
+@dataclass(frozen=True)
+class PlanRow:
+    """One effect of a plan.
+
+    error: RMS error of the sensor image if the effect is left out, full scale 1; seconds: what simulating
+    it costs. None where unknown.
+    """
+
+    effect: str
+    chosen: bool
+    error: float | None = None
+    seconds: float | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """Everything on the page of a run. Images are linear, [3, y, x], full scale 1, all of one shape.
+
+    title, purpose: name of the scene and what it is for; camera: name of the camera
+    ideal, photo, restored, lens_alone: the images; the last two may be missing
+    inverse_depth: [y, x] in 1/m; 0 is infinity
+    scores: by image, under the image's name (`photo`, `restored`, `lens_alone`), in the order of the table
+    psfs, mtfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
+        sensor, with mask_width_m the width that it covers, optional
+    focus_m: distance in focus without a mask, marked in the figures
+    plan: effects considered; target: what error was asked for, a sentence
+    seconds: time of each stage, in order; peak_memory_mib: largest memory of the process
+    recipes: file name and text of each recipe; command: what to type for the same page
+    facts: further short facts for the head of the page (size, bands, noise, seed, ...)
+    figures: flat record, a dotted name with its unit to a number
+    versions, machine: of the packages and of the computer
+    notes: what the reader must know (warnings); labels: other names for the images, by image
+    """
+
+    title: str
+    purpose: str
+    camera: str
+    ideal: Tensor
+    photo: Tensor
+    inverse_depth: Tensor
+    restored: Tensor | None = None
+    lens_alone: Tensor | None = None
+    scores: Mapping[str, ImageScore] = field(default_factory=dict)
+    psfs: Psfs | None = None
+    mtfs: Mtfs | None = None
+    height_m: Tensor | None = None
+    mask_width_m: float | None = None
+    focus_m: float | None = None
+    plan: tuple[PlanRow, ...] = ()
+    target: str = ""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    peak_memory_mib: float | None = None
+    recipes: Mapping[str, str] = field(default_factory=dict)
+    command: str = ""
+    facts: Mapping[str, str] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict)
+    versions: Mapping[str, Any] = field(default_factory=dict)
+    machine: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    restored_label: str = "Restored"
+    lens_alone_label: str = "Lens alone"
+
+    def __post_init__(self) -> None:
+        shape = (3, *self.inverse_depth.shape)
+        for name, image in self.images().items():
+            if tuple(image.shape) != shape:
+                raise ValueError(
+                    f"{name} has the shape {list(image.shape)}, but the depth asks for {list(shape)}"
+                )
+
+        if (self.height_m is None) != (self.mask_width_m is None):
+            raise ValueError("height_m and mask_width_m are given together or not at all")
+
+    def images(self) -> dict[str, Tensor]:
+        """The images that there are, by name, in the order in which they are shown."""
+        every = ((name, getattr(self, name)) for name in IMAGES)
+        return {name: image for name, image in every if image is not None}
+
+    def label(self, name: str) -> str:
+        """What a reader calls an image or a row of the scores."""
+        known = {"restored": self.restored_label, "lens_alone": self.lens_alone_label}
+        return known.get(name) or name.replace("_", " ").capitalize()

@@ -1,0 +1,113 @@
+"""Linear images as PNG: one exposure for all pictures of a page, the transfer curve of sRGB."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
+NOT_A_NUMBER = (1.0, 0.0, 1.0)  # magenta: no photograph has it by chance
+
+
+@dataclass(frozen=True)
+class Box:
+    """A frame drawn over a picture: position and size in pixels of the picture, and a short name."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a page. `label` stands above it, `note` beside the label, `alt` is read out instead."""
+
+    png: bytes
+    width: int
+    height: int
+    label: str
+    alt: str
+    note: str = ""
+    boxes: tuple[Box, ...] = ()
+
+    @property
+    def uri(self) -> str:
+        return data_uri(self.png, "image/png")
+
+
+def data_uri(content: bytes | str, media_type: str) -> str:
+    raw = content.encode() if isinstance(content, str) else content
+    return f"data:{media_type};base64,{base64.b64encode(raw).decode('ascii')}"
+
+
+def srgb_encode(linear: Tensor) -> Tensor:
+    """Transfer curve of sRGB (IEC 61966-2-1): linear in, encoded out, both clipped to [0, 1]."""
+    x = linear.clamp(0, 1)
+    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def display_gain(image: Tensor) -> float:
+    """Factor that makes a dark image visible: its 99th percentile is brought to 0.9 where it is below 0.4.
+
+    Never below 1: full scale of the sensor is white.
+    """
+    finite = image[torch.isfinite(image)].double().cpu().numpy()
+    bright = float(np.percentile(finite, 99)) if finite.size else 0.0
+    if not 0 < bright < 0.4:
+        return 1.0
+    return float(f"{min(0.9 / bright, 1e4):.2g}")
+
+
+def clipped_fraction(image: Tensor, gain: float = 1.0) -> float:
+    """Fraction of an image's values that are shown as white although they are above it."""
+    return float((image * gain > 1).double().mean())
+
+
+def picture(image: Tensor, label: str, alt: str, *, gain: float = 1.0, note: str = "") -> Picture:
+    """A linear image [3, y, x] as a picture. Values that are not numbers turn magenta, as in no photograph.
+
+    Images longer than LARGEST_SIDE are averaged, in linear light, over whole blocks of pixels.
+    """
+    linear = image.detach().cpu().float()
+    block = math.ceil(max(linear.shape[-2:]) / LARGEST_SIDE)
+    if block > 1:
+        linear = torch.nn.functional.avg_pool2d(linear[None], block, ceil_mode=True, count_include_pad=False)[
+            0
+        ]
+        note = f"{note}, shown at 1/{block} of its size".lstrip(", ")
+    encoded = srgb_encode(torch.nan_to_num(linear, nan=0.0) * gain)
+    bad = ~torch.isfinite(linear).all(0)
+    encoded[:, bad] = torch.tensor(NOT_A_NUMBER)[:, None]
+    pixels = (encoded * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
+    return Picture(png_bytes(pixels), pixels.shape[1], pixels.shape[0], label, alt, note)
+
+
+def png_bytes(pixels: np.ndarray) -> bytes:
+    """uint8 [y, x, 3] as a PNG file; the same pixels give the same bytes."""
+    buffer = io.BytesIO()
+    Image.fromarray(pixels, "RGB").save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def with_boxes(shown: Picture, boxes: tuple[Box, ...], full_width: int) -> Picture:
+    """The picture with frames that were measured in pixels of the full image, `full_width` wide."""
+    scale = shown.width / full_width
+    scaled = (Box(b.x * scale, b.y * scale, b.width * scale, b.height * scale, b.name) for b in boxes)
+    return replace(shown, boxes=tuple(scaled))
+
+
+def save_srgb(path: Path, image: Tensor) -> Path:
+    """A linear image [3, y, x] as an sRGB PNG at its full size; full scale 1 is white. Returns the path."""
+    pixels = (srgb_encode(image.detach().cpu().float().nan_to_num()) * 255).round().byte()
+    path.write_bytes(png_bytes(pixels.permute(1, 2, 0).numpy()))
+    return path

@@ -1,0 +1,289 @@
+"""The page of a run: images, scores, depth, point spread functions, plan, times, how to repeat it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import torch
+
+from ..evaluate.scores import psnr
+from .crops import Crop, choose_crops, near_focus_far
+from .figures import depth_plot, score_plot, time_plot
+from .figures_optics import height_plot, mtf_plot, psf_plot
+from .model import DepthRange, RunReport
+from .page import (
+    Block,
+    Code,
+    Column,
+    Compare,
+    Gallery,
+    Key,
+    Keys,
+    Notes,
+    Page,
+    Pairs,
+    Row,
+    Section,
+    Table,
+    Text,
+    write_page,
+)  # fmt: skip
+from .pictures import Box, Picture, clipped_fraction, display_gain, picture, with_boxes
+from .words import DASH, decibels, depth_range, distance, duration, number, percent, significant
+
+CROP_PX = 72
+LETTERS = "ABC"
+
+
+def write_report(path: Path, report: RunReport) -> Path:
+    """Write the page of a run as one HTML file and return its path.
+
+    Raises InputError where the place cannot be written.
+    """
+    return write_page(path, report_page(report))
+
+
+def report_page(report: RunReport) -> Page:
+    """The page of a run."""
+    ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
+    wanted = near_focus_far(report.inverse_depth, [DepthRange(*r) for r in ranges], report.focus_m)
+    crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
+    gain = display_gain(report.ideal)
+    shown = _pictures(report, gain)
+    sections = [
+        Section("Images", _images(report, shown, crops, gain)),
+        Section("Near and far", _crops(report, crops, gain)),
+        Section("Depth and scores", _depth(report)),
+        Section("Optics", _optics(report)),
+        Section("Plan", _plan(report)),
+        Section("Time and memory", _cost(report)),
+        Section("Reproduce", _reproduce(report)),
+    ]
+    rows, columns = report.inverse_depth.shape
+    sentence = verdict(report)
+    return Page(
+        title=report.title,
+        purpose=report.purpose,
+        facts={"Camera": report.camera, "Size": f"{columns} × {rows} px", **report.facts},
+        head=(
+            _scores(report),
+            *((Text(sentence),) if sentence else ()),
+            Notes((*report.notes, *_broken(report))),
+        ),
+        sections=tuple(s for s in sections if s.blocks),
+    )
+
+
+def verdict(report: RunReport) -> str:
+    """What restoring gained, in one sentence; empty without a score of the restored image."""
+    whole = {name: score.whole.psnr_db for name, score in report.scores.items()}
+    restored = whole.get("restored", math.nan)
+    gains = []
+    for name, text in (("photo", "the photo"), ("lens_alone", "the lens alone")):
+        gain = restored - whole.get(name, math.nan)
+        if math.isfinite(gain):
+            gains.append(f"{number(abs(gain))} dB {'above' if gain >= 0 else 'below'} {text}")
+    return f"Restored is {' and '.join(gains)}." if gains else ""
+
+
+def _scores(report: RunReport) -> Keys:
+    keys = [
+        Key(
+            report.label(name),
+            number(score.whole.psnr_db),
+            "dB",
+            f"SSIM {number(score.whole.ssim, 3)}",
+            strong=name == "restored",
+        )
+        for name, score in report.scores.items()
+    ]
+    return Keys(tuple(keys))
+
+
+def _broken(report: RunReport) -> list[str]:
+    """Values that are no numbers are shown, and said."""
+    found = []
+    for name, image in report.images().items():
+        count = int((~torch.isfinite(image)).any(0).sum())
+        if count:
+            found.append(
+                f"{report.label(name)}: {count} pixels hold values that are not numbers; shown in magenta."
+            )
+    return found
+
+
+def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
+    what = {
+        "ideal": "all in focus, without noise",
+        "photo": f"as the sensor of {report.camera} records it",
+        "restored": "computed from the photo",
+        "lens_alone": "through the lens without a mask",
+    }
+    pictures = {}
+    for name, image in report.images().items():
+        label = report.label(name)
+        score = report.scores.get(name)
+        note = decibels(score.whole.psnr_db) if score else ""
+        pictures[name] = picture(
+            image, label, f"{label}: {report.title}, {what[name]}.", gain=gain, note=note
+        )
+    return pictures
+
+
+def _images(
+    report: RunReport, shown: dict[str, Picture], crops: tuple[Crop, ...], gain: float
+) -> tuple[Block, ...]:
+    width = report.inverse_depth.shape[-1]
+    boxes = tuple(Box(c.x, c.y, c.size, c.size, LETTERS[i]) for i, c in enumerate(crops))
+    framed = {**shown, "ideal": with_boxes(shown["ideal"], boxes, width)}
+    exposure = "as exposed" if gain == 1 else f"brightened {gain:g} times for display"
+    white = ", ".join(
+        f"{report.label(name)} {percent(clipped_fraction(image, gain))}"
+        for name, image in report.images().items()
+    )
+    caption = (
+        f"The sensor's red, green and blue {exposure}, encoded with the sRGB curve, not colour-corrected; "
+        f"the same for all. Values shown as white because they exceed it: {white}. "
+        "The frames in the ideal image are the parts enlarged below."
+    )
+    right = "restored" if report.restored is not None else "ideal"
+    return (
+        Compare("images-all", report.label("photo"), report.label(right),
+                "Drag the divider, or move it with the arrow keys; choose any two images above."),
+        Gallery(tuple(framed.values()), caption, columns=2, name="images-all"),
+    )  # fmt: skip
+
+
+def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float) -> tuple[Block, ...]:
+    galleries = []
+    images = report.images()
+    for i, crop in enumerate(crops):
+        truth = crop.cut(report.ideal)
+        pictures = []
+        for name, image in images.items():
+            part = crop.cut(image)
+            note = "" if name == "ideal" else decibels(psnr(part, truth))
+            alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
+            pictures.append(picture(part, report.label(name), alt, gain=gain, note=note))
+        title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"
+        caption = (
+            f"Pixels {crop.x} to {crop.x + crop.size - 1} across, {crop.y} to {crop.y + crop.size - 1} down."
+        )
+        galleries.append(Gallery(tuple(pictures), caption, columns=len(pictures), pixels=True, title=title))
+    note = Text(
+        "The most textured square at the nearest depths, around focus and at the farthest depths, enlarged "
+        "without smoothing; PSNR of the square itself."
+    )
+    return (note, *galleries) if galleries else ()
+
+
+def _around(crop: Crop) -> str:
+    return f"about {distance(crop.depth_m)}" if math.isfinite(crop.depth_m) else "infinity"
+
+
+def _depth(report: RunReport) -> tuple[Block, ...]:
+    plots: list[Block] = [depth_plot(report.inverse_depth, report.focus_m)]
+    labels = {name: report.label(name) for name in report.scores}
+    ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
+    if ranges:
+        finite = report.inverse_depth[torch.isfinite(report.inverse_depth)]
+        nearest = 1 / float(finite.max()) if finite.numel() and float(finite.max()) > 0 else 0.0
+        plots.append(score_plot(report.scores, labels, report.focus_m, nearest))
+    table = _score_table(report, ranges)
+    return (Row(tuple(plots)), *((table,) if table else ()))
+
+
+def _score_table(report: RunReport, ranges: list[tuple[float, float]]) -> Table | None:
+    if not report.scores:
+        return None
+    names = list(report.scores)
+    pixels = report.inverse_depth.numel()
+
+    def row(title: str, found: list) -> tuple[str, ...]:
+        count = next((s.pixels for s in found if s is not None), 0)
+        share = percent(count / pixels)
+        cells = (f"{number(s.psnr_db)}\n{number(s.ssim, 3)}" if s is not None else DASH for s in found)
+        return (f"{title}\n{share}", *cells)
+
+    rows = [row("Whole image", [report.scores[n].whole for n in names])]
+    by_range = {n: {(d.near_m, d.far_m): d.score for d in report.scores[n].by_depth} for n in names}
+    rows += [row(depth_range(*r), [by_range[n].get(r) for n in names]) for r in ranges]
+    return Table(
+        columns=(Column("Depth"), *(Column(report.label(n)) for n in names)),
+        rows=tuple(rows),
+        caption="Against the ideal image: PSNR in dB (full scale 1), below it SSIM. Below each range, its "
+        "part of the pixels.",
+    )
+
+
+def _optics(report: RunReport) -> tuple[Block, ...]:
+    blocks: list[Block] = []
+    if report.psfs is not None:
+        blocks.append(psf_plot(report.psfs))
+    if report.mtfs is not None:
+        blocks.append(mtf_plot(report.mtfs))
+    if report.height_m is not None and report.mask_width_m is not None:
+        blocks.append(height_plot(report.height_m, report.mask_width_m))
+    return tuple(blocks)
+
+
+def _plan(report: RunReport) -> tuple[Block, ...]:
+    if not report.plan:
+        return ()
+
+    def error(value: float | None) -> str:
+        if value is None or not math.isfinite(value):
+            return number(value)
+        return significant(value, 2) + (f"\n{number(-20 * math.log10(value), 0)} dB" if value > 0 else "")
+
+    table = Table(
+        columns=(
+            Column("Effect"),
+            Column("Simulated"),
+            Column("Error if left out"),
+            Column("Time"),
+            Column("Why"),
+        ),
+        rows=tuple((r.effect, r.chosen, error(r.error), duration(r.seconds), r.why) for r in report.plan),
+        caption="Effects of light that were weighed before the photo was taken. The error is the root mean "
+        "square over the sensor image at full scale 1, below it as PSNR.",
+        wordy=True,
+    )
+    return (Text(report.target), table) if report.target else (table,)
+
+
+def _cost(report: RunReport) -> tuple[Block, ...]:
+    facts: dict[str, object] = {}
+    if report.seconds:
+        facts["total time"] = duration(sum(report.seconds.values()))
+    if report.peak_memory_mib is not None:
+        facts["peak memory"] = f"{number(report.peak_memory_mib, 0)} MiB"
+    facts.update(_machine(report))
+    table = (Pairs(facts),) if facts else ()
+    if report.seconds:
+        return (Row((time_plot(report.seconds), *table)),)
+    return table
+
+
+def _reproduce(report: RunReport) -> tuple[Block, ...]:
+    blocks: list[Block] = [Code(report.command)] if report.command else []
+    blocks += [Code(text, title) for title, text in report.recipes.items()]
+    if report.figures:
+        listed = {name: _figure(value) for name, value in report.figures.items()}
+        blocks.append(Pairs(listed, "All figures", closed=True))
+    if report.versions:
+        blocks.append(Pairs(report.versions, "Versions", closed=True))
+    return tuple(blocks)
+
+
+def _figure(value: float | str) -> str:
+    return value if isinstance(value, str) else significant(value, 5)
+
+
+def _machine(report: RunReport) -> dict[str, object]:
+    names = {"memory_gib": "memory"}
+    return {
+        names.get(name, name.replace("_", " ")): f"{value} GiB" if name == "memory_gib" else value
+        for name, value in report.machine.items()
+    }
