@@ -14,7 +14,6 @@ from .errors import InputError
 
 app = typer.Typer(
     help="A physically based 3D scene simulator for extended-depth-of-field cameras.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -86,11 +85,13 @@ NetworkOption = Annotated[
 
 @app.callback(invoke_without_command=True)
 def root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:
     if version:
-        console.out.print(f"edofsim {__version__}")
-        raise typer.Exit
+        typer.echo(f"edofsim {__version__}")
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command()
@@ -301,15 +302,13 @@ def schema(
 
 def main() -> None:
     """Entry point: every failure is one message and a status (0 done, 1 failed, 2 bad input)."""
-    sys.exit(console.exit_status(_invoke))
+    sys.exit(console.exit_status(invoke))
 
 
-def _invoke() -> None:
+def invoke(arguments: list[str] | None = None) -> None:
+    """Run the command line, by default the process's own. Raises InputError for a wrong one."""
     try:
-        app(standalone_mode=False)
-    except typer.Exit as stop:
-        if stop.exit_code:
-            raise SystemExit(stop.exit_code) from None
+        app(arguments, standalone_mode=False)
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:

@@ -76,7 +76,8 @@ def run(
     """Photograph a scene, restore the photo, and score both.
 
     cache: folder of rendered views, None for the default one. network: checkpoint (file or shipped name)
-    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: settings of `expose` that replace the plan's. seed: of the sensor's noise.
+    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: settings of
+    `expose` that replace the plan's. seed: of the sensor's noise. device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch()

@@ -1,0 +1,174 @@
+"""Whatever a user gives wrongly ends in one readable message and exit status 2, before time is spent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edofsim import console
+from edofsim.cli import app
+from edofsim.recipe import load_camera
+
+SCENE = """\
+name = "small"
+
+[bands]
+start_nm = 540
+stop_nm = 560
+count = 2
+
+[frame]
+width_px = 24
+height_px = 16
+margin_px = 4
+
+[render]
+samples = 4
+
+[[objects]]
+kind = "panel"
+name = "card"
+width_mm = 20
+height_mm = 20
+depth_m = 1.0
+surface = { kind = "matt" }
+
+[[lights]]
+kind = "sky"
+"""
+
+Run = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def edofsim(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command in this process: (exit status, what it said on the error channel)."""
+
+    def run(*arguments: str | Path) -> tuple[int, str]:
+        status = console.exit_status(lambda: app([str(a) for a in arguments], standalone_mode=False))
+        return status, capsys.readouterr().err
+
+    return run
+
+
+def scene_file(folder: Path, text: str) -> Path:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def camera_file(folder: Path, old: str, new: str) -> Path:
+    """The shipped cubic camera with one line changed."""
+    path = folder / "camera.toml"
+    text = load_camera("paper-cubic").text
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def refused(result: tuple[int, str], *words: str) -> None:
+    status, said = result
+    assert status == 2, said
+    assert "Traceback" not in said
+    for word in words:
+        assert word in said
+
+
+def test_a_missing_file(edofsim: Run, tmp_path: Path):
+    refused(edofsim("run", tmp_path / "none.toml"), "none.toml", "no such file")
+
+
+def test_toml_syntax(edofsim: Run, tmp_path: Path):
+    refused(edofsim("run", scene_file(tmp_path, SCENE + "[[")), "scene.toml", "not valid TOML", "line")
+
+
+def test_an_unknown_key(edofsim: Run, tmp_path: Path):
+    path = scene_file(tmp_path, SCENE.replace("samples", "sampels"))
+    refused(edofsim("run", path), "sampels", "samples", "line 14")
+
+
+def test_two_mistakes_at_once(edofsim: Run, tmp_path: Path):
+    text = SCENE.replace("width_mm = 20", "width_mm = -20").replace("samples = 4", "samples = 0")
+    refused(edofsim("run", scene_file(tmp_path, text)), "width_mm", "samples", "-20")
+
+
+def test_mistakes_in_scene_and_camera_are_both_named(edofsim: Run, tmp_path: Path):
+    scene = scene_file(tmp_path, SCENE.replace("samples = 4", "samples = 0"))
+    refused(edofsim("run", scene, "--camera", tmp_path / "none.toml"), "samples", "none.toml")
+
+
+def test_a_texture_that_is_not_an_image(edofsim: Run, tmp_path: Path):
+    (tmp_path / "picture.png").write_text("this is no picture")
+    surface = 'surface = { kind = "matt", texture = { kind = "image", file = "picture.png" } }'
+    text = SCENE.replace('surface = { kind = "matt" }', surface)
+    refused(
+        edofsim("render", scene_file(tmp_path, text), "--cache", tmp_path / "cache"), "picture.png", "card"
+    )
+
+
+def test_a_mesh_with_nan_vertices(edofsim: Run, tmp_path: Path):
+    (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n")
+    text = SCENE + '\n[[objects]]\nkind = "mesh"\nname = "broken"\nfile = "mesh.obj"\ndepth_m = 1.0\n'
+    refused(
+        edofsim("render", scene_file(tmp_path, text), "--cache", tmp_path / "cache"), "mesh.obj", "vertices"
+    )
+
+
+def test_an_object_behind_the_camera(edofsim: Run, tmp_path: Path):
+    text = SCENE.replace("depth_m = 1.0", "depth_m = -1.0")
+    refused(edofsim("render", scene_file(tmp_path, text), "--cache", tmp_path / "cache"), "card", "behind")
+
+
+def test_a_camera_that_cannot_focus(edofsim: Run, tmp_path: Path):
+    """36 mm of focal length cannot image an object at 30 mm onto any sensor."""
+    camera = camera_file(tmp_path, "distance_m = 1.5", "distance_m = 0.03")
+    refused(edofsim("run", scene_file(tmp_path, SCENE), "--camera", camera), "0.03", "focus")
+
+
+def test_a_wavelength_outside_the_glass_data(edofsim: Run, tmp_path: Path):
+    camera = camera_file(tmp_path, "wavelength_nm = 587.6", "wavelength_nm = 5876.0")
+    refused(edofsim("run", scene_file(tmp_path, SCENE), "--camera", camera), "5876", "nm")
+
+
+@pytest.mark.parametrize("command", ["run", "expose"])
+def test_an_unwritable_output_folder(edofsim: Run, tmp_path: Path, command: str):
+    (tmp_path / "file").touch()
+    refused(
+        edofsim(command, scene_file(tmp_path, SCENE), "--out", tmp_path / "file" / "below"), "file", "--out"
+    )
+
+
+def test_a_wrong_option_and_a_missing_argument(edofsim: Run):
+    from edofsim.cli import invoke
+
+    for arguments in (["run", "--no-such-option"], ["expose"], ["run", "desk", "--device", "tpu"]):
+        assert console.exit_status(lambda arguments=arguments: invoke(arguments)) == 2
+
+
+def test_a_photo_that_cannot_be_read(edofsim: Run, tmp_path: Path):
+    refused(edofsim("restore", tmp_path / "none.exr"), "none.exr")
+    (tmp_path / "broken.exr").write_bytes(b"\x76\x2f\x31\x01" + b"\0" * 40)
+    refused(edofsim("restore", tmp_path / "broken.exr", "--out", tmp_path), "broken.exr")
+
+
+def test_depths_that_make_no_range(edofsim: Run, tmp_path: Path):
+    np.save(tmp_path / "x.npy", np.zeros(3))
+    refused(edofsim("restore", tmp_path / "x.npy", "--near", "2", "--far", "1"), "--near", "--far")
+
+
+def test_a_damaged_cache_entry_is_rendered_again_and_kept_aside(edofsim: Run, tmp_path: Path):
+    scene, cache = scene_file(tmp_path, SCENE), tmp_path / "cache"
+    arguments = ("render", scene, "--cache", cache, "--quiet")
+    assert edofsim(*arguments)[0] == 0
+    written = {path: path.read_bytes() for path in cache.rglob("*") if path.is_file()}
+    largest = max(written, key=lambda path: len(written[path]))
+    damaged = bytearray(written[largest])
+    damaged[len(damaged) // 2] ^= 0xFF
+    largest.write_bytes(bytes(damaged))
+    status, said = edofsim(*arguments)
+    assert status == 0 and "damaged" in said
+    assert largest.read_bytes() == written[largest]
+    assert any("damaged" in path.name and path.read_bytes() == bytes(damaged) for path in cache.rglob("*"))
