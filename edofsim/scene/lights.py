@@ -53,7 +53,9 @@ def sky(light: SkyLight, wavelengths: np.ndarray) -> Environment:
     horizon = spectra.daylight(light.horizon_cct_k, wavelengths)
     zenith = spectra.daylight(light.zenith_cct_k, wavelengths)
     ground = horizon * spectra.reflectance(light.ground_reflectance, wavelengths)
-    ground = ground / ground.mean() * horizon.mean()
+    visible = np.arange(400.0, 701.0, 5.0)  # the same scale for any bands
+    lit = spectra.daylight(light.horizon_cct_k, visible * 1e-9)
+    ground /= spectra.luminance(lit * spectra.reflectance(light.ground_reflectance, visible * 1e-9), visible)
     rows = SKY_SHAPE[0]
     height = np.cos((np.arange(rows) + 0.5) / rows * np.pi)  # sine of the elevation, +1 straight up
     overhead = 1 - np.exp(-3 * np.clip(height, 0, None))

@@ -128,6 +128,9 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
     tangent[:-1] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
     tangent[1:] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    for end in (0, -1):  # a rounded end is level on the axis; a point, as of a cone, is not
+        if run[end, 0] == 0 and abs(tangent[end, 0]) > np.cos(np.radians(40)):
+            tangent[end] = (np.sign(tangent[end, 0]), 0.0)
     radial, up = tangent[:, 1], -tangent[:, 0]
     vertices = np.empty((len(run), segments + 1, 3))
     normals = np.empty_like(vertices)

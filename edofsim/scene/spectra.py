@@ -125,18 +125,26 @@ def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
     return np.clip(_interpolated(sd, wavelengths, MAX_EXTRAPOLATION, f"the reflectance {value!r}"), 0, 1)
 
 
+def luminance(values: np.ndarray, nm: np.ndarray) -> float:
+    """Mean of a spectrum weighted by the eye's sensitivity (CIE 1931): 1 for the constant spectrum 1.
+
+    values, nm: [n], equally spaced wavelengths in nanometres.
+    """
+    from colour import MSDS_CMFS
+
+    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    weight = np.interp(nm, np.asarray(cmfs.wavelengths, float), np.asarray(cmfs.values, float)[:, 1])
+    return float((weight * values).sum() / weight.sum())
+
+
 def _luminance_normalised(sd) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths (nm) and values of a spectrum scaled to the luminance of the constant spectrum 1.
 
     The scale is taken from the whole spectrum, so that it does not depend on the bands of a view.
     """
-    from colour import MSDS_CMFS
-
-    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
     nm = np.arange(max(380, x[0]), min(780, x[-1]) + 0.5)
-    weight = np.interp(nm, np.asarray(cmfs.wavelengths, float), np.asarray(cmfs.values, float)[:, 1])
-    return x, y * weight.sum() / (weight * np.interp(nm, x, y)).sum()
+    return x, y / luminance(np.interp(nm, x, y), nm)
 
 
 def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:

@@ -23,9 +23,13 @@ def bust(recipe: Bust, context: Context) -> list[Part]:
     step = (_HIGH[1] - _LOW[1]) / recipe.detail
     axes = [np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)]
     grid = np.meshgrid(*axes, indexing="ij")
-    distance = _figure(*grid, context.rng("face")).astype(np.float32)
+    distance = _figure(*grid, context.rng("face"))
+    # kept off the grid points, where marching cubes would make triangles without an area
+    distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
     spacing = (step, step, step)
-    vertices, faces, normals, _ = marching_cubes(distance, 0.0, spacing=spacing, gradient_direction="ascent")
+    vertices, faces, normals, _ = marching_cubes(
+        distance.astype(np.float32), 0.0, spacing=spacing, gradient_direction="ascent"
+    )
     vertices = vertices + [axis[0] for axis in axes]
     height = np.ptp(vertices[:, 1])
     scale = recipe.height_mm * 1e-3 / height
