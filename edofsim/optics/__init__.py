@@ -1,1 +1,24 @@
-"""optics."""
+"""Optics: glass, lens, masks, pupil, point spread functions, sensor. Knows nothing of scenes."""
+
+from .camera import Camera, defocus, focal_length, focus_distance
+from .materials import MATERIALS, Material, material
+from .psf import PsfBank, psf_bank
+from .sampling import Sampling, plan_sampling, sampling_bound
+from .sensor import add_noise, response
+
+__all__ = [
+    "MATERIALS",
+    "Camera",
+    "Material",
+    "PsfBank",
+    "Sampling",
+    "add_noise",
+    "defocus",
+    "focal_length",
+    "focus_distance",
+    "material",
+    "plan_sampling",
+    "psf_bank",
+    "response",
+    "sampling_bound",
+]

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from .base import NotNegative, Positive, RecipeModel
+from .fabrication import Fabrication
 from .masks import AnyMask, ClearMask
 
 
@@ -60,5 +61,6 @@ class CameraRecipe(RecipeModel):
     lens: Lens = Lens()
     focus: Focus = Focus()
     mask: AnyMask = ClearMask()
+    fabrication: Fabrication | None = None
     sensor: Sensor = Sensor()
     psf: PsfSettings = PsfSettings()

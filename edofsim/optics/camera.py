@@ -1,0 +1,136 @@
+"""The camera: lens, focus and sensor as numbers in SI units, and its paraxial facts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..recipe.camera import CameraRecipe
+from ..recipe.masks import ClearMask, HeightMapMask
+from .materials import Material, material
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera recipe with its materials resolved and its sensor in place. Lengths are in metres.
+
+    sensor_distance is z_i, from the lens plane to the sensor. mask_material is what the recipe's mask is made
+    of, or, where it only blocks light, what a height map given in its place is. base is the folder that files
+    named in the recipe are relative to.
+    """
+
+    recipe: CameraRecipe
+    glass: Material
+    mask_material: Material
+    radius_of_curvature: float
+    aperture_radius: float
+    sensor_distance: float
+    pixel: float
+    read_noise: float
+    base: Path
+
+    @classmethod
+    def from_recipe(cls, recipe: CameraRecipe, base: Path | None = None) -> Camera:
+        """Resolve a recipe. base: folder of the recipe's file, by default the working directory.
+
+        Raises InputError, naming every problem, for an unknown material, a wavelength outside the glass data,
+        a lens without room for its aperture, and a focus that no sensor distance gives.
+        """
+        problems: list[str] = []
+        lens, focus = recipe.lens, recipe.focus
+        glass = _material("lens.material", lens.material, problems)
+        relief = getattr(recipe.mask, "material", HeightMapMask.model_fields["material"].default)
+        mask_material = _material("mask.material", relief, problems)
+        if lens.aperture_radius_mm >= lens.radius_of_curvature_mm:
+            problems.append(
+                f"lens.aperture_radius_mm = {lens.aperture_radius_mm:g} does not fit a lens of"
+                f" radius_of_curvature_mm = {lens.radius_of_curvature_mm:g}; it must be smaller"
+            )
+        if isinstance(recipe.mask, HeightMapMask) and recipe.mask.pitch_um > 2e3 * lens.aperture_radius_mm:
+            problems.append(
+                f"mask.pitch_um = {recipe.mask.pitch_um:g} is larger than the pupil"
+                f" ({2e3 * lens.aperture_radius_mm:g} um across); choose a finer pitch"
+            )
+        distance = math.nan
+        if glass is not None:
+            distance = _sensor_distance(recipe, glass, problems)
+        if problems:
+            raise InputError(problems)
+        return cls(
+            recipe=recipe,
+            glass=glass,
+            mask_material=mask_material,
+            radius_of_curvature=lens.radius_of_curvature_mm * 1e-3,
+            aperture_radius=lens.aperture_radius_mm * 1e-3,
+            sensor_distance=distance,
+            pixel=recipe.sensor.pixel_um * 1e-6,
+            read_noise=recipe.sensor.read_noise,
+            base=Path.cwd() if base is None else Path(base),
+        )
+
+    @property
+    def pixel_angle(self) -> float:
+        """Tangent of the angle that one pixel sees, on the axis."""
+        return self.pixel / self.sensor_distance
+
+    def without_mask(self) -> Camera:
+        """The same lens and sensor with a clear aperture."""
+        recipe = self.recipe.model_copy(update={"mask": ClearMask(), "fabrication": None})
+        return Camera.from_recipe(recipe, self.base)
+
+
+def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
+    """f = R / (n - 1) of a thin plano-convex lens, metres, float64, same shape as `wavelengths` [m]."""
+    return camera.radius_of_curvature / (camera.glass.index(wavelengths) - 1)
+
+
+def focus_distance(camera: Camera, wavelengths: Tensor | float) -> Tensor:
+    """Distance that is paraxially sharp, metres, float64, same shape as `wavelengths` [m].
+
+    From 1/z = 1/f - 1/z_i; infinite where the sensor lies in the focal plane, negative where it is nearer.
+    """
+    return 1 / (1 / focal_length(camera, wavelengths) - 1 / camera.sensor_distance)
+
+
+def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor | float) -> Tensor:
+    """Defocus coefficient Psi [rad] at the rim of the pupil, Akpinar et al., Eq. `defocus`; float64.
+
+    wavelengths [m] and inverse_depths [1/m] broadcast. Negative for points beyond the focus.
+    """
+    wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)
+    inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64)
+    vergence = inverse_depths + 1 / camera.sensor_distance - 1 / focal_length(camera, wavelengths)
+    return math.pi / wavelengths * vergence * camera.aperture_radius**2
+
+
+def _material(key: str, name: str, problems: list[str]) -> Material | None:
+    try:
+        return material(name)
+    except InputError as error:
+        problems.extend(f"{key}: {problem}" for problem in error.problems)
+        return None
+
+
+def _sensor_distance(recipe: CameraRecipe, glass: Material, problems: list[str]) -> float:
+    """z_i from 1/f = 1/z_focus + 1/z_i at the wavelength of the focus."""
+    try:
+        index = float(glass.index(recipe.focus.wavelength_nm * 1e-9))
+    except InputError as error:
+        problems.extend(f"focus.wavelength_nm: {problem}" for problem in error.problems)
+        return math.nan
+    if index <= 1:
+        problems.append(f"lens.material: {glass.name} does not refract; a lens needs a glass")
+        return math.nan
+    focal = recipe.lens.radius_of_curvature_mm * 1e-3 / (index - 1)
+    if recipe.focus.distance_m <= focal:
+        problems.append(
+            f"focus.distance_m = {recipe.focus.distance_m:g} lies inside the focal length"
+            f" ({focal * 1e3:.4g} mm): nothing there can be sharp; focus farther away"
+        )
+        return math.nan
+    return 1 / (1 / focal - 1 / recipe.focus.distance_m)

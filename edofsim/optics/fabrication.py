@@ -1,0 +1,85 @@
+"""From the designed surface to the made one: wrapped, limited, quantised, and with height errors."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..recipe.fabrication import Fabrication
+from .materials import Material
+
+
+def makes_squares(fabrication: Fabrication) -> bool:
+    """Whether the made surface consists of flat squares of its pitch that the pupil has to resolve."""
+    return fabrication.pitch_um is not None
+
+
+def straight_through(exact: Tensor, rounded: Tensor) -> Tensor:
+    """The value of `rounded` with the gradient of `exact`."""
+    return exact + (rounded - exact).detach()
+
+
+def wave_height(wavelength: float, relief: Material) -> float:
+    """Height [m] that delays `wavelength` [m] by one wave: lambda / (n - 1)."""
+    return wavelength / (float(relief.index(wavelength)) - 1)
+
+
+def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int) -> Tensor:
+    """The made surface [.., y, x] in metres from the designed one.
+
+    In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
+    quantised, and given a Gaussian height error of its own in every sample. Wrapping, limiting and quantising
+    pass gradients straight through. The error is drawn on the CPU in float64, so that a seed means the same
+    surface on every device and in every precision.
+
+    Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and where
+    not even one wave fits under the limit.
+    """
+    surface = designed
+    if fabrication.height_limit_um is not None or fabrication.levels is not None:
+        surface = surface - surface.detach().min()
+    if fabrication.height_limit_um is not None:
+        surface = _limit(surface, fabrication, relief, trainable=designed.requires_grad)
+    if fabrication.levels is not None:
+        surface = _quantise(surface, fabrication)
+    if fabrication.height_noise_nm or fabrication.height_bias_nm:
+        generator = torch.Generator().manual_seed(seed)
+        error = torch.randn(surface.shape, generator=generator, dtype=torch.float64)
+        error = error * (fabrication.height_noise_nm * 1e-9) + fabrication.height_bias_nm * 1e-9
+        surface = surface + error.to(surface)
+    return surface
+
+
+def _limit(surface: Tensor, fabrication: Fabrication, relief: Material, trainable: bool) -> Tensor:
+    limit = fabrication.height_limit_um * 1e-6
+    depth = float(surface.detach().max())
+    if depth <= limit * (1 + 1e-9):
+        return surface
+    if fabrication.wrap_wavelength_nm is None:
+        if trainable:
+            return straight_through(surface, surface.clamp(0, limit))
+        raise InputError(
+            f"the mask is {depth * 1e6:.3g} um deep, fabrication.height_limit_um allows"
+            f" {fabrication.height_limit_um:g}; state fabrication.wrap_wavelength_nm to wrap it, or design it flatter"
+        )
+    wave = wave_height(fabrication.wrap_wavelength_nm * 1e-9, relief)
+    waves = math.floor(limit / wave)
+    if waves < 1:
+        raise InputError(
+            f"fabrication.height_limit_um = {fabrication.height_limit_um:g} is below one wave of"
+            f" {fabrication.wrap_wavelength_nm:g} nm in {relief.name} ({wave * 1e6:.3g} um), so the mask cannot"
+            " be wrapped; raise the limit or wrap at a shorter wavelength"
+        )
+    return straight_through(surface, torch.remainder(surface, waves * wave))
+
+
+def _quantise(surface: Tensor, fabrication: Fabrication) -> Tensor:
+    steps = fabrication.levels - 1
+    if fabrication.level_nm is not None:
+        level = fabrication.level_nm * 1e-9
+    else:
+        level = fabrication.height_limit_um * 1e-6 / steps
+    return straight_through(surface, (surface / level).round().clamp(0, steps) * level)

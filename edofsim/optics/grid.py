@@ -1,0 +1,100 @@
+"""Square sampling grids of the pupil, centred on the optical axis, and resampling between them.
+
+Arrays are seen from the sensor towards the scene: row 0 is the top of the pupil, column 0 its left side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class PupilGrid:
+    """`samples` x `samples` square cells of side `pitch` [m] over a pupil of `radius` [m]."""
+
+    samples: int
+    pitch: float
+    radius: float
+
+    @property
+    def centres(self) -> Tensor:
+        """Cell centres along one axis in metres, ascending, float64 [samples]."""
+        return (torch.arange(self.samples, dtype=torch.float64) - (self.samples - 1) / 2) * self.pitch
+
+    def normalised(self) -> tuple[Tensor, Tensor]:
+        """(u [1, samples] to the right, v [samples, 1] upwards), in units of the pupil's radius, float64."""
+        axis = self.centres / self.radius
+        return axis[None, :], axis.flip(0)[:, None]
+
+    def radius_squared(self) -> Tensor:
+        """s^2 + t^2 at the cell centres in square metres, float64 [samples, samples]."""
+        square = self.centres**2
+        return square[:, None] + square[None, :]
+
+
+LINES = 16
+"""Lines a cell on which the chord of a disc is measured: the area of a disc comes out to 1e-5 and better."""
+
+
+@lru_cache(maxsize=8)
+def disc_coverage(grid: PupilGrid, radius: float) -> Tensor:
+    """Fraction of each cell that a centred disc of `radius` [m] covers, float64 [samples, samples].
+
+    Grey edges: each cell is crossed by lines on which the disc's chord is exact (midpoint rule in between).
+    """
+    left, right = grid.centres - grid.pitch / 2, grid.centres + grid.pitch / 2
+    covered = torch.zeros(grid.samples, grid.samples, dtype=torch.float64)
+    for line in range(LINES):
+        height = left + (line + 0.5) / LINES * grid.pitch
+        half_chord = (radius**2 - height**2).clamp_min(0).sqrt()[:, None]
+        covered += torch.clamp(right, -half_chord, half_chord) - torch.clamp(left, -half_chord, half_chord)
+    return covered / (LINES * grid.pitch)
+
+
+def cell_overlap(grid: PupilGrid, cells: int) -> Tensor:
+    """Fraction of each grid cell that each of `cells` equal parts of the pupil's diameter covers along one axis.
+
+    Shape [samples, cells], float64; both run in ascending order.
+    """
+    edges = torch.linspace(-grid.radius, grid.radius, cells + 1, dtype=torch.float64)
+    left, right = (grid.centres - grid.pitch / 2)[:, None], (grid.centres + grid.pitch / 2)[:, None]
+    overlap = torch.minimum(right, edges[1:]) - torch.maximum(left, edges[:-1])
+    return overlap.clamp_min(0) / grid.pitch
+
+
+@lru_cache(maxsize=16)
+def bicubic_matrix(samples_to: int, pitch_to: float, samples_from: int, pitch_from: float) -> Tensor:
+    """Interpolation along one axis between two centred grids, float64 [samples_to, samples_from].
+
+    R. G. Keys' cubic convolution kernel with a = -1/2 (IEEE Trans. ASSP 29, 1153, 1981); the outermost sample
+    is repeated beyond the edge. Apply as matrix @ map @ matrix.T.
+    """
+    to = (torch.arange(samples_to, dtype=torch.float64) - (samples_to - 1) / 2) * pitch_to
+    position = to / pitch_from + (samples_from - 1) / 2
+    first = torch.floor(position).long() - 1
+    matrix = torch.zeros(samples_to, samples_from, dtype=torch.float64)
+    for tap in range(4):
+        weight = _keys(position - (first + tap))
+        column = (first + tap).clamp(0, samples_from - 1)
+        matrix.scatter_add_(1, column[:, None], weight[:, None])
+    return matrix
+
+
+def _keys(distance: Tensor) -> Tensor:
+    x = distance.abs()
+    near = (1.5 * x - 2.5) * x * x + 1
+    far = ((-0.5 * x + 2.5) * x - 4) * x + 2
+    return torch.where(x <= 1, near, torch.where(x < 2, far, torch.zeros_like(x)))
+
+
+def resample(surface: Tensor, pitch_from: float, grid: PupilGrid) -> Tensor:
+    """A centred square map [n, n] of pitch `pitch_from` [m] on another grid, bicubic, [samples, samples]."""
+    same_pitch = abs(grid.pitch / pitch_from - 1) < 1e-9
+    if same_pitch and surface.shape[-1] == grid.samples:
+        return surface
+    matrix = bicubic_matrix(grid.samples, grid.pitch, surface.shape[-1], pitch_from).to(surface)
+    return matrix @ surface @ matrix.T

@@ -1,0 +1,146 @@
+"""The surface of a mask: read, designed or trained, made, and sampled on the grid of the pupil."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from ..errors import InputError
+from ..recipe.masks import HeightMapMask
+from .camera import Camera
+from .fabrication import make, makes_squares
+from .grid import PupilGrid, resample
+from .masks import mask_phase
+
+KEY = "height_m"
+
+
+def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
+    """Write a height map [n, n] in metres with its pitch [m] as safetensors. Returns the path."""
+    save_file({KEY: height.detach().cpu().contiguous()}, str(path), {"edofsim": json.dumps({"pitch_um": pitch * 1e6})})
+    return path
+
+
+def load_height_map(path: Path) -> tuple[Tensor, float | None]:
+    """A height map [n, n] in metres, float64, and its pitch [m] where the file states it.
+
+    Reads .npy and .safetensors (key `height_m`). Raises InputError for a file that is missing or no such map.
+    """
+    if not path.is_file():
+        raise InputError(f"mask.file: {path} does not exist; give a height map (.npy or .safetensors, metres)")
+    pitch = None
+    try:
+        if path.suffix == ".safetensors":
+            with safe_open(str(path), "pt") as file:
+                height = file.get_tensor(KEY)
+                stated = json.loads((file.metadata() or {}).get("edofsim", "{}")).get("pitch_um")
+                pitch = None if stated is None else float(stated) * 1e-6
+        else:
+            height = torch.from_numpy(np.load(path, allow_pickle=False))
+    except (OSError, ValueError, SafetensorError, TypeError) as error:
+        raise InputError(f"mask.file: {path} is not a height map (.npy or .safetensors): {error}") from error
+    if height.ndim != 2 or height.shape[0] != height.shape[1] or height.is_complex():
+        raise InputError(f"mask.file: {path} has shape {tuple(height.shape)}; a height map is square, [n, n], real")
+    height = height.double()
+    if not bool(torch.isfinite(height).all()):
+        raise InputError(f"mask.file: {path} holds values that are not finite")
+    return height, pitch
+
+
+def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
+    """The recipe's free height map (metres, float64) and its pitch [m]; None where the mask has a formula.
+
+    Raises InputError for a map that is larger than the pupil, does not cover it, or states another pitch.
+    """
+    mask = camera.recipe.mask
+    if not isinstance(mask, HeightMapMask):
+        return None
+    pitch = mask.pitch_um * 1e-6
+    if mask.file is None:
+        return torch.zeros(natural_samples(camera, pitch), natural_samples(camera, pitch), dtype=torch.float64), pitch
+    height, stated = load_height_map(camera.base / mask.file)
+    if stated is not None and abs(stated / pitch - 1) > 1e-6:
+        raise InputError(f"mask.pitch_um = {mask.pitch_um:g}, but {mask.file} was sampled at {stated * 1e6:g} um")
+    check_size(camera, height.shape[-1], pitch)
+    return height, pitch
+
+
+def natural_samples(camera: Camera, pitch: float) -> int:
+    """How many samples of `pitch` [m] cover the pupil's diameter: 239 for 5 mm at 21 um."""
+    return math.ceil(2 * camera.aperture_radius / pitch - 1e-9)
+
+
+def check_size(camera: Camera, samples: int, pitch: float) -> None:
+    """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil with less than a cell to spare each side."""
+    width, diameter = samples * pitch, 2 * camera.aperture_radius
+    if width > diameter + 2 * pitch:
+        raise InputError(
+            f"the mask is larger than the pupil: {samples} samples of {pitch * 1e6:g} um make"
+            f" {width * 1e3:.4g} mm, the pupil is {diameter * 1e3:.4g} mm across; use"
+            f" {natural_samples(camera, pitch)} samples"
+        )
+    if width < diameter - 1e-9:
+        raise InputError(
+            f"the mask does not cover the pupil: {samples} samples of {pitch * 1e6:g} um make"
+            f" {width * 1e3:.4g} mm, the pupil is {diameter * 1e3:.4g} mm across; use"
+            f" {natural_samples(camera, pitch)} samples"
+        )
+
+
+def trained_pitch(camera: Camera, samples: int) -> float:
+    """Pitch [m] of a height map [samples, samples] that is given in place of the recipe's mask.
+
+    That of the recipe's own map if it has one, else the one at which the samples just cover the pupil.
+    """
+    mask = camera.recipe.mask
+    if not isinstance(mask, HeightMapMask):
+        return 2 * camera.aperture_radius / samples
+    check_size(camera, samples, mask.pitch_um * 1e-6)
+    return mask.pitch_um * 1e-6
+
+
+def design_phase_to_height(camera: Camera, phase: Tensor) -> Tensor:
+    """Height [m] that gives `phase` [rad] at the mask's design wavelength: Akpinar et al., Eq. `dtophi` inverted."""
+    wavelength = camera.recipe.mask.design_wavelength_nm * 1e-9
+    return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))
+
+
+def surface(camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None) -> Tensor | None:
+    """Height of the mask as it was made, on the grid of the pupil [samples, samples], metres.
+
+    height: [n, n] in metres in place of the recipe's mask; gradients reach it. seed: of the fabrication error
+    in place of the recipe's. None for masks that only block light.
+    """
+    given = designed_map(camera) if height is None else (height, trained_pitch(camera, height.shape[-1]))
+    fabrication = camera.recipe.fabrication
+    stage = grid
+    if fabrication is not None:
+        pitch = fabrication.pitch_um * 1e-6 if fabrication.pitch_um else (given[1] if given else grid.pitch)
+        stage = PupilGrid(natural_samples(camera, pitch), pitch, grid.radius)
+    if given is None:
+        phase = mask_phase(camera.recipe.mask, stage)
+        if phase is None:
+            return None
+        designed = design_phase_to_height(camera, phase)
+    else:
+        designed = resample(given[0], given[1], stage)
+    if fabrication is None:
+        return designed
+    made = make(designed, fabrication, camera.mask_material, fabrication.seed if seed is None else seed)
+    return _squares(made, stage, grid) if makes_squares(fabrication) else resample(made, stage.pitch, grid)
+
+
+def _squares(made: Tensor, stage: PupilGrid, grid: PupilGrid) -> Tensor:
+    """The made surface as the flat squares it consists of, looked up at the cell centres of a finer grid."""
+    if stage.samples == grid.samples and abs(stage.pitch / grid.pitch - 1) < 1e-9:
+        return made
+    position = grid.centres / stage.pitch + stage.samples / 2
+    index = position.floor().long().clamp(0, stage.samples - 1).to(made.device)
+    return made[index][:, index]

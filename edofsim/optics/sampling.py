@@ -1,0 +1,140 @@
+"""How finely the pupil has to be sampled, by the paper's bound and by the replicas that sampling makes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..recipe.masks import HeightMapMask
+from .camera import Camera, defocus
+from .grid import PupilGrid
+from .height import natural_samples
+from .lens import spherical_slope
+from .masks import mask_slope
+
+WINDOW_MARGIN = 1.25
+"""The PSF's replicas are kept this many windows apart, so that their tails do not fold into the window."""
+FEWEST_SAMPLES = 64
+"""Samples across the pupil below which its round edge is too coarse, whatever the phase."""
+LARGEST_PUPIL = 8192
+"""Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The grid of the pupil and what it was chosen by. Lengths in metres.
+
+    largest_defocus: Psi of largest size among those asked for; bound: the coarsest pitch that Akpinar et al.,
+    Eq. `MinSampling`, allows for it; replica_period: the smallest lambda z_i / pitch, the distance on the
+    sensor after which a sampled pupil repeats its PSF; window: the width of the PSF window.
+    """
+
+    grid: PupilGrid
+    largest_defocus: float
+    bound: float
+    replica_period: float
+    window: float
+
+
+def sampling_bound(camera: Camera, largest_defocus: float) -> float:
+    """Coarsest pitch of the pupil [m] for defocus up to |Psi|: r pi / (8 Psi), Akpinar et al., Eq. `MinSampling`."""
+    return math.inf if largest_defocus == 0 else camera.aperture_radius * math.pi / (8 * abs(largest_defocus))
+
+
+def plan_sampling(
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    window_px: int,
+    map_pitch: float | None = None,
+) -> Sampling:
+    """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
+
+    A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay out of
+    the window; "auto" takes what meets both, resolves the surface as it is designed or made, and keeps the
+    steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope.
+    map_pitch: pitch [m] of a height map given in place of the recipe's mask.
+
+    Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to begin.
+    """
+    psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
+    largest = float(psi.flatten()[psi.abs().argmax()])
+    bound = sampling_bound(camera, largest)
+    window = window_px * camera.pixel
+    reach = float(wavelengths.min()) * camera.sensor_distance
+    fixed = camera.recipe.psf.pupil_sampling_um
+    if fixed == "auto":
+        samples, pitch = _automatic(camera, wavelengths, psi, window, bound, map_pitch)
+    else:
+        pitch = fixed * 1e-6
+        _check_fixed(camera, wavelengths, inverse_depths, psi, pitch, window)
+        samples = natural_samples(camera, pitch)
+    if samples > LARGEST_PUPIL:
+        raise InputError(
+            f"PSFs at Psi = {largest:.4g} need {samples} samples across the pupil"
+            f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; leave out the extreme depths or narrow the window"
+        )
+    grid = PupilGrid(samples, pitch, camera.aperture_radius)
+    return Sampling(grid, largest, bound, reach / pitch, window)
+
+
+def _automatic(
+    camera: Camera, wavelengths: Tensor, psi: Tensor, window: float, bound: float, map_pitch: float | None
+) -> tuple[int, float]:
+    slopes = _steepest(camera, wavelengths, psi, with_mask=map_pitch is None)
+    reach = float(wavelengths.min()) * camera.sensor_distance
+    needed = min(bound, math.pi / (2 * float(slopes.max())), reach / (WINDOW_MARGIN * window))
+    fabrication, mask = camera.recipe.fabrication, camera.recipe.mask
+    if fabrication is not None and fabrication.pitch_um is not None:
+        made = fabrication.pitch_um * 1e-6
+        pitch = made / math.ceil(made / needed - 1e-9)
+        return natural_samples(camera, pitch), pitch
+    designed = map_pitch or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
+    if designed is not None and designed <= needed:
+        return natural_samples(camera, designed), designed
+    samples = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
+    return samples, 2 * camera.aperture_radius / samples
+
+
+def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool) -> Tensor:
+    """Steepest phase within the pupil of each wave [rad/m], [band]: mask, lens remainder and defocus."""
+    radius = camera.aperture_radius
+    radii = torch.linspace(0, radius, 65, dtype=torch.float64)
+    lens = torch.stack([spherical_slope(camera, float(wavelength), radii) for wavelength in wavelengths])
+    bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax((0, 2))
+    mask = mask_slope(camera.recipe.mask) / radius if with_mask else 0.0
+    design = getattr(camera.recipe.mask, "design_wavelength_nm", 1.0) * 1e-9
+    return (bowl + mask * design / wavelengths).clamp_min(math.pi / (2 * radius))
+
+
+def _check_fixed(
+    camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, psi: Tensor, pitch: float, window: float
+) -> None:
+    depth, band = divmod(int(psi.abs().argmax()), psi.shape[1])
+    worst = float(psi[depth, band])
+    bound = sampling_bound(camera, worst)
+    problems = []
+    if pitch > bound * (1 + 1e-9):
+        problems.append(
+            f"psf.pupil_sampling_um = {pitch * 1e6:g} is too coarse: at {float(wavelengths[band]) * 1e9:g} nm and"
+            f" {_metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"
+            f' {bound * 1e6:.3g} um or finer; use that or "auto"'
+        )
+    shortest = float(wavelengths.min())
+    period = shortest * camera.sensor_distance / pitch
+    if period < window:
+        problems.append(
+            f"psf.pupil_sampling_um = {pitch * 1e6:g} repeats the PSF every {period * 1e6:.4g} um at"
+            f" {shortest * 1e9:g} nm, inside the window of {window * 1e6:.4g} um; use"
+            f' {shortest * camera.sensor_distance / window * 1e6:.3g} um or finer, or "auto"'
+        )
+    if problems:
+        raise InputError(problems)
+
+
+def _metres(inverse_depth: float) -> str:
+    return "infinity" if inverse_depth == 0 else f"{1 / inverse_depth:.4g} m"

@@ -1,0 +1,73 @@
+"""How a mask is made: what separates the surface on the bench from the one that was designed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from .base import NotNegative, Positive, RecipeModel
+
+PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "paper-device": {
+            "pitch_um": 3.0,
+            "levels": 98,
+            "height_limit_um": 1.2,
+            "height_bias_nm": 44.0,
+            "height_noise_nm": 49.5,
+        },
+        "paper-training": {"height_noise_nm": 40.0},
+        "paper-test": {"pitch_um": 3.0, "height_noise_nm": 30.0},
+    }
+)
+"""Values that a preset stands for; a key given beside it wins. `paper-device` is the photoresist relief that
+Akpinar et al. made and measured (section Experimental Results), the others what they simulate."""
+
+
+class Fabrication(RecipeModel):
+    """Making a relief: upsampled to `pitch_um` (bicubic), wrapped, limited, quantised, and with height errors.
+
+    pitch_um: pitch of the made surface; without it the designed one's. height_limit_um: deepest relief. levels:
+    grey levels from 0 to the deepest relief, `level_nm` apart where that is given. wrap_wavelength_nm: heights
+    beyond the limit are taken modulo whole waves of this wavelength. height_bias_nm, height_noise_nm: mean and
+    standard deviation of the Gaussian height error, drawn anew for each sample of the made surface from `seed`.
+    """
+
+    preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
+    pitch_um: Positive | None = None
+    height_limit_um: Positive | None = None
+    levels: Annotated[int, Field(ge=1, le=65536)] | None = None
+    level_nm: Positive | None = None
+    wrap_wavelength_nm: Positive | None = None
+    height_bias_nm: float = 0.0
+    height_noise_nm: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_preset(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("preset") in PRESETS:
+            return {**PRESETS[data["preset"]], **data}
+        return data
+
+    @model_validator(mode="after")
+    def _makeable(self) -> Fabrication:
+        problems = []
+        if self.levels == 1:
+            problems.append("levels = 1 leaves a flat surface; a relief needs at least 2 grey levels")
+        if self.levels is not None and self.height_limit_um is None and self.level_nm is None:
+            problems.append("levels need height_limit_um or level_nm to say how far apart they are")
+        if self.level_nm is not None and self.height_limit_um is not None:
+            if self.height_limit_um * 1e3 < self.level_nm:
+                problems.append(
+                    f"height_limit_um = {self.height_limit_um:g} is below one grey level"
+                    f" (level_nm = {self.level_nm:g}); raise the limit or make the levels finer"
+                )
+        if self.wrap_wavelength_nm is not None and self.height_limit_um is None:
+            problems.append("wrap_wavelength_nm needs height_limit_um, the height to wrap into")
+        if problems:
+            raise ValueError("; ".join(problems))
+        return self
