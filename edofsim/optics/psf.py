@@ -16,7 +16,7 @@ from .grid import PupilGrid
 from .height import surface, trained_pitch
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
-from .transform import SensorWindow, fold, half_bases, intensity, intensity_gradient, unfold
+from .transform import Bases, SensorWindow, fold, intensity, intensity_gradient, make_bases, unfold
 
 BLOCK_BYTES = 8 << 20
 """Working memory of one block of depths on a CPU: a few PSFs at a time stay in its cache."""
@@ -127,43 +127,39 @@ def _one_band(
     """PSFs [depth, y, x] of one wavelength from its pupil function [s, s] and Psi [depth]."""
     grid, real = opening.grid, pupil.real.dtype
     reach = wavelength * camera.sensor_distance
-    bases = half_bases(grid, window, reach)
-    # Parseval: the light of the pupil over that of the sensor plane is (cell x sub-pixel / lambda z_i)^2
-    share = (grid.pitch * window.pitch / window.oversampling / reach) ** 2 / opening.light
-    bases = (bases * share**0.25).to(device=pupil.device, dtype=real)
+    bases = make_bases(grid, window, reach, opening.light, real, pupil.device)
     chirps = chirp(grid, psi, dtype=real, device=pupil.device)[:, grid.samples // 2 :]
-    return _Intensity.apply(pupil, chirps, bases, window)
+    return _Intensity.apply(pupil, chirps, bases)
 
 
-def _blocks(grid_samples: int, window: SensorWindow, chirps: Tensor) -> Sequence[Tensor]:
-    """Chirps split so that the work on one block fits the working memory."""
-    item = chirps.real.element_size()
-    each = item * (5 * grid_samples**2 + 4 * grid_samples * window.sub_pixels + 8 * window.sub_pixels**2) // 2
+def _blocks(chirps: Tensor, bases: Bases) -> Sequence[Tensor]:
+    """Chirps split so that the work on one block of depths fits the working memory."""
+    sensor, pupil = bases.halves
+    numbers = 6 * pupil**2 + 8 * sensor * pupil + 16 * sensor**2
     limit = BLOCK_BYTES if chirps.device.type == "cpu" else DEVICE_BLOCK_BYTES
-    return chirps.split(max(1, limit // each))
+    return chirps.split(max(1, limit // (numbers * bases.fourier.element_size())))
 
 
 class _Intensity(torch.autograd.Function):
     """`intensity` over blocks of depths, with the hand-written adjoint: it keeps only the pupil function."""
 
     @staticmethod
-    def forward(ctx, pupil: Tensor, chirps: Tensor, bases: Tensor, window: SensorWindow) -> Tensor:
-        ctx.save_for_backward(pupil, chirps, bases)
-        ctx.window = window
+    def forward(ctx, pupil: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
+        ctx.save_for_backward(pupil, chirps)
+        ctx.bases = bases
         parts = fold(pupil)
-        blocks = _blocks(pupil.shape[-1], window, chirps)
-        return torch.cat([intensity(parts, block, bases, window) for block in blocks])
+        return torch.cat([intensity(parts, block, bases) for block in _blocks(chirps, bases)])
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, upstream: Tensor) -> tuple[Tensor | None, ...]:
-        pupil, chirps, bases = ctx.saved_tensors
+        pupil, chirps = ctx.saved_tensors
         parts = fold(pupil)
         total = torch.zeros_like(parts)
-        blocks = _blocks(pupil.shape[-1], ctx.window, chirps)
+        blocks = _blocks(chirps, ctx.bases)
         for block, gradient in zip(blocks, upstream.split([len(block) for block in blocks]), strict=True):
-            total += intensity_gradient(gradient, parts, block, bases, ctx.window)
-        return unfold(total, pupil.shape[-1]), None, None, None
+            total += intensity_gradient(gradient, parts, block, ctx.bases)
+        return unfold(total, pupil.shape[-1]), None, None
 
 
 def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:
