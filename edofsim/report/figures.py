@@ -29,7 +29,7 @@ from .plot import (
     metre_axis,
     new_figure,
 )  # fmt: skip
-from .words import depth_range, distance, duration, number
+from .words import depth_range, distance, duration, number, shorten
 
 COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "lens_alone": GREEN}
 
@@ -39,6 +39,7 @@ def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
     depth = inverse_depth.detach().cpu().double()
     finite = depth[torch.isfinite(depth)]
     low, high = (float(finite.min()), float(finite.max())) if finite.numel() else (0.0, 1.0)
+    seen = torch.where(torch.isfinite(depth), depth, math.nan).numpy()
     nearest, farthest = distance(_metres(high)), distance(_metres(low))
     if high - low < 1e-3:  # one depth: a scale around it
         middle = (high + low) / 2
@@ -50,9 +51,7 @@ def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
         figure = new_figure(HALF_IN, HALF_IN * min(rows / columns, 1.3) + 0.95)
         axes = figure.add_subplot()
         colours = matplotlib.colormaps[DEPTH_MAP].with_extremes(bad=EMPTY)
-        shown = axes.imshow(
-            torch.where(torch.isfinite(depth), depth, math.nan), cmap=colours, norm=Normalize(low, high)
-        )
+        shown = axes.imshow(seen, cmap=colours, norm=Normalize(low, high))
         axes.set_axis_off()
         bar = figure.colorbar(shown, ax=axes, orientation="horizontal", pad=0.02, aspect=32)
         bar.outline.set_visible(False)
@@ -101,7 +100,7 @@ def score_plot(
         drawn = 0
         for i, (name, score) in enumerate(scores.items()):
             colour = COLOUR_OF.get(name, SERIES[i % len(SERIES)])
-            label = labels.get(name, name)
+            label = shorten(labels.get(name, name))
             middles, values = [], []
             for entry in score.by_depth:
                 if not math.isfinite(entry.score.psnr_db):
@@ -175,7 +174,7 @@ def time_plot(seconds: Mapping[str, float]) -> Plot:
         axes = figure.add_subplot()
         lengths = [s if math.isfinite(s) else 0.0 for _, s in stages]
         axes.barh(range(len(stages)), lengths, color=BLUE, height=0.62)
-        axes.set_yticks(range(len(stages)), [name for name, _ in stages])
+        axes.set_yticks(range(len(stages)), [shorten(name, 24) for name, _ in stages])
         axes.invert_yaxis()
         axes.grid(False, axis="y")
         axes.tick_params(axis="y", length=0)

@@ -38,7 +38,9 @@ def psf_plot(psfs: Psfs) -> Plot:
     rows, columns = values.shape[-2:]
     top, left = rows // 2 - side // 2, columns // 2 - side // 2
     shown = values[..., max(top, 0) : top + side, max(left, 0) : left + side]
-    peak = float(torch.nan_to_num(shown, nan=0.0).max()) or 1.0
+    shown = torch.nan_to_num(shown, nan=0.0)
+    peak = float(shown.max()) or 1.0
+    tiles = shown.clamp_min(peak * 1e-9).numpy()  # a logarithm cannot show zero
     bar = next((n for n in (100, 50, 20, 10, 5, 2) if n <= 0.42 * side), 1)
 
     def paint(narrow: bool = False) -> Figure:
@@ -58,7 +60,7 @@ def psf_plot(psfs: Psfs) -> Plot:
                 x, y = left + column * (tile + gap), height - top - tile - row * (tile + gap)
                 axes = figure.add_axes((x / width, y / height, tile / width, tile / height))
                 depth, channel = (row, column) if narrow else (column, row)
-                tile_values = torch.nan_to_num(shown[picked[depth], channel], nan=0.0).clamp_min(peak * 1e-9)
+                tile_values = tiles[picked[depth], channel]
                 last = axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
                 axes.set_xticks([])
                 axes.set_yticks([])
@@ -87,7 +89,7 @@ def psf_plot(psfs: Psfs) -> Plot:
         scale.set_label("fraction of the light in a pixel")
         return figure
 
-    kept = percent(float(torch.nan_to_num(shown, nan=0.0).sum((-2, -1)).min()))
+    kept = percent(float(shown.sum((-2, -1)).min()))
     names = ", ".join(distance(psfs.depths_m[i]) for i in order)
     return Plot(
         paint,
@@ -105,7 +107,8 @@ def mtf_plot(mtfs: Mtfs) -> Plot:
     """Modulation transfer over spatial frequency, one panel a channel, one line a depth."""
     order = sorted(range(len(mtfs.depths_m)), key=lambda i: mtfs.depths_m[i])
     picked = [order[i] for i in spread(len(order), 5)]
-    frequencies = mtfs.frequencies_per_mm.detach().cpu().double()
+    frequencies = mtfs.frequencies_per_mm.detach().cpu().double().numpy()
+    values = mtfs.values.detach().cpu().double().numpy()
 
     def paint(narrow: bool = False) -> Figure:
         figure = new_figure(NARROW_IN if narrow else WIDE_IN, 7.4 if narrow else 3.3)
@@ -114,7 +117,7 @@ def mtf_plot(mtfs: Mtfs) -> Plot:
             for i, depth in enumerate(picked):
                 axes.plot(
                     frequencies,
-                    mtfs.values[depth, channel].detach().cpu().double(),
+                    values[depth, channel],
                     color=SERIES[i],
                     linestyle=DASHES[i],
                     label=distance(mtfs.depths_m[depth]),
@@ -157,7 +160,7 @@ def height_plot(height_m: Tensor, width_m: float) -> Plot:
     def paint() -> Figure:
         figure = new_figure(HALF_IN, 3.6)
         axes = figure.add_subplot()
-        shown = axes.imshow(height, cmap=DEPTH_MAP, extent=(-right, right, -top, top))
+        shown = axes.imshow(height.numpy(), cmap=DEPTH_MAP, extent=(-right, right, -top, top))
         axes.grid(False)
         axes.set_xlabel("across the pupil (mm)")
         axes.set_ylabel("up the pupil (mm)")

@@ -60,6 +60,11 @@ def duration(seconds: SupportsFloat | None) -> str:
     return f"{minutes}{NBSP}min {int(s % 60):02d}{NBSP}s"
 
 
+def shorten(text: str, most: int = 30) -> str:
+    """At most `most` characters, for a place in a plot that cannot grow."""
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
 def percent(fraction: float) -> str:
     """A part of a whole: `0 %`, `< 0.1 %`, `0.96 %`, `57 %`."""
     if not 0 < fraction < math.inf:

@@ -14,7 +14,6 @@ document.querySelectorAll(".compare").forEach((figure) => {
   grip.className = "grip";
   stage.append(...sides.map((s) => s.image), ...sides.map((s) => s.tag), grip);
   // Wide as the page, but never taller than the window: the divider is dragged with the whole picture in view.
-  stage.style.aspectRatio = pictures[0].width + " / " + pictures[0].height;
   const ratio = pictures[0].getAttribute("width") / pictures[0].getAttribute("height");
   stage.style.aspectRatio = ratio;
   stage.style.maxWidth = `calc(86vh * ${ratio})`;
@@ -47,8 +46,8 @@ document.querySelectorAll(".compare").forEach((figure) => {
     move((100 * (event.clientX - box.left)) / box.width);
   };
   stage.addEventListener("pointerdown", (event) => {
-    stage.setPointerCapture(event.pointerId);
     drag(event);
+    stage.setPointerCapture(event.pointerId);
   });
   stage.addEventListener("pointermove", (event) => {
     if (stage.hasPointerCapture(event.pointerId)) drag(event);
