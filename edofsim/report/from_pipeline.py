@@ -64,7 +64,6 @@ def _facts(result: Run) -> dict[str, str]:
     view = result.view
     nm = view.wavelengths * 1e9
     return {
-        "Frame": f"{view.width} x {view.height} pixels",
         "Bands": f"{view.bands}, {nm[0]:.0f} to {nm[-1]:.0f} nm",
         "Fragments": f"{view.pixel.numel()}, {int(view.hidden.sum())} of them hidden",
         "Render noise": f"{view.noise:.2%} of the band mean",

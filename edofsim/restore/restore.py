@@ -27,9 +27,9 @@ def restore(
     """
     if checkpoint is not None:
         with torch.inference_mode():
-            return apply_network(checkpoint.network, image), f"network {checkpoint.name}"
+            return apply_network(checkpoint.network, image), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-    return wiener(image, psf, camera.read_noise), "Wiener deconvolution"
+    return wiener(image, psf, camera.read_noise), "Wiener"
 
 
 def channel_psfs(
