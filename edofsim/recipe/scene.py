@@ -8,7 +8,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .base import Positive, RecipeModel
+from .family import Family
 from .objects import AnyLight, AnyObject
+from .sources import AnySource
 
 
 class Bands(RecipeModel):
@@ -46,10 +48,16 @@ class Render(RecipeModel):
     fragments: Annotated[int, Field(ge=1, le=8)] = 3
     depth_gap_dpt: Positive = 0.03
     hidden: bool = True
+    pupil_radius_mm: Positive = 3.0
+    """widest pupil radius that the view is meant for: as far as it sees behind edges, hidden surfaces exist"""
 
 
 class SceneRecipe(RecipeModel):
-    """A scene recipe. Positions are camera space: x right, y up, z the depth along the optical axis."""
+    """A scene recipe. Positions are camera space: x right, y up, z the depth along the optical axis.
+
+    A scene is built of `objects`, or read from a `source` of the user's. `family` makes it one of many:
+    without a choice of member, the recipe is what its own values say.
+    """
 
     schema_: Annotated[str | None, Field(alias="$schema")] = None
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
@@ -60,4 +68,16 @@ class SceneRecipe(RecipeModel):
     frame: Frame = Frame()
     render: Render = Render()
     lights: tuple[AnyLight, ...] = ()
-    objects: Annotated[tuple[AnyObject, ...], Field(min_length=1)]
+    objects: tuple[AnyObject, ...] = ()
+    source: AnySource | None = None
+    family: Family | None = None
+
+    @model_validator(mode="after")
+    def _something_to_see(self) -> SceneRecipe:
+        if self.source is None and not self.objects:
+            raise ValueError("a scene needs [[objects]], or a [source] to read it from")
+        if self.source is not None and self.objects:
+            raise ValueError("give [[objects]] or [source], not both")
+        if self.source is not None and self.lights and self.source.kind != "mitsuba":
+            raise ValueError("a picture brings its own light: take [[lights]] out")
+        return self

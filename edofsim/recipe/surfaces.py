@@ -106,6 +106,16 @@ class PrincipledSurface(RecipeModel):
     sheen: NotNegative = 0.0
 
 
+class GlassSurface(RecipeModel):
+    """Clear glass with a smooth surface. With `dispersion`, the refractive index follows Sellmeier's formula
+    band by band; the view is then rendered band by band, which takes longer."""
+
+    kind: Literal["glass"]
+    glass: str = "N-BK7"
+    dispersion: bool = True
+
+
 AnySurface = Annotated[
-    MattSurface | PlasticSurface | MetalSurface | PrincipledSurface, Field(discriminator="kind")
+    MattSurface | PlasticSurface | MetalSurface | PrincipledSurface | GlassSurface,
+    Field(discriminator="kind"),
 ]

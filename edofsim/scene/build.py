@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..recipe.objects import AnyObject, Placed, Table, Wall
+from ..recipe.objects import AnyObject
+from ..recipe.placed import Placed
+from ..recipe.places import Hallway, Table, Wall
 from ..recipe.scene import SceneRecipe
 from . import solids
 from .builders import BUILDERS, Context, Part
@@ -42,7 +44,7 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
         objects += built
     environment = None
     try:
-        environment, lamps = build_lights(recipe.lights, wavelengths)
+        environment, lamps = build_lights(recipe.lights, wavelengths, Path(base))
         objects += lamps
         problems += _repeated([o.name for o in objects])
     except InputError as error:
@@ -82,6 +84,8 @@ def _placed(
         shift = np.array([0.0, item.y_mm * 1e-3, 0.0])
     elif isinstance(item, Wall):
         shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, item.depth_m])
+    elif isinstance(item, Hallway):
+        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, 0.0])
     elif isinstance(item, Placed):
         if item.on is not None and item.on not in tops:
             raise InputError(
@@ -97,7 +101,7 @@ def _placed(
         label = f"{name}/{part.suffix}" if part.suffix else name
         mesh = solids.moved(part.mesh, matrix, shift)
         _check(mesh, label)
-        built.append(SceneObject(label, mesh, part.surface))
+        built.append(SceneObject(label, mesh, part.surface, part.emission))
     _check_in_front(name, built)
     return built
 

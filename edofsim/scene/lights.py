@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from ..recipe.objects import AnyLight, AreaLamp, EnvironmentLight, SkyLight
-from . import solids, spectra
-from .model import BandTexture, Environment, SceneObject
+from ..recipe.lights import (
+    AnyLight,
+    AreaLamp,
+    Bulb,
+    EnvironmentLight,
+    EnvironmentMap,
+    NeonTube,
+    SkyLight,
+)
+from . import pictures, solids, spectra
+from .model import BandTexture, Environment, SceneObject, TriangleMesh
 from .surfaces import matt
 from .textures import flat
 
@@ -17,27 +26,28 @@ SKY_SHAPE = (128, 256)
 
 
 def build_lights(
-    lights: Sequence[AnyLight], wavelengths: np.ndarray
+    lights: Sequence[AnyLight], wavelengths: np.ndarray, base: Path
 ) -> tuple[Environment | None, list[SceneObject]]:
-    """The environment (at most one) and the lamps of a recipe.
+    """The environment (at most one) and the lamps of a recipe; files are relative to `base`.
 
-    Raises InputError for a second environment and for a lamp that aims at itself.
+    Raises InputError for a second environment, an unreadable map, and a lamp that aims at itself.
     """
     environment: Environment | None = None
     lamps: list[SceneObject] = []
     for index, light in enumerate(lights):
-        if isinstance(light, AreaLamp):
-            lamps.append(area_lamp(light, wavelengths, light.name or f"lamp-{index + 1}"))
+        if isinstance(light, AreaLamp | Bulb | NeonTube):
+            lamps.append(_LAMPS[type(light)](light, wavelengths, light.name or f"lamp-{index + 1}"))
             continue
         if environment is not None:
             raise InputError(
                 f"lights[{index}] ({light.kind}): a scene has one light at infinity; take the other out"
             )
-        environment = (
-            constant_environment(light, wavelengths)
-            if isinstance(light, EnvironmentLight)
-            else sky(light, wavelengths)
-        )
+        if isinstance(light, EnvironmentLight):
+            environment = constant_environment(light, wavelengths)
+        elif isinstance(light, SkyLight):
+            environment = sky(light, wavelengths)
+        else:
+            environment = environment_map(light, wavelengths, base)
     return environment, lamps
 
 
@@ -69,6 +79,43 @@ def sky(light: SkyLight, wavelengths: np.ndarray) -> Environment:
     return Environment(BandTexture(basis.astype(np.float32), np.ascontiguousarray(image, np.float32)))
 
 
+def environment_map(light: EnvironmentMap, wavelengths: np.ndarray, base: Path) -> Environment:
+    """A picture of all directions: linear sRGB over the basis of Mallett and Yuksel, seen as the illuminant
+    where it is white. Negative values, which some files hold, count as 0."""
+    image = pictures.read_hdr(base / light.path, f"environment map {light.path!r}")
+    rows, columns = image.shape[:2]
+    if not 1.5 < columns / rows < 2.6:
+        raise InputError(
+            f"environment map {light.path!r} has {columns} x {rows} pixels; a picture of all directions "
+            "(equirectangular) is twice as wide as high"
+        )
+    image = np.roll(np.clip(image, 0, None), round(light.turn_deg / 360 * columns), axis=1)
+    white = spectra.illuminant(light.illuminant, wavelengths)
+    basis = light.scale * white * spectra.srgb_basis(wavelengths)
+    return Environment(BandTexture(basis.astype(np.float32), image.astype(np.float32)))
+
+
+def bulb(light: Bulb, wavelengths: np.ndarray, name: str) -> SceneObject:
+    """A shining ball."""
+    shape = solids.moved(solids.sphere(light.radius_mm * 1e-3, 48), shift=np.array(light.position_mm) * 1e-3)
+    return _shining(name, shape, light.radiance * spectra.illuminant(light.illuminant, wavelengths))
+
+
+def neon_tube(light: NeonTube, wavelengths: np.ndarray, name: str) -> SceneObject:
+    """A shining tube along a curve."""
+    path = solids.smooth_path(np.array(light.points_mm) * 1e-3, light.closed)
+    shape = solids.tube(path, light.radius_mm * 1e-3, 12, light.closed)
+    filtered = spectra.illuminant(light.illuminant, wavelengths) * spectra.reflectance(
+        light.colour, wavelengths
+    )
+    return _shining(name, shape, light.radiance * filtered)
+
+
+def _shining(name: str, shape: TriangleMesh, emission: np.ndarray) -> SceneObject:
+    black = matt(flat(0.0, np.empty(len(emission))))
+    return SceneObject(name, shape, black, emission.astype(np.float32))
+
+
 def area_lamp(light: AreaLamp, wavelengths: np.ndarray, name: str) -> SceneObject:
     """A rectangle that shines from its front side, towards the target; its body is black."""
     position, target = np.array(light.position_mm) * 1e-3, np.array(light.target_mm) * 1e-3
@@ -85,9 +132,7 @@ def area_lamp(light: AreaLamp, wavelengths: np.ndarray, name: str) -> SceneObjec
     rotation = np.stack([x, np.cross(z, x), z], axis=1)
     shape = solids.panel(light.size_mm[0] * 1e-3, light.size_mm[1] * 1e-3)
     emission = light.radiance * spectra.illuminant(light.illuminant, wavelengths)
-    return SceneObject(
-        name,
-        solids.moved(shape, rotation, position),
-        matt(flat(0.0, wavelengths)),
-        emission.astype(np.float32),
-    )
+    return _shining(name, solids.moved(shape, rotation, position), emission)
+
+
+_LAMPS = {AreaLamp: area_lamp, Bulb: bulb, NeonTube: neon_tube}

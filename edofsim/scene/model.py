@@ -19,6 +19,8 @@ class TriangleMesh:
 
     vertices: float32 [vertex, 3] in metres; faces: uint32 [face, 3]; uv: float32 [vertex, 2] or None,
     (0, 0) the lower left corner of a texture; normals: float32 [vertex, 3] or None (then faces are flat).
+    Faces are wound so that (b - a) x (c - a), taken by coordinates, points outward; lamps shine that way.
+    Textures repeat outside [0, 1].
     """
 
     vertices: np.ndarray
@@ -45,12 +47,17 @@ class Surface:
     reflectance, which every BSDF used here depends on affinely.
 
     reflectance_key names the plugin's parameter that the reflectance is (`reflectance`,
-    `diffuse_reflectance`, `specular_reflectance`, `base_color`)."""
+    `diffuse_reflectance`, `specular_reflectance`, `base_color`, `specular_transmittance`).
+
+    per_band: other parameters of the plugin that change with wavelength, float64 [band] each, such as
+    `int_ior` of dispersive glass. They steer the path itself, so one path can't carry all bands: a scene
+    that has any (`SceneModel.dispersive`) is rendered band by band."""
 
     bsdf: Mapping[str, Any]
     reflectance_key: str
     reflectance: BandTexture
     two_sided: bool = True
+    per_band: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,3 +87,8 @@ class SceneModel:
     objects: tuple[SceneObject, ...]
     environment: Environment | None = None
     notes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def dispersive(self) -> tuple[str, ...]:
+        """Names of the objects whose surfaces bend each wavelength differently; empty for most scenes."""
+        return tuple(o.name for o in self.objects if o.surface.per_band)

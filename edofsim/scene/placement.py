@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..recipe.objects import Placed
+from ..recipe.placed import Placed
 from ..recipe.scene import Frame
 
 

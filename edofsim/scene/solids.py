@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
+from ..errors import InputError
 from .model import TriangleMesh
 
 
@@ -162,6 +164,25 @@ def flat_shaded(part: TriangleMesh) -> TriangleMesh:
     return TriangleMesh(part.vertices, part.faces, part.uv)
 
 
+def smooth_path(points: np.ndarray, closed: bool = False) -> np.ndarray:
+    """Points on the cubic spline through `points`, float [point, 3]; two points give a straight line.
+
+    The knots are spaced by the root of the chords (centripetal), which keeps close points free of loops.
+    Raises InputError where two points that follow each other are the same.
+    """
+    if closed:
+        points = np.concatenate([points, points[:1]])
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    if (steps == 0).any():
+        raise InputError(f"points {int(np.argmin(steps)) + 1} and the next of the curve are the same")
+    if len(points) == 2:
+        return points
+    knots = np.concatenate([[0], np.cumsum(np.sqrt(steps))])
+    spline = CubicSpline(knots, points, bc_type="periodic" if closed else "natural")
+    path = spline(np.linspace(0, knots[-1], 12 * len(points)))
+    return path[:-1] if closed else path
+
+
 def tube(points: np.ndarray, radius: float, sides: int = 12, closed: bool = False) -> TriangleMesh:
     """A round tube along a polyline, float [point, 3]; ends are capped unless `closed`.
 
@@ -218,3 +239,34 @@ def signed_volume(part: TriangleMesh) -> float:
     """Volume enclosed by a closed mesh in m3; positive where its faces point outward."""
     a, b, c = (part.vertices[part.faces[:, i]].astype(float) for i in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Vertex normals as the means of their faces' normals, weighted by area, float64 [vertex, 3]."""
+    a, b, c = (np.asarray(vertices, float)[faces[:, i]] for i in range(3))
+    normals = np.zeros((len(vertices), 3))
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], np.cross(b - a, c - a))
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(length > 0, normals / np.maximum(length, 1e-30), [0.0, 1.0, 0.0])
+
+
+def loft(sections: np.ndarray) -> TriangleMesh:
+    """A body through closed cross-sections, float [section, point, 3], ordered along +x; flat at both ends.
+
+    The points of a section run counter-clockwise seen with z to the right and y up.
+    """
+    count, points, _ = sections.shape
+    index = np.arange(count * points).reshape(count, points)
+    after = np.roll(index, -1, axis=1)
+    a, b, c, d = (i.ravel() for i in (index[:-1], after[:-1], after[1:], index[1:]))
+    faces = np.concatenate([np.stack([a, c, b], 1), np.stack([a, d, c], 1)])
+    vertices = sections.reshape(-1, 3)
+    u = np.broadcast_to(np.linspace(0, 1, count)[:, None], (count, points))
+    v = np.broadcast_to(np.linspace(0, 1, points)[None], (count, points))
+    side = mesh(vertices, faces, np.stack([u, v], -1).reshape(-1, 2), smooth_normals(vertices, faces))
+    ends = [
+        _cap(sections[0][::-1], np.array([-1.0, 0, 0]), sections[0].mean(axis=0)),
+        _cap(sections[-1], np.array([1.0, 0, 0]), sections[-1].mean(axis=0)),
+    ]
+    return join([side, *ends])

@@ -13,7 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from ..recipe.surfaces import AnySurface, MattSurface, MetalSurface, PlasticSurface, PrincipledSurface
+from ..recipe.surfaces import (
+    AnySurface,
+    GlassSurface,
+    MattSurface,
+    MetalSurface,
+    PlasticSurface,
+    PrincipledSurface,
+)
 from . import spectra
 from .model import BandTexture, Surface
 from .textures import build_texture, flat
@@ -34,6 +41,17 @@ def matt(reflectance: BandTexture) -> Surface:
     return Surface(settings(type="diffuse"), "reflectance", reflectance)
 
 
+def _glass(surface: GlassSurface, wavelengths: np.ndarray) -> Surface:
+    index = spectra.refractive_index(surface.glass, wavelengths)
+    clear = flat(1.0, wavelengths)
+    if surface.dispersion:
+        bsdf = settings(type="dielectric", ext_ior=1.0)
+        return Surface(bsdf, "specular_transmittance", clear, two_sided=False, per_band={"int_ior": index})
+    middle = float(spectra.refractive_index(surface.glass, np.array([587.6e-9]))[0])
+    bsdf = settings(type="dielectric", ext_ior=1.0, int_ior=middle)
+    return Surface(bsdf, "specular_transmittance", clear, two_sided=False)
+
+
 def build_surface(
     surface: AnySurface, wavelengths: np.ndarray, base: Path, rng: np.random.Generator, what: str
 ) -> Surface:
@@ -44,6 +62,8 @@ def build_surface(
         # material = none: Fresnel's factor is 1, the whole reflectance is the carrier's
         bsdf = settings(type="roughconductor", material="none", distribution="ggx", alpha=surface.roughness)
         return Surface(bsdf, "specular_reflectance", carrier)
+    if isinstance(surface, GlassSurface):
+        return _glass(surface, wavelengths)
     if surface.texture is not None:
         carrier = build_texture(surface.texture, wavelengths, base, rng, what)
     else:

@@ -21,6 +21,7 @@ from ..recipe.surfaces import (
     WoodTexture,
 )
 from .model import BandTexture
+from .pictures import read_picture
 from .spectra import hex_to_linear, reflectance, srgb_basis, srgb_to_linear
 
 PHOTOS = (
@@ -64,32 +65,6 @@ def _unit_rgb(image: np.ndarray) -> np.ndarray:
     if image.shape[2] not in (1, 3):
         raise InputError(f"a texture needs 1 to 4 channels, not {image.shape[2]}")
     return np.clip(np.broadcast_to(image, (*image.shape[:2], 3)), 0, 1)
-
-
-def read_image(path: Path, what: str) -> np.ndarray:
-    """A picture file as an array [y, x] or [y, x, channel].
-
-    `what` names the object in errors. Raises InputError for a missing file and for one that is no picture.
-    """
-    if not path.is_file():
-        raise InputError(f"{what}: the texture {str(path)!r} does not exist")
-    from skimage.io import imread
-
-    try:
-        image = imread(path)
-    except Exception as error:  # the readers behind imread raise nearly anything
-        raise InputError(
-            f"{what}: {str(path)!r} is not a picture that can be read (PNG, JPEG, TIFF): {_first_line(error)}"
-        ) from error
-    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "buif":
-        raise InputError(f"{what}: {str(path)!r} holds an array of shape {image.shape}, not one picture")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
-    return image
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:160]
 
 
 @lru_cache(maxsize=32)
@@ -155,7 +130,7 @@ def build_texture(
     if isinstance(texture, PhotoTexture):
         return from_srgb(_cropped(photo(texture.name), texture.crop), wavelengths)
     if isinstance(texture, FileTexture):
-        return from_srgb(read_image(base / texture.path, what), wavelengths)
+        return from_srgb(read_picture(base / texture.path, f"{what} (texture)"), wavelengths)
     if isinstance(texture, WoodTexture):
         return _wood(texture, wavelengths, rng)
     if isinstance(texture, NoiseTexture):

@@ -32,8 +32,16 @@ EXAMPLES = {
     "text_page": AT,
     "hills": {"width_mm": 100000, "height_mm": 9000, "depth_m": 500},
     "mesh": {"path": "tetra.obj", "size_mm": 10, **AT},
+    "goblet": AT,
+    "prism": AT,
+    "bus": AT,
+    "car": AT,
+    "hallway": {},
+    "facade": {"width_mm": 100, "height_mm": 80, **AT},
+    "foliage": {"width_mm": 50, "height_mm": 40, "length_mm": 30, "leaves": 40, **AT},
+    "clouds": {"width_mm": 9e6, "height_mm": 7e6, "pixels": 128, "depth_m": 20000},
 }
-SOLID = {"box", "sphere", "cylinder", "bust", "wire", "mesh"}
+SOLID = {"box", "sphere", "cylinder", "bust", "wire", "mesh", "goblet", "prism", "bus", "car"}
 TETRA = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
 

@@ -12,12 +12,18 @@ LINE = np.linspace([0, 0, 0], [1, 0.2, 0.1], 20)
 ANGLE = np.linspace(0, 2 * np.pi, 400, endpoint=False)
 RING = np.stack([np.cos(ANGLE), np.sin(ANGLE), 0 * ANGLE], axis=1)
 
+SECTION = np.stack([np.zeros(400), 0.2 * np.sin(ANGLE), 0.3 * np.cos(ANGLE)], axis=1)
+
 CLOSED = {
     "box": (solids.box((1, 2, 3), (4, 5, 6)), 6.0),
     "sphere": (solids.sphere(0.7, 256), 4 / 3 * np.pi * 0.343),
     "hexagonal prism": (solids.prism(6, 1.0, 2.0), 3 * np.sqrt(3)),
     "capped tube": (solids.tube(LINE, 0.05, 64), np.pi * 0.0025 * np.linalg.norm(LINE[-1])),
     "torus": (solids.tube(RING, 0.1, 64, closed=True), 2 * np.pi**2 * 0.01),
+    "elliptic loft": (
+        solids.loft(SECTION + np.linspace(0, 1, 9)[:, None, None] * [1, 0, 0]),
+        np.pi * 0.06,
+    ),
     "cup": (
         solids.lathe([(0, 0), (1, 0), (1, 2), (0.9, 2), (0.9, 0.1), (0, 0.1)], 256),
         np.pi * (2 - 0.81 * 1.9),

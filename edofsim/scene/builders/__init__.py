@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from .basic import box, cylinder, mug, panel, sphere
+from .basic import box, cylinder, goblet, mug, panel, prism, sphere
 from .bust import bust
 from .context import Context, Part
+from .hallway import hallway
 from .imported import mesh_file
-from .room import hills, table, wall
+from .landscape import clouds, facade, foliage, hills
+from .room import table, wall
 from .stationery import book, pencil, text_page, wire
 from .targets import color_checker, usaf_chart
+from .vehicles import bus, car
 
 BUILDERS: Mapping[str, Callable[..., list[Part]]] = {
     "panel": panel,
@@ -29,6 +32,14 @@ BUILDERS: Mapping[str, Callable[..., list[Part]]] = {
     "text_page": text_page,
     "hills": hills,
     "mesh": mesh_file,
+    "goblet": goblet,
+    "prism": prism,
+    "bus": bus,
+    "car": car,
+    "hallway": hallway,
+    "facade": facade,
+    "foliage": foliage,
+    "clouds": clouds,
 }
 
 __all__ = ["BUILDERS", "Context", "Part"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...recipe.objects import Bust
+from ...recipe.things import Bust
 from .. import solids
 from .context import Context, Part
 

@@ -15,11 +15,14 @@ from ..surfaces import build_surface
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of an object with one surface, in the object's local metres; `suffix` tells pieces apart."""
+    """A piece of an object with one surface, in the object's local metres; `suffix` tells pieces apart.
+
+    emission: float32 [band], W/m2/sr/nm, of a piece that shines."""
 
     suffix: str
     mesh: TriangleMesh
     surface: Surface
+    emission: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

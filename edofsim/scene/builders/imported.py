@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...recipe.objects import MeshFile
+from ...recipe.things import MeshFile
 from .. import solids
 from ..model import TriangleMesh
 from .context import Context, Part

@@ -1,10 +1,10 @@
-"""What stands around the objects: table-top, wall with a window, hills."""
+"""What stands around the objects: table-top, wall with a window."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...recipe.objects import Hills, Table, Wall, WindowOpening
+from ...recipe.places import Table, Wall, WindowOpening
 from .. import solids
 from ..model import TriangleMesh
 from .context import Context, Part
@@ -75,28 +75,3 @@ def _frame(window: WindowOpening, low: np.ndarray, high: np.ndarray) -> Triangle
         y = y0 + (y1 - y0) * i / window.rows
         blocks.append(((x1 - x0, bar, bar), ((x0 + x1) / 2, y, 0)))
     return solids.join([solids.box(size, centre) for size, centre in blocks])
-
-
-def hills(recipe: Hills, context: Context) -> list[Part]:
-    """A ridge: octaves of noise along x give its height, and its face leans away from the camera."""
-    width, height, base = recipe.width_mm * MM, recipe.height_mm * MM, recipe.base_mm * MM
-    rng = context.rng("ridge")
-    columns, rows = 400, 24
-    u = np.linspace(0, 1, columns)
-    ridge = np.zeros(columns)
-    for octave in range(1, 9):
-        waves = 2**octave / 2
-        amplitude = waves ** -(0.5 + 0.5 * recipe.roughness)
-        ridge += amplitude * np.sin(2 * np.pi * (waves * u * rng.uniform(0.8, 1.2) + rng.uniform()))
-    ridge = (ridge - ridge.min()) / np.ptp(ridge)
-    top = height * (0.45 + 0.55 * ridge)
-    v = np.linspace(0, 1, rows)[:, None]
-    bumps = rng.standard_normal((rows, columns)) * 0.01 * height
-    y = -base + (top + base) * v
-    z = 1.5 * (y + base) + bumps
-    x = np.broadcast_to((u - 0.5) * width, y.shape)
-    # the texture is as wide as the slope is high, so that its spots are round
-    uv = np.stack(np.broadcast_arrays(u * width / (height + base), v), -1)
-    vertices = np.stack([x, y, z], -1).reshape(-1, 3)
-    shape = solids.mesh(vertices, solids.grid_faces(rows, columns), uv.reshape(-1, 2))
-    return [Part("", shape, context.surface(recipe.surface))]

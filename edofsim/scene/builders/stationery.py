@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from ...recipe.objects import Book, Pencil, TextPage, Wire
+from ...recipe.things import Book, Pencil, TextPage, Wire
 from .. import printing, solids
 from ..spectra import reflectance
 from ..surfaces import matt
@@ -85,20 +84,7 @@ def pencil(recipe: Pencil, context: Context) -> list[Part]:
 
 def wire(recipe: Wire, context: Context) -> list[Part]:
     """A tube along the cubic spline through the recipe's points."""
-    points = np.array(recipe.points_mm) * MM
-    if recipe.closed:
-        points = np.concatenate([points, points[:1]])
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    if (steps == 0).any():
-        raise ValueError("two points of the wire that follow each other are the same")
-    s = np.concatenate([[0], np.cumsum(np.sqrt(steps))])  # centripetal: no loops between close points
-    if len(points) == 2:
-        path = np.linspace(points[0], points[1], 2)
-    else:
-        spline = CubicSpline(s, points, bc_type="periodic" if recipe.closed else "natural")
-        path = spline(np.linspace(0, s[-1], 12 * len(points)))
-    if recipe.closed:
-        path = path[:-1]
+    path = solids.smooth_path(np.array(recipe.points_mm) * MM, recipe.closed)
     shape = solids.tube(path, recipe.radius_mm * MM, 12, recipe.closed)
     return [Part("", shape, context.surface(recipe.surface))]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...recipe.objects import ColorChecker, UsafChart
+from ...recipe.things import ColorChecker, UsafChart
 from .. import charts, solids
 from ..model import BandTexture
 from ..spectra import color_checker as measured_patches

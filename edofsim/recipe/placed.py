@@ -1,0 +1,47 @@
+"""Where an object of a scene recipe is, and how it is turned.
+
+An object is placed by `depth_m` and either `x_mm`, `y_mm` or `x_frame`, `y_frame` (fractions of half the
+frame at that depth: -1 is its left or lower edge, +1 its right or upper edge). `on` names an object given
+earlier in the recipe, on whose highest point this one stands.
+
+Local axes before turning: x right, y up, z away from the camera; the front of an object faces the camera.
+Turns are made in the order roll (in the picture plane, counter-clockwise as seen), tilt (about x: positive
+leans the top away), turn (about the vertical: positive turns the front towards the left).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .base import RecipeModel
+
+ObjectName = Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class Placed(RecipeModel):
+    """Where an object is and how it is turned."""
+
+    name: ObjectName | None = None
+    depth_m: float
+    x_mm: float | None = None
+    y_mm: float | None = None
+    x_frame: float | None = None
+    y_frame: float | None = None
+    on: ObjectName | None = None
+    turn_deg: float = 0.0
+    tilt_deg: float = 0.0
+    roll_deg: float = 0.0
+    anchor: Literal["centre", "base"] = "base"
+    """what is placed: the object's own centre, or the middle of its base (its lowest point rests at y)"""
+
+    @model_validator(mode="after")
+    def _placed_once(self) -> Placed:
+        if self.x_mm is not None and self.x_frame is not None:
+            raise ValueError("give x_mm or x_frame, not both")
+        if sum(value is not None for value in (self.y_mm, self.y_frame, self.on)) > 1:
+            raise ValueError("give one of y_mm, y_frame and on")
+        if self.on is not None and self.anchor != "base":
+            raise ValueError('an object that stands on another needs anchor = "base"')
+        return self

@@ -1,0 +1,97 @@
+"""Scenes that are not built but read: a picture with depth, a spectral cube, a Mitsuba scene.
+
+Files are relative to the recipe's folder.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .base import NotNegative, Positive, RecipeModel
+
+
+class DepthMap(RecipeModel):
+    """A file of depths (PNG, TIFF, PFM, NPY, NPZ or EXR), or of disparities with their stereo calibration.
+
+    `holds` says what the numbers are, after they are multiplied by `unit`: depth along the axis in metres,
+    its inverse in 1/m, or disparity in pixels, of which depth = baseline focal / (disparity + offset).
+    Values that are not finite, and zero or less, are holes. `scale` stretches the scene along the axis.
+    """
+
+    path: str
+    key: str | None = None
+    """array in an NPZ or MAT (dots go into its structures), or channel of an EXR; None: the only one, or Z"""
+    holds: Literal["depth", "inverse_depth", "disparity"] = "depth"
+    unit: Positive = 1.0
+    scale: Positive = 1.0
+    focal_length_px: Positive | None = None
+    baseline_mm: Positive | None = None
+    disparity_offset_px: float = 0.0
+    holes: Literal["background", "nearest", "refuse"] = "background"
+    """what fills them: the farther of the neighbours in the row, the nearest known pixel, or nothing"""
+
+    @model_validator(mode="after")
+    def _calibrated(self) -> DepthMap:
+        if self.holds == "disparity" and (self.focal_length_px is None or self.baseline_mm is None):
+            raise ValueError('holds = "disparity" needs focal_length_px and baseline_mm')
+        return self
+
+
+class RgbdSource(RecipeModel):
+    """An sRGB picture with a depth map. Its colours become smooth reflectances under `illuminant`.
+
+    `image` is a file, or `skimage:NAME` for a picture that comes with scikit-image. One pixel of the
+    picture becomes one pixel of the frame, whatever angle it saw when it was taken."""
+
+    kind: Literal["rgbd"]
+    image: str
+    depth: DepthMap
+    illuminant: str = "D65"
+    radiance: Positive = 1.0
+
+
+class CubeSource(RecipeModel):
+    """A spectral cube: a folder with one picture a band (in the order of the names), a MAT file, or an EXR
+    of the spectral layout. At `depth_m`, or with a depth map."""
+
+    kind: Literal["cube"]
+    path: str
+    key: str | None = None
+    """array in a MAT file; dots go into its structures"""
+    start_nm: Positive | None = None
+    step_nm: Positive | None = None
+    depth_m: Positive | None = None
+    depth: DepthMap | None = None
+    illuminant: str | None = None
+    """None: the cube holds radiance; else it holds reflectances that are seen under this light"""
+    scale: Positive | Literal["auto"] = "auto"
+    """factor from the file's numbers; `auto` puts the 99th percentile of the mean over bands at 1"""
+    crop: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (0, 0, 0, 0)
+    """pixels to cut off at the left, top, right, bottom"""
+
+    @model_validator(mode="after")
+    def _one_depth(self) -> CubeSource:
+        if (self.depth_m is None) == (self.depth is None):
+            raise ValueError("give depth_m or a [source.depth] table, one of the two")
+        if (self.start_nm is None) != (self.step_nm is None):
+            raise ValueError("start_nm and step_nm belong together")
+        return self
+
+
+class MitsubaSource(RecipeModel):
+    """A Mitsuba scene: an XML file, or a JSON file with the dictionary of `load_dict`.
+
+    It is seen from its own sensor's place; `units_m` is the length of its unit in metres. Files outside
+    the scene's folder are refused unless `allow_outside`."""
+
+    kind: Literal["mitsuba"]
+    path: str
+    units_m: Positive = 1.0
+    allow_outside: bool = False
+    illuminant: str = "D65"
+    """spectrum of lights that are given as RGB white"""
+
+
+AnySource = Annotated[RgbdSource | CubeSource | MitsubaSource, Field(discriminator="kind")]
