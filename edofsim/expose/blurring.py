@@ -84,4 +84,5 @@ def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
         psf = kernels.layer(node)
         whole = psf / psf.sum((-2, -1), keepdim=True)
         layers.append(torch.einsum("cb,byx->cyx", response, whole))
-    return HeldKernels(torch.stack(layers), kernels.nodes)
+    colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
+    return HeldKernels(torch.stack(layers), kernels.nodes, colours)

@@ -16,13 +16,16 @@ from ..errors import InputError
 class Kernels(Protocol):
     """PSFs of every band at ascending depth nodes.
 
-    nodes: [node] inverse depths in 1/m; window: side of the PSFs in pixels; layer(k): [band, y, x] at node k,
-    each pixel the fraction of the light through the pupil that lands in it; rest(k): [band], the fraction
-    that lands outside the window.
+    nodes: [node] inverse depths in 1/m; wavelengths: [band], metres; window: side of the PSFs in pixels;
+    layer(k): [band, y, x] at node k, each pixel the fraction of the light through the pupil that lands in it;
+    rest(k): [band], the fraction that lands outside the window.
     """
 
     @property
     def nodes(self) -> Tensor: ...
+
+    @property
+    def wavelengths(self) -> Tensor: ...
 
     @property
     def window(self) -> int: ...
@@ -34,16 +37,17 @@ class Kernels(Protocol):
 
 @dataclass(frozen=True)
 class HeldKernels:
-    """values: [node, band, y, x]; nodes: [node] inverse depths, ascending."""
+    """values: [node, band, y, x]; nodes: [node] inverse depths, ascending; wavelengths: [band]."""
 
     values: Tensor
     nodes: Tensor
+    wavelengths: Tensor
 
     def __post_init__(self) -> None:
-        if self.values.ndim != 4 or self.values.shape[0] != self.nodes.numel():
+        if self.values.ndim != 4 or self.values.shape[:2] != (self.nodes.numel(), self.wavelengths.numel()):
             raise ValueError(
-                f"PSFs of shape {list(self.values.shape)} for {self.nodes.numel()} nodes: "
-                "[node, band, y, x] is needed"
+                f"PSFs of shape {list(self.values.shape)} for {self.nodes.numel()} nodes and "
+                f"{self.wavelengths.numel()} bands: [node, band, y, x] is needed"
             )
 
     @property
@@ -66,6 +70,7 @@ class StreamedKernels:
 
     compute: Callable[[Tensor], Tensor]
     nodes: Tensor
+    wavelengths: Tensor
     window: int
     ahead: int = 4
     _block: dict[str, object] = field(default_factory=dict, repr=False, compare=False)

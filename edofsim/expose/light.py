@@ -53,7 +53,22 @@ class Light:
             if 0 <= cell < len(self.starts) - 1 and self.starts[cell + 1] > self.starts[cell]:
                 part = slice(self.starts[cell], self.starts[cell + 1])
                 weight = self.share[part] if rising else 1 - self.share[part]
-                image = image.index_add(1, self.pixel[part], self.radiance[bands, part] * weight)
+                image.index_add_(1, self.pixel[part], self.radiance[bands, part] * weight)
+        return image.reshape(-1, self.rows, self.columns)
+
+    def mixed(self, coefficients: Tensor, bands: Tensor) -> Tensor:
+        """Images in which each node and band counts with its own coefficient: [k, y, x].
+
+        coefficients: [k, node, band of `bands`]; bands: int64, those that count. Between two nodes the
+        coefficients are interpolated, as the hat weights say.
+        """
+        image = self.radiance.new_zeros(len(coefficients), self.rows * self.columns)
+        last = coefficients.shape[1] - 1
+        for cell, part in self.cells():
+            light = self.radiance[:, part] if len(bands) == self.bands else self.radiance[bands, part]
+            low, high = coefficients[:, cell], coefficients[:, min(cell + 1, last)]
+            mixed = low @ light + self.share[part] * ((high - low) @ light)
+            image.index_add_(1, self.pixel[part], mixed)
         return image.reshape(-1, self.rows, self.columns)
 
 

@@ -4,38 +4,35 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, psf_bank
-from ..optics import response as sensor_response
+from ..optics import Camera, response
 from ..recipe import CameraRecipe
 from ..render.view import View
 from .blurring import Blurring
 from .checks import check_pixel_angle, check_view, check_window
 from .crop import with_margin
-from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
+from .kernels import Kernels
 from .light import hat_weights, seen
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
 from .photo import Photo
+from .prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, transmission
 from .resample import resampled
 from .sensor import SensorEffects, automatic_exposure, record
 
 Progress = Callable[[float, str], None]
 
-BRUTE_DEPTHS = 475
-"""The paper's 3D scene has 475 depths; brute force uses as many unless told otherwise."""
-HELD_BYTES = 1 << 29
-"""Largest PSF bank that is held in memory as a whole."""
-
 
 def expose(
-    view: View,
+    view: View | Sequence[View],
     camera: Camera,
     *,
     method: str = "auto",
@@ -48,76 +45,78 @@ def expose(
     height: Tensor | None = None,
     window_px: int | None = None,
     resample: bool = False,
+    cache: Path | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
     progress: Progress | None = None,
 ) -> Photo:
     """Photograph a view: the paper's Eq. `Forwardmodel` and `SensorImage`, and occlusion.
 
+    view: one, or several of one size and the same bands; the photo then has a batch axis in front, one
+    exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ...
     method: `brute`, `layered`, `low_rank`, `constant`, or `auto`; layers: depth nodes, or "auto";
     occlusion: `none`, `over`, `normalised`, `hidden`; tolerance_db: PSNR against the layered photo that
     `low_rank` keeps; exposure: factor from radiance to full scale, None for the camera's (which may be
     automatic, see `automatic_exposure`); effects: of the sensor, None for the camera's; seed: of its noise;
     height: [n, n] height map of the mask in metres in place of the recipe's, gradients reach it;
-    window_px: side of the PSFs, None for the camera's; resample: accept a view of another pixel angle.
+    window_px: side of the PSFs, None for the camera's; resample: accept a view of another pixel angle;
+    cache: a folder for PSFs that outlive the process.
+
+    A mask that absorbs light makes the exposure longer, not the photo darker: by 1 / how["transmission"].
     Raises InputError for a view that the camera cannot photograph.
     """
-    seconds: dict[str, float] = {}
-    started = time.perf_counter()
-
-    def lap(stage: str, fraction: float) -> None:
-        nonlocal started
-        now = time.perf_counter()
-        seconds[stage] = now - started
-        started = now
-        if progress:
-            progress(fraction, stage)
-
+    watch = _Stopwatch(progress)
     _known(method, ("auto", *METHODS), "method")
     _known(occlusion, OCCLUSIONS, "occlusion")
-    check_view(view)
-    if resample:
-        view = resampled(view, camera.pixel_angle)
-    check_pixel_angle(view, camera.pixel_angle)
-    view = view.to(device, dtype)
-    weights = sensor_response(camera, view.wavelengths).to(device, dtype)
     window = window_px or camera.recipe.psf.window_px
-    check_window(view, window)
-    wanted = with_margin(view, window // 2)
-    added = wanted.margin - view.margin
-    view = wanted
-    lap("prepare", 0.05)
+    single = isinstance(view, View)
+    given = [view] if single else list(view)
+    views = [_ready(each, camera, window, resample).to(device, dtype) for each in given]
+    _same_size(views)
+    weights = channel_weights(camera, views[0].wavelengths).to(device, dtype)
+    watch.lap("prepare", 0.05)
 
-    nodes = choose_nodes(view, camera, method, layers)
-    method = _choose_method(method, nodes)
-    kernels = kernels_of(
-        camera, view.wavelengths, nodes, window, height=height, seed=seed, dtype=dtype, device=device
+    nodes = choose_nodes(
+        torch.cat([each.inverse_depth for each in views]),
+        torch.cat([each.coverage * ~each.hidden for each in views]),
+        camera,
+        float(views[0].wavelengths.min()),
+        method,
+        layers,
     )
-    lap("psf", 0.4)
-    blur_px_per_dioptre = 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
-    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap=1 / blur_px_per_dioptre)
-    photo = view.crop_margin(OCCLUSIONS[occlusion](view, blurring))
-    lap("blur", 0.9)
+    if method == "auto":
+        method = "constant" if nodes.numel() == 1 else "layered"
+    kernels = kernels_of(
+        camera, views[0].wavelengths, nodes, window, height=height, cache=cache, dtype=dtype, device=device
+    )
+    watch.lap("psf", 0.4)
+    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap=1 / blur_per_dioptre(camera))
+    photo = torch.stack([each.crop_margin(OCCLUSIONS[occlusion](each, blurring)) for each in views])
+    watch.lap("blur", 0.9)
 
-    ideal = view.crop_margin(all_in_focus(view, weights))
+    ideal = torch.stack([each.crop_margin(all_in_focus(each, weights)) for each in views])
     factor = _exposure(exposure, camera, ideal)
     effects = effects or effects_of(camera)
     clean = photo * factor
-    image = record(clean, effects, seed)
+    image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
+    lost = torch.stack([light_lost(each, kernels, weights) for each in views])
     how = {
         "method": method,
         "layers": int(nodes.numel()),
         "occlusion": occlusion,
-        "bands": view.bands,
+        "bands": views[0].bands,
         "window_px": window,
         "tolerance_db": tolerance_db,
-        "margin_repeated_px": added,
+        "margin_repeated_px": max(0, window // 2 - given[0].margin),
+        "transmission": transmission(camera),
         "sensor": effects,
         "seed": seed,
     }
-    lost = light_lost(view, kernels, weights)
-    lap("sensor", 1.0)
-    return Photo(image, clean, ideal * factor, factor, lost, how, seconds)
+    watch.lap("sensor", 1.0)
+    images = (image, clean, ideal * factor)
+    if single:
+        images, lost = tuple(each[0] for each in images), lost[0]
+    return Photo(*images, factor, lost, how, watch.seconds)
 
 
 def ideal_image(view: View, camera: Camera | None = None, exposure: float | None = None) -> Tensor:
@@ -126,7 +125,7 @@ def ideal_image(view: View, camera: Camera | None = None, exposure: float | None
     camera: None for the paper's; exposure: factor, None for automatic.
     """
     camera = camera or Camera.from_recipe(CameraRecipe(name="paper"))
-    image = all_in_focus(view, sensor_response(camera, view.wavelengths).to(view.radiance))
+    image = all_in_focus(view, response(camera, view.wavelengths).to(view.radiance))
     return image * (automatic_exposure(view.crop_margin(image)) if exposure is None else exposure)
 
 
@@ -136,50 +135,6 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     which = seen(view)
     image = view.radiance.new_zeros(len(weights), rows * columns)
     return image.index_add(1, view.pixel[which], weights @ view.radiance[:, which]).reshape(-1, rows, columns)
-
-
-def choose_nodes(view: View, camera: Camera, method: str, layers: int | str) -> Tensor:
-    """Depth nodes [node] for a view, ascending inverse depths in 1/m."""
-    depth = view.inverse_depth
-    if method == "constant":
-        weight = view.coverage.detach().double() * ~view.hidden
-        return ((depth.detach().double() * weight).sum() / weight.sum().clamp_min(1e-300)).reshape(1)
-    if method == "brute" and layers == "auto":
-        layers = BRUTE_DEPTHS
-    defocus = math.pi / float(view.wavelengths.min()) * camera.aperture_radius**2
-    return depth_nodes(depth, layers, defocus)
-
-
-def kernels_of(
-    camera: Camera,
-    wavelengths: Tensor,
-    nodes: Tensor,
-    window: int,
-    *,
-    height: Tensor | None = None,
-    seed: int | None = None,
-    dtype: torch.dtype = torch.float32,
-    device: torch.device | str = "cpu",
-) -> Kernels:
-    """The camera's PSFs at depth nodes: held in memory where they fit, or where gradients must pass them."""
-
-    def compute(depths: Tensor) -> Tensor:
-        bank = psf_bank(
-            camera,
-            wavelengths,
-            depths,
-            window_px=window,
-            height=height,
-            seed=seed,
-            dtype=dtype,
-            device=device,
-        )
-        return bank.values
-
-    size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
-    if size <= HELD_BYTES or (height is not None and height.requires_grad):
-        return HeldKernels(compute(nodes), nodes)
-    return StreamedKernels(compute, nodes, window)
 
 
 def light_lost(view: View, kernels: Kernels, weights: Tensor) -> Tensor:
@@ -209,6 +164,43 @@ def effects_of(camera: Camera) -> SensorEffects:
     )
 
 
+@dataclass
+class _Stopwatch:
+    """Seconds of each stage, and its name to whoever shows progress."""
+
+    progress: Progress | None
+    seconds: dict[str, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
+
+    def lap(self, stage: str, fraction: float) -> None:
+        now = time.perf_counter()
+        self.seconds[stage], self.started = now - self.started, now
+        if self.progress:
+            self.progress(fraction, stage)
+
+
+def _ready(view: View, camera: Camera, window: int, resample: bool) -> View:
+    """A view that has been checked, with the camera's pixels and a margin that holds its blur."""
+    check_view(view)
+    if resample:
+        view = resampled(view, camera.pixel_angle)
+    check_pixel_angle(view, camera.pixel_angle)
+    check_window(view, window)
+    return with_margin(view, window // 2)
+
+
+def _same_size(views: Sequence[View]) -> None:
+    if not views:
+        raise InputError("no view to photograph: give at least one")
+    first = views[0]
+    for view in views[1:]:
+        if view.padded_shape != first.padded_shape or not torch.equal(view.wavelengths, first.wavelengths):
+            raise InputError(
+                f"views of {first.padded_shape} and {view.padded_shape} pixels with {first.bands} and "
+                f"{view.bands} bands cannot share a batch: photograph them one by one"
+            )
+
+
 def _exposure(exposure: float | None, camera: Camera, ideal: Tensor) -> float:
     wanted = camera.recipe.sensor.exposure if exposure is None else exposure
     if wanted == "auto":
@@ -218,12 +210,6 @@ def _exposure(exposure: float | None, camera: Camera, ideal: Tensor) -> float:
     return float(wanted)
 
 
-def _choose_method(method: str, nodes: Tensor) -> str:
-    if method != "auto":
-        return method
-    return "constant" if nodes.numel() == 1 else "layered"
-
-
-def _known(name: str, names, what: str) -> None:
+def _known(name: str, names: Iterable[str], what: str) -> None:
     if name not in names:
         raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")

@@ -4,7 +4,7 @@ from .camera import Camera, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
 from .psf import PsfBank, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
-from .sensor import add_noise, response
+from .sensor import add_noise, response, response_curves
 
 __all__ = [
     "MATERIALS",
@@ -20,5 +20,6 @@ __all__ = [
     "plan_sampling",
     "psf_bank",
     "response",
+    "response_curves",
     "sampling_bound",
 ]

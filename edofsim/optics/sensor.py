@@ -45,9 +45,24 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
     rows = np.stack([np.interp(nm, table_nm, curve) for curve in curves])
     sums = rows.sum(1)
     if (sums <= 0).any():
-        dark = ", ".join(channel for channel, total in zip(("red", "green", "blue"), sums, strict=True) if total <= 0)
-        raise InputError(f"sensor.response {name!r} leaves {dark} dark at these wavelengths; add bands that it sees")
+        dark = ", ".join(
+            channel for channel, total in zip(("red", "green", "blue"), sums, strict=True) if total <= 0
+        )
+        raise InputError(
+            f"sensor.response {name!r} leaves {dark} dark at these wavelengths; add bands that it sees"
+        )
     return torch.from_numpy(rows / sums[:, None])
+
+
+def response_curves(camera: Camera) -> tuple[Tensor, Tensor] | None:
+    """The camera's tabulated response: wavelengths [n] in metres and curves [3, n], float64; None for "lines".
+
+    Raises InputError for a response that cannot be read.
+    """
+    if camera.recipe.sensor.response == LINES:
+        return None
+    table_nm, curves, _ = _table(camera.recipe.sensor.response, camera.base)
+    return torch.from_numpy(table_nm * 1e-9), torch.from_numpy(np.array(curves, dtype=np.float64))
 
 
 def add_noise(image: Tensor, sigma: float, seed: int) -> Tensor:
@@ -96,7 +111,12 @@ def _read_csv(text: str, name: str) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(
             f"sensor.response {name}: needs numbers in the columns wavelength_nm, r, g, b ({error!r})"
         ) from error
-    if len(table) < 2 or not np.isfinite(table).all() or (table < 0).any() or (np.diff(table[:, 0]) <= 0).any():
+    if (
+        len(table) < 2
+        or not np.isfinite(table).all()
+        or (table < 0).any()
+        or (np.diff(table[:, 0]) <= 0).any()
+    ):
         raise InputError(
             f"sensor.response {name}: needs two rows or more, rising wavelengths, and finite values of 0 or above"
         )

@@ -16,7 +16,7 @@ from torch import Tensor
 from ..convolution import Grid
 from ..kernels import Kernels
 from ..light import Light
-from . import brute, constant, layered
+from . import brute, constant, layered, low_rank
 
 Blur = Callable[[Light], Tensor]
 
@@ -28,6 +28,7 @@ class Method(Protocol):
 METHODS: Mapping[str, Method] = {
     "brute": brute.prepare,
     "layered": layered.prepare,
+    "low_rank": low_rank.prepare,
     "constant": constant.prepare,
 }
 

@@ -1,0 +1,105 @@
+"""Depth nodes, PSFs and response of a camera for given views."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..optics import Camera, psf_bank, response, response_curves
+from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
+
+BRUTE_DEPTHS = 475
+"""The paper's 3D scene has 475 depths; brute force uses as many unless told otherwise."""
+HELD_BYTES = 1 << 29
+"""Largest PSF bank that is held in memory as a whole."""
+SEEN_SHARE = 0.6
+"""Least part of a channel's response that must lie within a view's bands."""
+
+
+def blur_per_dioptre(camera: Camera) -> float:
+    """Change of the geometric blur's diameter with inverse depth, in pixels times metres."""
+    return 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
+
+
+def choose_nodes(
+    inverse_depth: Tensor, coverage: Tensor, camera: Camera, shortest: float, method: str, layers: int | str
+) -> Tensor:
+    """Depth nodes [node], ascending inverse depths in 1/m, for fragments [fragment].
+
+    shortest: wavelength in metres whose defocus changes fastest. `constant` gets one: the mean over coverage.
+    """
+    if method == "constant":
+        weight = coverage.detach().double()
+        return ((inverse_depth.detach().double() @ weight) / weight.sum().clamp_min(1e-300)).reshape(1)
+    if method == "brute" and layers == "auto":
+        layers = BRUTE_DEPTHS
+    return depth_nodes(inverse_depth, layers, math.pi / shortest * camera.aperture_radius**2)
+
+
+def kernels_of(
+    camera: Camera,
+    wavelengths: Tensor,
+    nodes: Tensor,
+    window: int,
+    *,
+    height: Tensor | None = None,
+    cache: Path | None = None,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+) -> Kernels:
+    """The camera's PSFs at depth nodes: held in memory where they fit, or where gradients must pass them."""
+
+    def compute(depths: Tensor) -> Tensor:
+        return psf_bank(
+            camera,
+            wavelengths,
+            depths,
+            window_px=window,
+            height=height,
+            cache=cache,
+            dtype=dtype,
+            device=device,
+        ).values
+
+    size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
+    if size <= HELD_BYTES or (height is not None and height.requires_grad):
+        return HeldKernels(compute(nodes), nodes, wavelengths)
+    return StreamedKernels(compute, nodes, wavelengths, window)
+
+
+def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:
+    """What each band adds to each channel: [channel, band], float64, rows summing to 1.
+
+    Raises InputError where a channel's response lies mostly outside the bands: its image would be that of
+    other light. One band alone is taken as monochromatic on purpose.
+    """
+    weights = response(camera, wavelengths)
+    curves = response_curves(camera)
+    if curves is None or wavelengths.numel() == 1:
+        return weights
+    at, values = curves
+    low, high = float(wavelengths.min()), float(wavelengths.max())
+    half = (high - low) / (wavelengths.numel() - 1) / 2
+    inside = (at >= low - half) & (at <= high + half)
+    share = values[:, inside].sum(1) / values.sum(1)
+    lacking = [
+        f"{s:.0%} of {name}"
+        for name, s in zip(("red", "green", "blue"), share, strict=True)
+        if s < SEEN_SHARE
+    ]
+    if lacking:
+        raise InputError(
+            f"the view's bands ({low * 1e9:.0f} to {high * 1e9:.0f} nm) hold only {' and '.join(lacking)} of "
+            f"the sensor response {camera.recipe.sensor.response!r}, which spans {float(at[0]) * 1e9:.0f} to "
+            f"{float(at[-1]) * 1e9:.0f} nm: render more bands, or choose another sensor.response"
+        )
+    return weights
+
+
+def transmission(camera: Camera) -> float:
+    """Fraction of the light through the open aperture that the camera's mask lets through."""
+    return psf_bank(camera, [camera.recipe.focus.wavelength_nm * 1e-9], [0.0], window_px=1).transmission

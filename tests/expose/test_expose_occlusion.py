@@ -1,0 +1,271 @@
+"""Occlusion against rays: two or three surfaces seen through every point of a square pupil.
+
+The oracle shifts each surface by its defocus times the pupil point, lays the shifted surfaces over each other
+and averages over the pupil. That is the exact image of geometric optics; its PSFs are the shifts themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from edofsim.expose.blurring import Blurring
+from edofsim.expose.kernels import HeldKernels
+from edofsim.expose.methods import METHODS
+from edofsim.expose.occlusion import OCCLUSIONS
+from edofsim.expose.occlusion.hidden import composite
+from edofsim.expose.occlusion.slabs import cuts, hides, revealed
+
+BANDS, MARGIN, REACH = 2, 12, 4
+SIZE = 40
+
+
+def pupil() -> list[tuple[int, int]]:
+    return [(y, x) for y in range(-REACH, REACH + 1) for x in range(-REACH, REACH + 1)]
+
+
+def ray_traced(sheets, defocus: list[int]) -> Tensor:
+    """[band, y, x] over the padded frame; sheets as for `stacked_view`, near to far, the last one opaque."""
+    total = 0
+    for s in pupil():
+        image, clear = 0, 1
+        for (coverage, _, radiance), shift in zip(sheets, defocus, strict=True):
+            move = (s[0] * shift, s[1] * shift)
+            shifted = torch.roll(coverage, move, (0, 1))
+            image = image + clear * shifted * torch.roll(radiance, move, (1, 2))
+            clear = clear * (1 - shifted)
+        total = total + image
+    return total / len(pupil())
+
+
+def kernels_for(bench, depths: list[float], defocus: list[int]) -> HeldKernels:
+    """The PSFs of those shifts: nodes ascend, so the farthest surface comes first."""
+    window = 2 * MARGIN + 1
+    values = torch.zeros(len(depths), BANDS, window, window, dtype=torch.float64)
+    for k, shift in enumerate(reversed(defocus)):
+        for y, x in pupil():
+            values[k, :, MARGIN + y * shift, MARGIN + x * shift] += 1 / len(pupil())
+    nodes = torch.tensor(list(reversed(depths)), dtype=torch.float64)
+    return HeldKernels(values, nodes, bench.wavelengths(BANDS))
+
+
+def surfaces(bench, count: int, textured: bool = True):
+    """Overlapping opaque sheets at 2.0, 1.0, 0.2 dioptres, each larger than what is in front of it."""
+    side = SIZE + 2 * MARGIN
+    depths = [2.0, 1.0, 0.2][3 - count :]
+    rows, columns = torch.meshgrid(torch.arange(side), torch.arange(side), indexing="ij")
+    shapes = [(rows - 30) ** 2 + (columns - 26) ** 2 < 13**2, columns + rows // 4 < 42, rows >= 0][
+        3 - count :
+    ]
+    sheets = []
+    for k, (depth, shape) in enumerate(zip(depths, shapes, strict=True)):
+        radiance = (
+            bench.texture(BANDS, side, side, seed=k) if textured else torch.ones(BANDS, side, side).double()
+        )
+        sheets.append((shape.double(), torch.full((side, side), depth, dtype=torch.float64), radiance))
+    return sheets, depths
+
+
+def composed(bench, name: str, sheets, depths, defocus, **change) -> tuple[Tensor, Tensor]:
+    """(photo, truth) of the frame."""
+    view = replace(bench.stacked_view(sheets, MARGIN), **change)
+    blur = Blurring(
+        kernels_for(bench, depths, defocus),
+        torch.eye(BANDS, dtype=torch.float64),
+        METHODS["layered"],
+        gap=0.05,
+    )
+    return view.crop_margin(OCCLUSIONS[name](view, blur)), view.crop_margin(ray_traced(sheets, defocus))
+
+
+def psnr(image: Tensor, truth: Tensor) -> float:
+    return -10 * torch.log10((image - truth).square().mean()).item()
+
+
+@pytest.mark.parametrize("defocus", [[1, 0], [0, 1], [2, 0], [0, -2]])
+def test_hidden_is_exact_for_two_surfaces_of_which_one_is_in_focus(bench, defocus):
+    photo, truth = composed(bench, "hidden", *surfaces(bench, 2), defocus)
+    assert (photo - truth).abs().max() < 1e-10
+
+
+@pytest.mark.parametrize("defocus", [[1, -1], [2, 1], [1, 2], [2, -1]])
+def test_hidden_is_good_when_nothing_is_in_focus(bench, defocus):
+    """Blurred coverage and blurred light are averaged over the pupil apart; rays know which go together."""
+    scores = {}
+    for name in ("none", "over", "normalised", "hidden"):
+        photo, truth = composed(bench, name, *surfaces(bench, 2), defocus)
+        scores[name] = psnr(photo, truth)
+    assert scores["hidden"] > 35
+    assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"] - 1)
+
+
+def test_dark_fringe_of_compositors_without_hidden_surfaces(bench):
+    """A blurred front over a sharp back of the same radiance. Half of the light at the edge comes from the
+    front and half from what the front hides: a compositor that cannot see it is left with 1 - (1/2)(1/2)."""
+    sheets, depths = surfaces(bench, 2, textured=False)
+    lowest = {}
+    for name in ("none", "over", "hidden"):
+        photo, _ = composed(bench, name, sheets, depths, [2, 0])
+        lowest[name] = float(photo.min())
+    assert lowest["hidden"] > 1 - 1e-12
+    assert lowest["over"] < 0.6
+    assert lowest["none"] < 0.6
+
+
+@pytest.mark.parametrize("name", ["normalised", "hidden"])
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("defocus", [[1, 0, -1], [2, -1, 0], [0, 1, 2]])
+def test_constant_radiance_stays_constant_across_depth_edges(bench, name, count, defocus):
+    """A room whose walls all have one radiance looks the same everywhere, whatever covers what."""
+    photo, _ = composed(bench, name, *surfaces(bench, count, textured=False), defocus[:count])
+    assert (photo - 1).abs().max() < 1e-10
+
+
+def test_three_surfaces(bench):
+    sheets, depths = surfaces(bench, 3)
+    photo, truth = composed(bench, "hidden", sheets, depths, [2, 1, 0])
+    plain, _ = composed(bench, "none", sheets, depths, [2, 1, 0])
+    assert psnr(photo, truth) > 35
+    assert psnr(photo, truth) > psnr(plain, truth) + 6
+
+
+def test_each_channel_has_its_own_coverage(bench):
+    """A front that is blurred in one band and sharp in the other: an edge that is blurred with one band's PSF
+    for both would be wrong in the other."""
+    sheets, depths = surfaces(bench, 2)
+    view = bench.stacked_view(sheets, MARGIN)
+    kernels = kernels_for(bench, depths, [2, 0])
+    sharp = kernels_for(bench, depths, [0, 0])
+    values = torch.stack([kernels.values[:, 0], sharp.values[:, 1]], 1)
+    blur = Blurring(
+        HeldKernels(values, kernels.nodes, kernels.wavelengths),
+        torch.eye(2).double(),
+        METHODS["layered"],
+        gap=0.05,
+    )
+    photo = view.crop_margin(OCCLUSIONS["hidden"](view, blur))
+    assert (photo[0] - view.crop_margin(ray_traced(sheets, [2, 0]))[0]).abs().max() < 1e-10
+    assert (photo[1] - view.crop_margin(ray_traced(sheets, [0, 0]))[1]).abs().max() < 1e-10
+
+
+def test_far_from_edges_the_linear_image_is_untouched(bench):
+    """Tiles without an edge in reach are bit for bit the linear image; the others equal one composite."""
+    side = 320
+    depth = torch.full((side, side), 0.2, dtype=torch.float64)
+    shape = torch.zeros(side, side, dtype=torch.float64)
+    shape[20:60, 20:60] = 1
+    texture = [bench.texture(BANDS, side, side, seed=k) for k in (0, 1)]
+    view = bench.stacked_view(
+        [(shape, depth + 1.8, texture[0]), (torch.ones_like(shape), depth, texture[1])], MARGIN
+    )
+    blur = Blurring(
+        kernels_for(bench, [2.0, 0.2], [2, 1]), torch.eye(2).double(), METHODS["layered"], gap=0.05
+    )
+    photo, linear = OCCLUSIONS["hidden"](view, blur), OCCLUSIONS["none"](view, blur)
+    whole = composite(view, blur)
+    assert torch.equal(view.crop_margin(photo)[:, 128:], view.crop_margin(linear)[:, 128:])
+    assert torch.allclose(view.crop_margin(photo), view.crop_margin(whole), atol=1e-9)
+
+
+def test_a_slanted_surface_that_hides_nothing_is_not_cut(bench):
+    side = SIZE + 2 * MARGIN
+    view = bench.flat_view(
+        bench.texture(BANDS, side, side),
+        torch.linspace(0.2, 2, side, dtype=torch.float64).expand(side, side),
+        MARGIN,
+    )
+    assert cuts(view, 0.05) == []
+    assert not hides(view, 0.05).front.numel()
+
+
+def test_cuts_lie_where_least_is_cut(bench):
+    """Two sheets with a third between them that hides nothing: one cut serves, and it spares the third."""
+    sheets, _ = surfaces(bench, 2)
+    view = bench.stacked_view(sheets, MARGIN)
+    between = replace(view, inverse_depth=view.inverse_depth.clone())
+    alone = torch.nonzero(~view.hidden & (view.inverse_depth < 0.5)).squeeze(1)[:300]
+    between.inverse_depth[alone] = torch.linspace(0.3, 0.8, 300, dtype=torch.float64)
+    at = cuts(between, 0.05)
+    assert len(at) == 1
+    assert 0.8 < at[0] < 1.0
+
+
+def test_every_hidden_fragment_lies_behind_a_cut(bench):
+    sheets, _ = surfaces(bench, 3)
+    view = bench.stacked_view(sheets, MARGIN)
+    at = torch.tensor(cuts(view, 0.05))
+    pairs = hides(view, 0.05)
+    near, far = view.inverse_depth[pairs.front], view.inverse_depth[pairs.behind]
+    assert bool(((at[:, None] < near) & (at[:, None] >= far)).any(0).all())
+    assert len(at) == 2
+
+
+def test_revealed_coverage_never_exceeds_the_pixel(bench):
+    """Half a pixel of front, half of back seen and half hidden: with the front gone, all the back shows; of
+    two full coverages the nearer one shows."""
+    view = bench.flat_view(torch.ones(1, 1, 3, dtype=torch.float64), 1.0, 0)
+    view = replace(
+        view,
+        pixel=torch.tensor([0, 0, 0, 1, 1]),
+        coverage=torch.tensor([0.5, 0.5, 0.5, 1.0, 1.0]).double(),
+        inverse_depth=torch.tensor([2.0, 1.0, 1.0, 2.0, 1.0]).double(),
+        radiance=torch.ones(1, 5).double(),
+        hidden=torch.tensor([False, False, True, False, True]),
+    )
+    assert revealed(view, torch.arange(5)).tolist() == [0.5, 0.5, 0.0, 1.0, 0.0]
+    assert revealed(view, torch.tensor([1, 2, 4])).tolist() == [0.5, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("name", ["over", "normalised", "hidden"])
+def test_gradients_with_coverage_exactly_zero_and_one(bench, name):
+    """Finite gradients to radiance, coverage, PSFs with coverage 0 and 1, empty layers, a one-pixel layer."""
+    sheets, depths = surfaces(bench, 3)
+    sheets[0][0].zero_()
+    sheets[0][0][30, 30] = 1
+    view = bench.stacked_view(sheets, MARGIN)
+    nothing = torch.zeros(1, dtype=torch.int64)
+    view = replace(
+        view,
+        pixel=torch.cat([nothing, view.pixel]),
+        coverage=torch.cat([nothing.double(), view.coverage]).requires_grad_(),
+        inverse_depth=torch.cat([nothing.double() + 1.5, view.inverse_depth]),
+        radiance=torch.cat([torch.zeros(BANDS, 1).double(), view.radiance], 1).requires_grad_(),
+        hidden=torch.cat([nothing.bool(), view.hidden]),
+    )
+    base = kernels_for(bench, [2.0, 1.5, 1.0, 0.2], [2, 1, 1, 0])
+    values = base.values.clone().requires_grad_()
+    kernels = HeldKernels(values, base.nodes, base.wavelengths)
+    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), METHODS["layered"], gap=0.05)
+    OCCLUSIONS[name](view, blur).square().sum().backward()
+    for grad in (view.radiance.grad, view.coverage.grad, values.grad):
+        assert torch.isfinite(grad).all()
+    assert view.radiance.grad.any()
+
+
+def test_gradcheck_through_occlusion(bench):
+    """Analytic against numerical derivatives of the composite by PSFs, radiance and coverage, float64."""
+    window, side = 5, 9
+    shape = torch.zeros(side, side, dtype=torch.float64)
+    shape[:, :4] = 1
+    shape[:, 4] = 0.5
+    depth = torch.ones(side, side, dtype=torch.float64)
+    sheets = [
+        (shape, depth * 2, bench.texture(2, side, side)),
+        (depth, depth * 0.2, bench.texture(2, side, side, 1)),
+    ]
+    view = bench.stacked_view(sheets, 2)
+    base = bench.kernels(torch.tensor([0.2, 2.0], dtype=torch.float64), 2, window, growth=1.0)
+
+    def picture(values, radiance, scale):
+        kernels = HeldKernels(values, base.nodes, base.wavelengths)
+        blur = Blurring(kernels, bench.response(2, 2), METHODS["layered"], gap=0.05)
+        changed = replace(view, radiance=radiance, coverage=view.coverage * scale)
+        return view.crop_margin(OCCLUSIONS["hidden"](changed, blur))
+
+    values = base.values.clone().requires_grad_()
+    radiance = view.radiance.clone().requires_grad_()
+    scale = torch.full((1,), 0.9, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(picture, (values, radiance, scale), fast_mode=True)
