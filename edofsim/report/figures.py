@@ -41,6 +41,7 @@ def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
     low, high = (float(finite.min()), float(finite.max())) if finite.numel() else (0.0, 1.0)
     seen = torch.where(torch.isfinite(depth), depth, math.nan).numpy()
     nearest, farthest = distance(_metres(high)), distance(_metres(low))
+    span = f"from {nearest} to {farthest}" if nearest != farthest else f"{nearest} everywhere"
     if high - low < 1e-3:  # one depth: a scale around it
         middle = (high + low) / 2
         half = max(0.05 * middle, 0.05)
@@ -71,8 +72,8 @@ def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
     focus = "" if focus_m is None else f" The line on the scale marks the focus, {distance(focus_m)}."
     return Plot(
         paint,
-        alt=f"Depth picture with colour scale, from {nearest} (bright) to {farthest} (dark).",
-        caption=f"Depth along the optical axis, from {nearest} to {farthest}. Colour follows inverse depth, "
+        alt=f"Depth picture with colour scale, near bright and far dark: {span}.",
+        caption=f"Depth along the optical axis, {span}. Colour follows inverse depth, "
         f"because defocus does.{focus}",
     )
 

@@ -53,7 +53,7 @@ def report_page(report: RunReport) -> Page:
     shown = _pictures(report, gain)
     sections = [
         Section("Images", _images(report, shown, crops, gain)),
-        Section("Near and far", _crops(report, crops, gain)),
+        Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain)),
         Section("Depth and scores", _depth(report)),
         Section("Optics", _optics(report)),
         Section("Plan", _plan(report)),
@@ -61,16 +61,11 @@ def report_page(report: RunReport) -> Page:
         Section("Reproduce", _reproduce(report)),
     ]
     rows, columns = report.inverse_depth.shape
-    sentence = verdict(report)
     return Page(
         title=report.title,
         purpose=report.purpose,
         facts={"Camera": report.camera, "Size": f"{columns} × {rows} px", **report.facts},
-        head=(
-            _scores(report),
-            *((Text(sentence),) if sentence else ()),
-            Notes((*report.notes, *_broken(report))),
-        ),
+        head=_head(report),
         sections=tuple(s for s in sections if s.blocks),
     )
 
@@ -83,12 +78,13 @@ def verdict(report: RunReport) -> str:
     for name, text in (("photo", "the photo"), ("lens_alone", "the lens alone")):
         gain = restored - whole.get(name, math.nan)
         if math.isfinite(gain):
-            gains.append(f"{number(abs(gain))} dB {'above' if gain >= 0 else 'below'} {text}")
+            gains.append(f"{decibels(abs(gain))} {'above' if gain >= 0 else 'below'} {text}")
     return f"Restored is {' and '.join(gains)}." if gains else ""
 
 
-def _scores(report: RunReport) -> Keys:
-    keys = [
+def _head(report: RunReport) -> tuple[Block, ...]:
+    """Scores of the whole images, the verdict, and what must not be missed."""
+    keys = tuple(
         Key(
             report.label(name),
             number(score.whole.psnr_db),
@@ -97,8 +93,14 @@ def _scores(report: RunReport) -> Keys:
             strong=name == "restored",
         )
         for name, score in report.scores.items()
-    ]
-    return Keys(tuple(keys))
+    )
+    sentence = verdict(report)
+    notes = (*report.notes, *_broken(report))
+    return (
+        *((Keys(keys),) if keys else ()),
+        *((Text(sentence),) if sentence else ()),
+        *((Notes(notes),) if notes else ()),
+    )
 
 
 def _broken(report: RunReport) -> list[str]:
@@ -145,7 +147,7 @@ def _images(
     caption = (
         f"The sensor's red, green and blue {exposure}, encoded with the sRGB curve, not colour-corrected; "
         f"the same for all. Values shown as white because they exceed it: {white}. "
-        "The frames in the ideal image are the parts enlarged below."
+        + ("The frames in the ideal image are the parts enlarged below." if crops else "")
     )
     right = "restored" if report.restored is not None else "ideal"
     return (
@@ -170,11 +172,11 @@ def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float) -> tuple[Blo
         caption = (
             f"Pixels {crop.x} to {crop.x + crop.size - 1} across, {crop.y} to {crop.y + crop.size - 1} down."
         )
-        galleries.append(Gallery(tuple(pictures), caption, columns=len(pictures), pixels=True, title=title))
-    note = Text(
-        "The most textured square at the nearest depths, around focus and at the farthest depths, enlarged "
-        "without smoothing; PSNR of the square itself."
-    )
+        galleries.append(Gallery(tuple(pictures), caption, columns=4, pixels=True, title=title))
+    what = "The most textured square"
+    if len(crops) > 1:
+        what += "s at the nearest depths, around focus and at the farthest depths"
+    note = Text(f"{what}, enlarged without smoothing; PSNR of the square itself.")
     return (note, *galleries) if galleries else ()
 
 

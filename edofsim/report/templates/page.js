@@ -16,7 +16,7 @@ document.querySelectorAll(".compare").forEach((figure) => {
   // Wide as the page, but never taller than the window: the divider is dragged with the whole picture in view.
   const ratio = pictures[0].getAttribute("width") / pictures[0].getAttribute("height");
   stage.style.aspectRatio = ratio;
-  stage.style.maxWidth = `calc(86vh * ${ratio})`;
+  figure.style.maxWidth = `max(20rem, calc(86vh * ${ratio}))`;
 
   const move = (percent) => {
     range.value = Math.min(100, Math.max(0, percent));
