@@ -13,6 +13,7 @@ from ..errors import InputError
 from .camera import CameraRecipe
 from .scene import SceneRecipe
 from .toml import read_toml, validate
+from .train import TrainRecipe
 
 Recipe = TypeVar("Recipe", bound=BaseModel)
 
@@ -53,6 +54,11 @@ def load_camera(source: str | Path, base: Path | None = None) -> Loaded[CameraRe
     if base is not None and (base / source).is_file():
         source = base / source
     return _load(CameraRecipe, source, shipped_folder("scenes") / "cameras", "camera")
+
+
+def load_train(source: str | Path) -> Loaded[TrainRecipe]:
+    """A training recipe from its file, or a shipped one by name. Raises InputError."""
+    return _load(TrainRecipe, source, shipped_folder("train"), "training recipe")
 
 
 def _load(model: type[Recipe], source: str | Path, folder: Path, noun: str) -> Loaded[Recipe]:

@@ -11,8 +11,13 @@ from torch import Tensor, nn
 from ..errors import InputError
 from .dcnn import DCnn
 from .local_unet import LocalUNet
+from .wiener_network import WienerNetwork
 
-NETWORKS: dict[str, type[nn.Module]] = {DCnn.kind: DCnn, LocalUNet.kind: LocalUNet}
+NETWORKS: dict[str, type[nn.Module]] = {
+    DCnn.kind: DCnn,
+    LocalUNet.kind: LocalUNet,
+    WienerNetwork.kind: WienerNetwork,
+}
 
 
 def build_network(kind: str, settings: Mapping[str, Any] | None = None) -> nn.Module:
@@ -34,7 +39,8 @@ def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tens
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
-    network sees (`radius`): memory stays bounded and the result is that of the whole photo. Computed on
+    network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
+    photo. Computed on
     the image's device in float32. Raises InputError for a photo that is not [3, y, x] or not finite.
     """
     if image.ndim != 3 or image.shape[0] != 3:
@@ -44,6 +50,9 @@ def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tens
     network = network.eval().to(image.device)
     photo = image.to(torch.float32)[None].contiguous(memory_format=torch.channels_last)
     rows, columns = image.shape[-2:]
+    if network.radius is None:
+        with torch.inference_mode():
+            return network(photo)[0].to(image.dtype)
     around = -(-network.radius // network.multiple) * network.multiple
     tile = -(-tile // network.multiple) * network.multiple
     restored = torch.empty_like(image)

@@ -1,0 +1,38 @@
+"""Patches through the optics: one plane, one depth, one convolution a patch, as Akpinar et al. train."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def surroundings(window: int) -> tuple[int, int]:
+    """Pixels (before, after) that a patch needs around it so that all its light is known: a PSF window of
+    `window` pixels has its centre at index window // 2."""
+    return window - 1 - window // 2, window // 2
+
+
+def photograph(sharp: Tensor, psf: Tensor) -> Tensor:
+    """The noise-free photo of planes, each at its own depth.
+
+    sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w].
+    Returns [batch, band, y, x]: only pixels whose light is all known, so that nothing wraps or is missing
+    (Eq. `Forwardmodel`).
+    """
+    rows, columns = sharp.shape[-2:]
+    window = psf.shape[-1]
+    size = (good_size(rows), good_size(columns))
+    spectrum = torch.fft.rfft2(sharp, s=size) * torch.fft.rfft2(psf, s=size)
+    return torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
+
+
+def good_size(size: int) -> int:
+    """The next length that is quick to transform: a product of 2, 3 and 5."""
+    while True:
+        rest = size
+        for factor in (2, 3, 5):
+            while rest % factor == 0:
+                rest //= factor
+        if rest == 1:
+            return size
+        size += 1

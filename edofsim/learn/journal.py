@@ -1,0 +1,102 @@
+"""What a training leaves behind while it runs: a JSON-lines log and pictures, TensorBoard if asked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from ..errors import EdofsimError, InputError
+
+
+class Journal:
+    """log.jsonl and pictures/ in a training's folder; `step` is the first step that is written anew."""
+
+    def __init__(self, folder: Path, step: int, *, tensorboard: bool = False) -> None:
+        self.folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _drop_from(folder / "log.jsonl", step)
+            self._file = (folder / "log.jsonl").open("a", encoding="utf-8")
+        except OSError as error:
+            problem = f"{folder}: cannot be written ({error.strerror}); choose another --out"
+            raise EdofsimError(problem) from None
+        self._board = _board(folder) if tensorboard else None
+
+    def write(self, **entry: Any) -> None:
+        """One line of the log: flat, JSON values; numbers also go to TensorBoard."""
+        try:
+            self._file.write(json.dumps(entry) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise EdofsimError(f"{self.folder}: the log cannot be written ({error.strerror})") from None
+        if self._board is not None:
+            for name, value in entry.items():
+                if isinstance(value, float):
+                    self._board.add_scalar(name, value, entry["step"])
+
+    def picture(self, step: int, rows: list[list[Tensor]], height: Tensor | None) -> Path:
+        """Rows of images, each [3, y, x] in [0, 1] and of one size, side by side (8-bit values are
+        intensities); beside them the height map [n, n], dark is low."""
+        grid = torch.cat([torch.cat([image.cpu() for image in row], dim=-1) for row in rows], dim=-2)
+        path = self.folder / "pictures" / f"{step:07d}.png"
+        save_picture(path, grid)
+        if height is not None:
+            relief = stretched(height)[None].expand(3, -1, -1)
+            save_picture(self.folder / "pictures" / f"{step:07d}-height.png", relief)
+        return path
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if self._board is not None:
+            self._board.close()
+
+
+def save_picture(path: Path, image: Tensor) -> None:
+    """[3, y, x] in [0, 1] as an 8-bit PNG."""
+    array = (image.detach().cpu().clamp(0, 1).permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(array).save(path)
+    except OSError as error:
+        raise EdofsimError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def stretched(values: Tensor) -> Tensor:
+    """Values stretched over [0, 1]; a flat map becomes 0."""
+    low, high = values.min(), values.max()
+    return (values - low) / (high - low).clamp_min(torch.finfo(values.dtype).tiny)
+
+
+def _drop_from(path: Path, step: int) -> None:
+    """Lines of steps that will be done again, after an interruption past the last saved state."""
+    if not path.exists():
+        return
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if _step_of(line) <= step]
+    path.write_text("".join(line + "\n" for line in lines if step > 0), encoding="utf-8")
+
+
+def _step_of(line: str) -> float:
+    try:
+        return float(json.loads(line)["step"])
+    except (ValueError, KeyError, TypeError):
+        return float("inf")  # a line cut short by a crash
+
+
+def _board(folder: Path) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        raise InputError("journal.tensorboard = true needs tensorboard: pip install tensorboard") from None
+    return SummaryWriter(str(folder / "tensorboard"))

@@ -1,0 +1,186 @@
+"""From a training recipe to everything the loop needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from ..errors import InputError
+from ..optics import Camera
+from ..optics.grid import PupilGrid
+from ..optics.height import designed_map, natural_samples
+from ..optics.masks import mask_phase
+from ..recipe import masks
+from ..recipe.base import RecipeModel
+from ..recipe.camera import CameraRecipe
+from ..recipe.load import Loaded, load_camera
+from ..recipe.train import TrainRecipe
+from ..restore.checkpoint import load_checkpoint
+from ..restore.losses import LossWeights
+from ..restore.network import build_network
+from .doe import BasisHeight, FixedHeight, FreeHeight, NoHeight, RingHeight, metres_per_radian
+from .material import Material, gather
+from .system import Optics, System
+from .workers import Workers
+
+MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
+
+
+@dataclass(frozen=True)
+class Setup:
+    """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
+    relief."""
+
+    recipe: TrainRecipe
+    camera: CameraRecipe
+    system: System
+    material: Material
+    sampling: float | None
+    device: torch.device
+
+    def height(self) -> Tensor | None:
+        """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
+        with torch.no_grad():
+            height = self.system.mask()
+        return None if height is None else height.detach().cpu()
+
+
+def prepare(
+    loaded: Loaded[TrainRecipe],
+    data: Path | None,
+    workers: Workers,
+    cache: Path | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Setup:
+    """Read the data, build the mask and the network. Raises InputError for what the recipe cannot have."""
+    recipe = loaded.recipe
+    camera, base = _camera(recipe, loaded.base)
+    mask, sampling, relief = build_mask(recipe, camera, base)
+    optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
+    material = gather(recipe, optics, loaded.base, data, cache, progress)
+    system = System(
+        optics,
+        mask,
+        _network(recipe, camera),
+        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
+        recipe.doe.height_noise_nm * 1e-9,
+        recipe.capture.inverse_depth_per_m,
+        bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),
+    )
+    system.to(workers.device)
+    system.network.to(memory_format=torch.channels_last)
+    return Setup(recipe, camera, system, material, sampling, workers.device)
+
+
+def use_bfloat16(precision: str, device: torch.device) -> bool:
+    """`auto` takes bfloat16 where the processor multiplies it: elsewhere it is several times slower."""
+    if precision != "auto":
+        return precision == "bfloat16"
+    if device.type == "cuda":
+        return torch.cuda.is_bf16_supported()
+    checks = ("_is_amx_tile_supported", "_is_avx512_bf16_supported")
+    return any(getattr(torch.cpu, name, lambda: False)() for name in checks)
+
+
+def build_mask(
+    recipe: TrainRecipe, camera: CameraRecipe, base: Path
+) -> tuple[nn.Module, float | None, CameraRecipe]:
+    """(mask that learns or not, its sampling, the camera that photographs with its height map).
+
+    A mask that is not a height map is turned into one, so that its fabrication can be simulated and its
+    shape can learn. Masks that only block light stay with the camera.
+    """
+    mask = camera.mask
+    pitch = getattr(mask, "pitch_um", MASK_PITCH_UM) * 1e-6
+    optics = Camera.from_recipe(camera, base)
+    if not hasattr(mask, "design_wavelength_nm"):
+        return NoHeight(), None, camera
+    wavelength = mask.design_wavelength_nm * 1e-9
+    radian = metres_per_radian(float(optics.mask_material.index(wavelength)), wavelength)
+    grid = PupilGrid(natural_samples(optics, pitch), pitch, optics.aperture_radius)
+    plain = masks.HeightMapMask(
+        material=mask.material, design_wavelength_nm=mask.design_wavelength_nm, pitch_um=pitch * 1e6
+    )
+    learner = _learner(recipe, mask, optics, grid, radian)
+    return learner, pitch, camera.model_copy(update={"mask": plain})
+
+
+def _learner(
+    recipe: TrainRecipe, mask: RecipeModel, optics: Camera, grid: PupilGrid, radian: float
+) -> nn.Module:
+    doe = recipe.doe
+    limit = doe.height_limit_um * 1e-6
+    if doe.start is not None:
+        return _started(doe.start, recipe, optics, grid, limit, radian)
+    if isinstance(mask, masks.HeightMapMask):
+        start = torch.full((grid.samples, grid.samples), limit / 2)
+        if mask.file is not None:
+            start, _ = designed_map(optics)
+        return FreeHeight(start, limit, radian) if doe.learn else FixedHeight(start)
+    if doe.learn and isinstance(mask, masks.RingsMask):
+        rho = grid.radius_squared().sqrt() / grid.radius
+        radii = torch.tensor([(ring.inner_radius, ring.outer_radius) for ring in mask.rings])
+        phases = torch.tensor([ring.phase_rad for ring in mask.rings])
+        return RingHeight(radii, phases, rho, radian, grid.pitch / grid.radius)
+    if doe.learn and isinstance(mask, masks.ZernikeMask | masks.FourierMask):
+        shapes, start = _basis(mask, grid)
+        return BasisHeight(shapes * radian, start)
+    phase = mask_phase(mask, grid)
+    return FixedHeight((phase - phase.min()) * radian)
+
+
+def _started(
+    source: str, recipe: TrainRecipe, optics: Camera, grid: PupilGrid, limit: float, radian: float
+) -> nn.Module:
+    """The height map of a checkpoint, to learn on or to keep."""
+    checkpoint = load_checkpoint(source, optics.recipe)
+    if checkpoint.height is None or tuple(checkpoint.height.shape) != (grid.samples, grid.samples):
+        raise InputError(
+            f"doe.start = {source!r}: this checkpoint has no height map of {grid.samples} samples across"
+        )
+    height = checkpoint.height
+    return FreeHeight(height, limit, radian) if recipe.doe.learn else FixedHeight(height)
+
+
+def _basis(mask: masks.ZernikeMask | masks.FourierMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
+    """(shapes [term, n, n] for one radian each, start [term] in radians)."""
+    shapes, start = [], []
+    for term in mask.terms:
+        for name in ("rms_rad", "cosine_rad", "sine_rad"):
+            if hasattr(term, name):
+                others = {key: 0.0 for key in ("cosine_rad", "sine_rad") if hasattr(term, key)}
+                single = term.model_copy(update=others | {name: 1.0})
+                shapes.append(mask_phase(mask.model_copy(update={"terms": (single,)}), grid))
+                start.append(getattr(term, name))
+    return torch.stack(shapes), torch.tensor(start)
+
+
+def _network(recipe: TrainRecipe, camera: CameraRecipe) -> nn.Module:
+    """The network with weights that only the seed decides, or those of a checkpoint."""
+    table = recipe.network
+    if table.start is not None:
+        checkpoint = load_checkpoint(table.start, camera)
+        if checkpoint.network.kind != table.kind:
+            kind = checkpoint.network.kind
+            raise InputError(f"network.start = {table.start!r} is a {kind!r}, not a {table.kind!r}")
+        return checkpoint.network
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(recipe.seed)
+        settings = dict(table.settings)
+        if table.kind == "wiener":
+            settings.setdefault("window", camera.psf.window_px)
+        return build_network(table.kind, settings)
+
+
+def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:
+    """The camera with what the training recipe replaces, and the folder its own files are relative to."""
+    loaded = load_camera(recipe.camera, base)
+    changes: dict[str, Any] = {"mask": recipe.mask, "psf": recipe.psf}
+    given = {key: value for key, value in changes.items() if value is not None}
+    camera = loaded.recipe.model_copy(update=given)
+    return camera, base if recipe.mask is not None else loaded.base

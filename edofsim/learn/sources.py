@@ -1,0 +1,150 @@
+"""Photographs in memory, and patches drawn from them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, UnidentifiedImageError
+from torch import Tensor
+
+from ..errors import InputError
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+MAX_PIXELS = 100_000_000
+
+
+@dataclass(frozen=True)
+class Images:
+    """8-bit photographs, each uint8 [3, y, x], with the SHA-256 over names and bytes of their files."""
+
+    pictures: tuple[Tensor, ...]
+    names: tuple[str, ...]
+    sha256: str
+
+
+def read_folder(folder: Path, smallest: int) -> Images:
+    """All pictures of a folder (not of the folders inside it).
+
+    smallest: pixels that each side must have. Raises InputError for a missing or empty folder, and lists
+    all pictures that cannot be read or are smaller than a patch.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name one with photographs, --data DIR")
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    if not paths:
+        kinds = ", ".join(SUFFIXES)
+        raise InputError(f"{folder}: holds no pictures ({kinds}); name a folder with photographs")
+    digest, pictures, problems = hashlib.sha256(), [], []
+    for path in paths:
+        try:
+            data = path.read_bytes()
+            picture = _decode(path)
+        except (OSError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+            problems.append(f"{path}: cannot be read as a picture ({error}); mend or remove it")
+            continue
+        if min(picture.shape[-2:]) < smallest:
+            size = f"{picture.shape[-1]} x {picture.shape[-2]}"
+            problems.append(
+                f"{path}: {size} pixels are fewer than a patch of {smallest}; remove it or shrink patches"
+            )
+        digest.update(path.name.encode() + b"\0" + data)
+        pictures.append(picture)
+    if problems:
+        raise InputError(problems[:20] + ([f"and {len(problems) - 20} more"] if len(problems) > 20 else []))
+    return Images(tuple(pictures), tuple(path.name for path in paths), digest.hexdigest())
+
+
+def packaged_images(smallest: int) -> Images:
+    """The photographs that come inside scikit-image's package: nothing is downloaded.
+
+    Raises InputError where a patch is larger than all of them.
+    """
+    from skimage import data
+
+    digest, pictures, names = hashlib.sha256(), [], []
+    for name in ("astronaut", "chelsea", "coffee", "rocket", "brick", "grass", "gravel", "page", "text"):
+        array = np.ascontiguousarray(getattr(data, name)())
+        array = np.repeat(array[..., None], 3, axis=-1) if array.ndim == 2 else array[..., :3]
+        if min(array.shape[:2]) >= smallest:
+            digest.update(name.encode() + b"\0" + array.tobytes())
+            pictures.append(torch.from_numpy(array.copy()).permute(2, 0, 1).contiguous())
+            names.append(name)
+    if not pictures:
+        raise InputError(f"no picture of scikit-image holds a patch of {smallest} pixels; shrink patches")
+    return Images(tuple(pictures), tuple(names), digest.hexdigest())
+
+
+def split(images: Images, share: float, seed: int) -> tuple[Images, Images]:
+    """(training, validation): whole pictures, at least one in each, chosen by the seed.
+
+    Raises InputError for fewer than two pictures.
+    """
+    count = len(images.pictures)
+    if count < 2:
+        raise InputError("one picture cannot be split into training and validation; give at least two")
+    order = torch.randperm(count, generator=torch.Generator().manual_seed(seed)).tolist()
+    kept = min(max(1, round(share * count)), count - 1)
+    return _chosen(images, sorted(order[kept:])), _chosen(images, sorted(order[:kept]))
+
+
+def _chosen(images: Images, indices: Sequence[int]) -> Images:
+    return Images(
+        tuple(images.pictures[i] for i in indices), tuple(images.names[i] for i in indices), images.sha256
+    )
+
+
+def draw_patches(
+    images: Images, count: int, patch: int, around: tuple[int, int], generator: torch.Generator
+) -> Tensor:
+    """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1].
+
+    A picture is chosen by its area, so that every place is as likely; patches are mirrored and turned at
+    random. Where the surroundings leave the picture, its mirror image continues it.
+    """
+    areas = torch.tensor([float(p.shape[-1] * p.shape[-2]) for p in images.pictures])
+    chosen = torch.multinomial(areas, count, replacement=True, generator=generator).tolist()
+    patches = []
+    for index in chosen:
+        picture = images.pictures[index]
+        rows, columns = picture.shape[-2:]
+        top = int(torch.randint(rows - patch + 1, (), generator=generator))
+        left = int(torch.randint(columns - patch + 1, (), generator=generator))
+        size = patch + sum(around)
+        down, across = mirrored(top - around[0], size, rows), mirrored(left - around[0], size, columns)
+        cut = picture[:, down][:, :, across]
+        turns = torch.randint(2, (3,), generator=generator).tolist()
+        cut = cut.transpose(-1, -2) if turns[0] else cut
+        patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
+    return torch.stack(patches).to(torch.float32) / 255
+
+
+def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> Tensor:
+    """The same `count` patches each time: the middles of pictures, evenly spaced through the list."""
+    patches = []
+    for index in range(count):
+        picture = images.pictures[index * len(images.pictures) // count % len(images.pictures)]
+        rows, columns = picture.shape[-2:]
+        size = patch + sum(around)
+        top, left = ((n - patch) // 2 - around[0] for n in (rows, columns))
+        patches.append(picture[:, mirrored(top, size, rows)][:, :, mirrored(left, size, columns)])
+    return torch.stack(patches).to(torch.float32) / 255
+
+
+def mirrored(start: int, size: int, length: int) -> Tensor:
+    """Indices start ... start + size - 1 into an axis of `length` that its mirror images continue; the
+    border pixel is repeated."""
+    folded = torch.arange(start, start + size).remainder(2 * length)
+    return torch.where(folded < length, folded, 2 * length - 1 - folded)
+
+
+def _decode(path: Path) -> Tensor:
+    with Image.open(path) as image:
+        if image.width * image.height > MAX_PIXELS:
+            raise ValueError(f"{image.width} x {image.height} pixels are too many")
+        array = np.array(image.convert("RGB"))
+    return torch.from_numpy(array).permute(2, 0, 1).contiguous()

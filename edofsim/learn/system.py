@@ -1,0 +1,139 @@
+"""Mask, optics and network as one differentiable machine: from a sharp scene to the loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor, nn
+
+from ..optics import Camera, psf_bank
+from ..restore.losses import LossWeights, restoration_loss
+from ..restore.wiener_network import WienerNetwork
+from .imaging import photograph
+
+COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
+"""The paper's red, green and blue, in metres."""
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What is fixed about the camera: its PSFs are `window` pixels wide; without a mask that has a relief
+    `height` stays None."""
+
+    camera: Camera
+    window: int
+    device: torch.device
+
+    def psfs(self, inverse_depths: Tensor, height: Tensor | None) -> Tensor:
+        """PSFs of the three colours, float32 [depth, band, window, window], inverse depths [depth] in 1/m."""
+        bank = psf_bank(
+            self.camera, COLOURS, inverse_depths, window_px=self.window, height=height, device=self.device
+        )
+        return bank.values.to(torch.float32)
+
+
+class Scenes(Protocol):
+    """A batch that can be photographed."""
+
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
+        """(photo without noise, ideal image), each [batch, 3, y, x]."""
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]."""
+
+    sharp: Tensor
+    inverse_depths: Tensor
+
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Each colour sees one wavelength, as in the paper."""
+        sharp = self.sharp.to(optics.device)
+        clean = photograph(sharp, optics.psfs(self.inverse_depths, height))
+        before, after = optics.window - 1 - optics.window // 2, optics.window // 2
+        return clean, sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
+
+
+@dataclass(frozen=True)
+class Draw:
+    """All that is random in a step. read_noise: [batch], standard deviations relative to full scale;
+    generator: for the noise itself, on the device of the photo."""
+
+    scenes: Scenes
+    read_noise: Tensor
+    generator: torch.Generator
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]."""
+
+    loss: Tensor
+    photo: Tensor
+    restored: Tensor
+    ideal: Tensor
+
+
+class System(nn.Module):
+    """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores.
+
+    height_noise: standard deviation in metres, added anew to each sample of the height map in every step,
+    for the errors of fabrication. depth_range: least and largest inverse depth in 1/m. bfloat16 applies to
+    the network alone: the optics stay in float32.
+    """
+
+    def __init__(
+        self,
+        optics: Optics,
+        mask: nn.Module,
+        network: nn.Module,
+        loss: LossWeights,
+        height_noise: float,
+        depth_range: tuple[float, float],
+        bfloat16: bool = False,
+    ) -> None:
+        super().__init__()
+        self.depth_range = depth_range
+        self.optics, self.loss_weights = optics, loss
+        self.height_noise, self.bfloat16 = height_noise, bfloat16
+        self.mask, self.network = mask, network
+
+    def forward(self, draw: Draw) -> Outcome:
+        """A photo of the drawn scenes, restored and judged."""
+        height = self.mask()
+        photo, ideal = self.capture(draw, height)
+        restored = self.restore(photo, height)
+        return Outcome(restoration_loss(restored, ideal, self.loss_weights), photo, restored, ideal)
+
+    def capture(self, draw: Draw, height: Tensor | None) -> tuple[Tensor, Tensor]:
+        """(photo with noise, ideal image), each [batch, 3, y, x], by the designed mask `height` [n, n]."""
+        if height is not None and self.height_noise > 0:
+            height = height + self.height_noise * _normal(height, draw.generator)
+        clean, ideal = draw.scenes.photograph(self.optics, height)
+        noise = draw.read_noise.to(clean)[:, None, None, None]
+        return clean + noise * _normal(clean, draw.generator), ideal
+
+    def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
+        """[batch, 3, y, x] to the same, float32. A filter is computed from the designed mask."""
+        if isinstance(self.network, WienerNetwork):
+            return self.network(photo, self._filter_psfs(height))
+        photo = photo.contiguous(memory_format=torch.channels_last)
+        with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
+            return self.network(photo).to(torch.float32)
+
+    def settle(self) -> None:
+        """Give a filter the PSFs of the mask as it is now, to keep in its checkpoint."""
+        if isinstance(self.network, WienerNetwork):
+            with torch.no_grad():
+                self.network.psf.copy_(self._filter_psfs(self.mask()))
+
+    def _filter_psfs(self, height: Tensor | None) -> Tensor:
+        depths = torch.linspace(*self.depth_range, self.network.depths, dtype=torch.float64)
+        return self.optics.psfs(depths, height)
+
+
+def _normal(like: Tensor, generator: torch.Generator) -> Tensor:
+    where = generator.device
+    return torch.randn(like.shape, generator=generator, dtype=like.dtype, device=where).to(like.device)

@@ -1,0 +1,300 @@
+"""The training loop: draw, photograph, restore, judge, step; saved so that nothing of it can be lost."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from .. import __version__
+from ..errors import EdofsimError, InputError
+from ..recipe.load import Loaded
+from ..recipe.train import TrainRecipe
+from ..restore.checkpoint import save_arrays, save_checkpoint
+from .journal import Journal
+from .schedule import fraction_done, generator_of, rate_factor
+from .setup import Setup, prepare
+from .state import Position, load_state, save_state
+from .system import Draw, Outcome
+from .workers import Workers, join_workers
+
+Progress = Callable[[float, str], None]
+DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
+TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
+
+
+@dataclass(frozen=True)
+class Trained:
+    """checkpoint: what the training gave; figures: flat, as for --json; outputs: all files written;
+    finished: False where it was stopped before its end and can be resumed."""
+
+    checkpoint: Path
+    figures: Mapping[str, float]
+    outputs: tuple[Path, ...]
+    finished: bool = True
+
+
+@dataclass
+class _Loop:
+    """What the steps share."""
+
+    setup: Setup
+    wrapped: nn.Module
+    optimiser: torch.optim.Optimizer
+    position: Position
+    workers: Workers
+    out: Path
+    limit: float | None
+    started: float = field(default_factory=lambda: time.perf_counter())
+    before: float = 0.0
+
+    def seconds(self) -> float:
+        return self.before + time.perf_counter() - self.started
+
+    def fraction(self) -> float:
+        steps = self.setup.recipe.optimiser.steps
+        return self.workers.agree(fraction_done(self.position.step, steps, self.seconds(), self.limit))
+
+
+def train(
+    loaded: Loaded[TrainRecipe],
+    out: Path,
+    *,
+    data: Path | None = None,
+    resume: bool = False,
+    max_minutes: float | None = None,
+    device: str = "auto",
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Trained:
+    """Follow a recipe; writes OUT/NAME.safetensors, OUT/state.safetensors, OUT/log.jsonl, OUT/pictures.
+
+    data: folder of photographs for sources that name none. resume: go on from OUT/state.safetensors, to the
+    same bytes as without the interruption (float32, CPU, same number of threads). max_minutes: end after
+    this much time, with the decay of the learning rate fitted to it. device: auto, cpu, cuda. cache: of
+    rendered views. Under `torchrun` every process takes its share of the batch.
+
+    Ctrl-C saves and returns with `finished` False. Raises InputError for what cannot be used, EdofsimError
+    where the disk refuses or the loss is no longer finite: then OUT/nan-state.safetensors holds the weights
+    before that step and OUT/nan-batch.safetensors its photos.
+    """
+    with join_workers(device, loaded.recipe.device) as workers:
+        setup = prepare(loaded, data, workers, cache, progress)
+        return _train(setup, out, workers, resume, max_minutes, progress)
+
+
+def _train(
+    setup: Setup,
+    out: Path,
+    workers: Workers,
+    resume: bool,
+    max_minutes: float | None,
+    progress: Progress | None,
+) -> Trained:
+    recipe, state = setup.recipe, out / "state.safetensors"
+    optimiser = _optimiser(setup)
+    position = Position()
+    if resume:
+        position = load_state(state, setup.system, optimiser, _plain(recipe), setup.material.sha256)
+    elif state.exists():
+        raise InputError(
+            f"{state}: a training is here already; add --resume to go on, or choose another --out"
+        )
+    limit = max_minutes * 60 if max_minutes else None
+    wrapped = workers.wrap(setup.system)
+    loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
+    board = recipe.journal.tensorboard
+    opened = Journal(out, position.step, tensorboard=board) if workers.first else nullcontext()
+    with opened as journal, _stoppable() as stop:
+        try:
+            finished = _steps(loop, journal, stop, progress)
+        except torch.OutOfMemoryError:
+            raise EdofsimError("the GPU's memory is too small; use a smaller batch or patch") from None
+        figures = validate(setup, journal, position.step) if workers.first else {}
+    figures |= {"steps": float(position.step), "seconds.training": loop.seconds()}
+    path = out / f"{recipe.name}.safetensors"
+    if workers.first:
+        position.seconds = loop.seconds()
+        _save(loop)
+        save_result(setup, path, position.step, figures)
+    pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
+    return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)
+
+
+def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Progress | None) -> bool:
+    """Steps until the end (True) or a signal (False)."""
+    setup, every = loop.setup, loop.setup.recipe.journal
+    recent: list[Tensor] = []
+    while (fraction := loop.fraction()) < 1:
+        if loop.workers.agree(float(bool(stop))) > 0:
+            return False
+        outcome = _step(loop, fraction)
+        loop.position.step += 1
+        step = loop.position.step
+        recent.append(outcome.loss.detach())
+        if step % every.log_every == 0 and journal is not None:
+            loss = float(torch.stack(recent).mean())
+            recent.clear()
+            rate = loop.optimiser.param_groups[0]["lr"]
+            journal.write(step=step, loss=loss, learning_rate=rate, seconds=round(loop.seconds(), 2))
+            if progress:
+                progress(fraction, f"step {step}, loss {loss:.4f}")
+        if not loop.workers.first:
+            continue
+        if step % every.pictures_every == 0 and journal is not None:
+            rows = [[outcome.ideal[0], outcome.photo[0], outcome.restored[0]]]
+            journal.picture(step, [[image.detach() for image in row] for row in rows], setup.height())
+        if step % every.save_every == 0:
+            loop.position.seconds = loop.seconds()
+            _save(loop)
+        if step % every.validate_every == 0 and journal is not None:
+            figures = validate(setup, journal, step)
+            save_result(setup, loop.out / f"{setup.recipe.name}.safetensors", step, figures)
+    return True
+
+
+def _step(loop: _Loop, fraction: float) -> Outcome:
+    """One update of mask and network."""
+    setup, settings = loop.setup, loop.setup.recipe.optimiser
+    factor = rate_factor(fraction, settings.decay, settings.warmup, settings.final_rate)
+    for group in loop.optimiser.param_groups:
+        group["lr"] = group["full_rate"] * factor
+    draw = draw_batch(setup, loop.position.step, loop.workers)
+    loop.wrapped.train()
+    # a batch that is not finite spoils the running means before its loss is known
+    means = [buffer.clone() for buffer in setup.system.network.buffers()]
+    outcome = loop.wrapped(draw)
+    loop.optimiser.zero_grad(set_to_none=True)
+    outcome.loss.backward()
+    parameters = [p for group in loop.optimiser.param_groups for p in group["params"] if p.grad is not None]
+    size = torch.stack([p.grad.square().sum() for p in parameters]).sum() + outcome.loss.detach()
+    # one number that is not finite where any is; all workers stop together
+    if not math.isfinite(loop.workers.agree(float(size))):
+        with torch.no_grad():
+            for buffer, before in zip(setup.system.network.buffers(), means, strict=True):
+                buffer.copy_(before)
+        _give_up(loop, outcome)
+    loop.optimiser.step()
+    return outcome
+
+
+def draw_batch(setup: Setup, step: int, workers: Workers) -> Draw:
+    """What a step photographs: the same for the same seed, step and worker."""
+    recipe = setup.recipe
+    generator = generator_of(recipe.seed, DRAWS, step, workers.rank)
+    count = workers.share(recipe.optimiser.batch)
+    scenes = setup.material.draw(count, generator)
+    low, high = recipe.capture.read_noise
+    read_noise = low + (high - low) * torch.rand(count, generator=generator)
+    return Draw(scenes, read_noise, generator_of(recipe.seed, NOISE, step, workers.rank, setup.device))
+
+
+@torch.no_grad()
+def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, float]:
+    """PSNR and loss of the validation patches, the same photos and noise each time."""
+    system = setup.system
+    was_training = system.training
+    system.eval()
+    errors, losses, photos = [], [], []
+    for index, scenes in enumerate(setup.material.validation):
+        generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
+        outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
+        errors.append((outcome.restored - outcome.ideal).square().mean((1, 2, 3)))
+        photos.append((outcome.photo - outcome.ideal).square().mean((1, 2, 3)))
+        losses.append(outcome.loss)
+    system.train(was_training)
+    figures = {
+        "validation_loss": float(torch.stack(losses).mean()),
+        "psnr_db.validation": float((-10 * torch.cat(errors).log10()).mean()),
+        "psnr_db.validation_photo": float((-10 * torch.cat(photos).log10()).mean()),
+    }
+    if journal is not None:
+        journal.write(step=step, **figures)
+    return figures
+
+
+def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float]) -> Path:
+    """The checkpoint with its card."""
+    card = {
+        "name": setup.recipe.name,
+        "camera": setup.camera.model_dump(mode="json"),
+        "recipe": _plain(setup.recipe),
+        "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
+        "versions": {"edofsim": __version__, "torch": torch.__version__},
+        "seed": setup.recipe.seed,
+        "step": step,
+        "figures": dict(figures),
+    }
+    setup.system.settle()
+    height = setup.height()
+    return save_checkpoint(path, setup.system.network, card, height=height, sampling=setup.sampling)
+
+
+def _optimiser(setup: Setup) -> torch.optim.Optimizer:
+    """Adam with a rate for the network and one for the mask; the mask's values do not decay."""
+    settings, doe = setup.recipe.optimiser, setup.recipe.doe
+    groups: list[dict[str, Any]] = []
+    network, mask = (list(module.parameters()) for module in (setup.system.network, setup.system.mask))
+    groups.append(
+        {"params": network, "full_rate": settings.learning_rate, "weight_decay": settings.weight_decay}
+    )
+    if mask:
+        groups.append({"params": mask, "full_rate": doe.learning_rate_rad, "weight_decay": 0.0})
+    return torch.optim.Adam(groups, lr=settings.learning_rate, betas=settings.betas)
+
+
+def _give_up(loop: _Loop, outcome: Outcome) -> None:
+    """Keep what a person needs to find out why the loss is no longer finite, and say where."""
+    state, batch = loop.out / "nan-state.safetensors", loop.out / "nan-batch.safetensors"
+    if loop.workers.first:
+        setup = loop.setup
+        recipe, sha256 = _plain(setup.recipe), setup.material.sha256
+        save_state(state, setup.system, loop.optimiser, loop.position, recipe, sha256)
+        images = {name: getattr(outcome, name) for name in ("photo", "restored", "ideal")}
+        save_arrays(batch, images, {"step": json.dumps(loop.position.step)})
+    raise EdofsimError(
+        f"step {loop.position.step}: the loss or its gradient is not finite; the weights before it are in "
+        f"{state}, its photos in {batch}; lower the learning rates and start anew"
+    )
+
+
+def _save(loop: _Loop) -> None:
+    recipe, sha256 = _plain(loop.setup.recipe), loop.setup.material.sha256
+    save_state(
+        loop.out / "state.safetensors", loop.setup.system, loop.optimiser, loop.position, recipe, sha256
+    )
+
+
+def _plain(recipe: TrainRecipe) -> dict[str, Any]:
+    return recipe.model_dump(mode="json", by_alias=True)
+
+
+@contextmanager
+def _stoppable() -> Iterator[list[int]]:
+    """Ctrl-C and SIGTERM ask for an end after the step; a second Ctrl-C ends at once."""
+    asked: list[int] = []
+
+    def ask(number: int, frame: Any) -> None:
+        if asked and number == signal.SIGINT:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    try:
+        old = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:  # not the main thread: signals are someone else's
+        yield asked
+        return
+    try:
+        yield asked
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)

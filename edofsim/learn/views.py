@@ -1,0 +1,151 @@
+"""Scenes with depth as training data: random parts of views, photographed by the compositor."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..expose import expose
+from ..expose.crop import crop
+from ..optics import Camera
+from ..recipe.load import load_scene
+from ..recipe.train import Views
+from ..render.view import View
+from .system import COLOURS, Optics, Scenes
+
+
+@dataclass(frozen=True)
+class ViewParts:
+    """Parts of views, all of one size, each with its factor on the automatic exposure."""
+
+    parts: tuple[View, ...]
+    exposures: tuple[float, ...]
+    table: Views
+
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
+        """(photo without noise, ideal image), each [batch, 3, y, x]: layers, occlusion, hidden surfaces."""
+        camera = _camera(optics.camera, self.table.bands)
+        photos = [
+            expose(
+                part,
+                camera,
+                method="layered",
+                layers=self.table.layers,
+                occlusion=self.table.occlusion,
+                height=height,
+                window_px=optics.window,
+                device=optics.device,
+            )
+            for part in self.parts
+        ]
+        factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
+        clean = torch.stack([photo.clean for photo in photos]) * factors
+        # the sensor saturates; what lies beyond full scale is not asked of the network
+        return clean.clamp_max(1), (torch.stack([photo.ideal for photo in photos]) * factors).clamp_max(1)
+
+
+@dataclass(frozen=True)
+class ViewSource:
+    """Views of scenes. Their lower part (in the picture) is kept for validation."""
+
+    views: tuple[View, ...]
+    table: Views
+    patch: int
+    margin: int
+    held_back: float
+    described: dict[str, Any]
+    sha256: str
+
+    def draw(self, count: int, generator: torch.Generator) -> Scenes:
+        parts, exposures = [], []
+        low, high = self.table.exposure
+        for _ in range(count):
+            view = self.views[int(torch.randint(len(self.views), (), generator=generator))]
+            last = training_rows(view.height, self.patch, self.held_back) - self.patch
+            top = int(torch.randint(last + 1, (), generator=generator))
+            left = int(torch.randint(view.width - self.patch + 1, (), generator=generator))
+            parts.append(crop(view, top, left, self.patch, self.patch, self.margin))
+            exposures.append(low + (high - low) * float(torch.rand((), generator=generator)))
+        return ViewParts(tuple(parts), tuple(exposures), self.table)
+
+    def validation(self, count: int) -> list[Scenes]:
+        batches: list[Scenes] = []
+        for index in range(count):
+            view = self.views[index % len(self.views)]
+            turn, turns = index // len(self.views), -(-count // len(self.views))
+            left = (view.width - self.patch) * turn // max(1, turns - 1)
+            part = crop(view, view.height - self.patch, left, self.patch, self.patch, self.margin)
+            batches.append(ViewParts((part,), (1.0,), self.table))
+        return batches
+
+
+def training_rows(height: int, patch: int, held_back: float) -> int:
+    """Rows of a view that are trained on: all but the lowest, of which one patch at least is kept."""
+    return height - max(patch, round(held_back * height))
+
+
+def open_views(
+    table: Views,
+    patch: int,
+    held_back: float,
+    optics: Optics,
+    base: Path,
+    cache: Path | None,
+    progress: Callable[[float, str], None] | None,
+) -> ViewSource:
+    """Render or fetch the views of a source. base: where relative scene files start; held_back: share of
+    each view's rows that is never trained on.
+
+    Raises InputError for scenes that cannot be used, among them views too small to be trained on.
+    """
+    from ..render import render
+
+    views, digest, problems = [], hashlib.sha256(), []
+    for index, name in enumerate(table.scenes):
+        loaded = load_scene(base / name if (base / name).is_file() else name)
+        if progress:
+            progress(index / len(table.scenes), f"view {loaded.recipe.name}")
+        view = render(loaded.recipe, loaded.base, cache=cache)
+        if view.width < patch or training_rows(view.height, patch, held_back) < patch:
+            problems.append(
+                f"scene {name!r}: a view of {view.width} x {view.height} pixels holds no patch of {patch} "
+                "for training above one for validation; use smaller patches or a larger frame"
+            )
+            continue
+        digest.update(json.dumps(loaded.recipe.model_dump(mode="json"), sort_keys=True).encode())
+        views.append(in_colours(view) if table.bands == "three" else view)
+    if problems:
+        raise InputError(problems)
+    described = {"kind": "views", "scenes": list(table.scenes), "sha256": digest.hexdigest()}
+    return ViewSource(
+        tuple(views), table, patch, optics.window // 2, held_back, described, described["sha256"]
+    )
+
+
+def in_colours(view: View) -> View:
+    """The view at the paper's three wavelengths, its bands interpolated linearly. Raises InputError for a
+    view whose bands do not reach them."""
+    bands = view.wavelengths
+    if float(bands.min()) > float(COLOURS.min()) or float(bands.max()) < float(COLOURS.max()):
+        low, high = (1e9 * float(end) for end in (bands.min(), bands.max()))
+        raise InputError(f"a view of {low:.0f} to {high:.0f} nm does not hold the paper's 482 to 611 nm")
+    upper = torch.searchsorted(bands, COLOURS).clamp(1, len(bands) - 1)
+    share = ((COLOURS - bands[upper - 1]) / (bands[upper] - bands[upper - 1])).to(view.radiance)[:, None]
+    radiance = view.radiance[upper - 1] * (1 - share) + view.radiance[upper] * share
+    return replace(view, radiance=radiance, wavelengths=COLOURS.clone())
+
+
+def _camera(camera: Camera, bands: str) -> Camera:
+    """With three bands each channel sees one of them, as in the paper."""
+    if bands == "all":
+        return camera
+    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
+    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))

@@ -1,0 +1,154 @@
+"""The training recipe: which camera and network learn together, from what, and for how long."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from .base import Fraction, NotNegative, Positive, RecipeModel
+from .camera import PsfSettings
+from .masks import AnyMask
+
+Range = tuple[NotNegative, NotNegative]
+Count = Annotated[int, Field(ge=1)]
+
+
+class NetworkTable(RecipeModel):
+    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from."""
+
+    kind: Literal["dcnn", "local-unet", "wiener"] = "dcnn"
+    settings: dict[str, Any] = {}
+    start: str | None = None
+
+
+class DoeTable(RecipeModel):
+    """What becomes of the camera's mask.
+
+    learn: a height map, Zernike or Fourier terms and rings can learn, the other masks are kept. start:
+    checkpoint whose height map is taken in place of the recipe's. learning_rate_rad: in radians of phase at
+    the mask's design wavelength. height_limit_um: heights stay between 0 and this, the deepest relief that
+    Akpinar et al. could make.
+    """
+
+    learn: bool = True
+    start: str | None = None
+    learning_rate_rad: Positive = 5e-3
+    height_limit_um: Positive = 1.2
+    height_noise_nm: NotNegative = 40.0
+
+
+class LossTable(RecipeModel):
+    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these."""
+
+    alpha: NotNegative = 0.01
+    beta: NotNegative = 10.0
+    gamma: Annotated[float, Field(gt=0, le=2)] = 0.8
+
+
+class NaturalImages(RecipeModel):
+    """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
+    as intensities, as the paper does. Without `folder` it is the one given with --data."""
+
+    kind: Literal["natural"] = "natural"
+    folder: str | None = None
+    weight: Positive = 1.0
+
+
+class PackagedImages(RecipeModel):
+    """The photographs that come with scikit-image, as planes at one depth: always at hand."""
+
+    kind: Literal["packaged"] = "packaged"
+    weight: Positive = 1.0
+
+
+class Views(RecipeModel):
+    """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
+    (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
+
+    bands: the paper's three colours, or all of the view's bands through the sensor's response (slower by
+    their number). layers, occlusion: as in `expose`. exposure: factors on the automatic exposure, drawn for
+    each patch.
+    """
+
+    kind: Literal["views"] = "views"
+    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+    bands: Literal["three", "all"] = "three"
+    layers: Annotated[int, Field(ge=2, le=64)] = 6
+    occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"
+    exposure: Range = (0.5, 1.0)
+    weight: Positive = 1.0
+
+
+AnySource = Annotated[NaturalImages | PackagedImages | Views, Field(discriminator="kind")]
+
+
+class DataTable(RecipeModel):
+    """Patches: their size, the share kept for validation, and where they come from. Each step draws from one
+    source, chosen by weight."""
+
+    patch_px: Annotated[int, Field(ge=16, le=2048)] = 300
+    validation: Annotated[float, Field(gt=0, le=0.5)] = 0.1
+    validation_patches: Count = 16
+    sources: Annotated[tuple[AnySource, ...], Field(min_length=1)] = (NaturalImages(),)
+
+
+class CaptureTable(RecipeModel):
+    """What varies from photo to photo: inverse depth (uniform; 0 is infinity) and the sensor's noise."""
+
+    inverse_depth_per_m: Range = (0.0, 2.0)
+    read_noise: Range = (0.001, 0.015)
+
+    @model_validator(mode="after")
+    def _ascending(self) -> CaptureTable:
+        for name in ("inverse_depth_per_m", "read_noise"):
+            low, high = getattr(self, name)
+            if low > high:
+                raise ValueError(f"{name} must ascend, not go from {low:g} to {high:g}")
+        return self
+
+
+class OptimiserTable(RecipeModel):
+    """Adam as in the paper, for `steps` steps of `batch` patches. decay: the rate of network and mask falls
+    along half a cosine to `final_rate` of itself, or stays, as in the paper. warmup: this share of the steps
+    comes first, with the rate rising."""
+
+    steps: Count = 100_000
+    batch: Count = 4
+    learning_rate: Positive = 1e-3
+    betas: tuple[Fraction, Fraction] = (0.9, 0.999)
+    weight_decay: NotNegative = 1e-4
+    decay: Literal["cosine", "none"] = "cosine"
+    final_rate: Fraction = 0.01
+    warmup: Fraction = 0.0
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+
+
+class JournalTable(RecipeModel):
+    """How often, in steps, something is written."""
+
+    log_every: Count = 50
+    validate_every: Count = 1000
+    save_every: Count = 500
+    pictures_every: Count = 2000
+    tensorboard: bool = False
+
+
+class TrainRecipe(RecipeModel):
+    """A training recipe. `camera` is a file or a shipped name; `mask`, `psf` replace the camera's own."""
+
+    schema_: Annotated[str | None, Field(alias="$schema")] = None
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+    purpose: str = ""
+    camera: str
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    mask: AnyMask | None = None
+    psf: PsfSettings | None = None
+    network: NetworkTable = NetworkTable()
+    doe: DoeTable = DoeTable()
+    loss: LossTable = LossTable()
+    data: DataTable = DataTable()
+    capture: CaptureTable = CaptureTable()
+    optimiser: OptimiserTable = OptimiserTable()
+    journal: JournalTable = JournalTable()

@@ -1,0 +1,39 @@
+"""Patches are photographed as Eq. `Forwardmodel` says, with nothing wrapped round."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.signal import convolve2d
+
+from edofsim.learn.imaging import good_size, photograph, surroundings
+
+
+@pytest.mark.parametrize("window", [1, 5, 8])
+def test_a_patch_is_cut_from_the_whole_convolution(window: int) -> None:
+    """Against scipy's direct convolution of the whole picture; the patch with its surroundings is enough."""
+    generator = np.random.default_rng(1)
+    picture, psf = generator.random((40, 37)), generator.random((window, window))
+    full = convolve2d(picture, psf)  # pixel i of the photo is at i + window // 2, the centre of the PSF
+    before, after = surroundings(window)
+    top, left, rows, columns = 12, 11, 9, 14
+    cut = picture[top - before : top + rows + after, left - before : left + columns + after]
+    photo = photograph(torch.from_numpy(cut)[None, None], torch.from_numpy(psf)[None, None])[0, 0].numpy()
+    centre = window // 2
+    expected = full[top + centre : top + centre + rows, left + centre : left + centre + columns]
+    np.testing.assert_allclose(photo, expected, atol=1e-12)
+
+
+def test_light_goes_where_the_psf_says() -> None:
+    """A PSF whose light lies one pixel to the right of its centre moves the picture to the right."""
+    psf = torch.zeros(1, 1, 6, 6)
+    psf[..., 3, 4] = 1
+    sharp = torch.rand(1, 1, 15, 15, generator=torch.Generator().manual_seed(0))
+    before, _ = surroundings(6)
+    photo = photograph(sharp, psf)
+    assert torch.allclose(photo, sharp[..., before : before + 10, before - 1 : before + 9], atol=1e-6)
+
+
+def test_lengths_for_the_transform_are_products_of_small_primes() -> None:
+    assert [good_size(n) for n in (1, 7, 191, 223, 427)] == [1, 8, 192, 225, 432]

@@ -1,0 +1,222 @@
+"""The training loop: exact resume, stops that lose nothing, and recipes that cannot be followed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import torch
+
+from edofsim.errors import EdofsimError, InputError
+from edofsim.learn import train, trainer
+from edofsim.recipe.load import Loaded, load_train
+from edofsim.recipe.train import TrainRecipe
+from edofsim.restore.checkpoint import load_arrays, load_checkpoint
+from edofsim.restore.network import apply_network
+
+CAMERA = """
+name = "small"
+[mask]
+kind = "height-map"
+[psf]
+window_px = 16
+oversampling = 1
+pupil_sampling_um = 21.0
+"""
+RECIPE = """
+name = "small"
+camera = "camera.toml"
+seed = 3
+device = "cpu"
+{extra}
+[data]
+patch_px = 16
+validation_patches = 4
+[[data.sources]]
+kind = "packaged"
+[optimiser]
+steps = {steps}
+batch = 2
+precision = "float32"
+[journal]
+log_every = 1
+save_every = 2
+validate_every = 3
+pictures_every = 2
+"""
+
+
+def _recipe(folder: Path, steps: int = 4, extra: str = "", text: str = RECIPE) -> Loaded[TrainRecipe]:
+    (folder / "camera.toml").write_text(CAMERA)
+    (folder / "train.toml").write_text(text.format(steps=steps, extra=extra))
+    return load_train(folder / "train.toml")
+
+
+def _losses(out: Path) -> list[tuple[int, float]]:
+    lines = [json.loads(line) for line in (out / "log.jsonl").read_text().splitlines()]
+    return [(line["step"], line["loss"]) for line in lines if "loss" in line]
+
+
+def _stop_after(steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Press Ctrl-C within step `steps` (counted from the start of this part)."""
+    real, count = trainer.draw_batch, iter(range(1, 10**9))
+
+    def counting(*arguments: object) -> object:
+        if next(count) == steps:
+            os.kill(os.getpid(), signal.SIGINT)
+        return real(*arguments)
+
+    monkeypatch.setattr(trainer, "draw_batch", counting)
+
+
+def _interrupted_equals_straight(
+    tmp_path: Path, steps: int, stop: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = _recipe(tmp_path, steps)
+    straight = train(loaded, tmp_path / "straight")
+    with monkeypatch.context() as patch:
+        _stop_after(stop, patch)
+        first = train(loaded, tmp_path / "parts")
+    assert straight.finished and not first.finished
+    assert first.figures["steps"] == stop
+    second = train(loaded, tmp_path / "parts", resume=True)
+    assert second.finished
+    assert _losses(tmp_path / "parts") == _losses(tmp_path / "straight")
+    states = [
+        load_arrays(tmp_path / name / "state.safetensors", "state")[0] for name in ("straight", "parts")
+    ]
+    assert states[0].keys() == states[1].keys()
+    assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
+    assert second.figures["psnr_db.validation"] == straight.figures["psnr_db.validation"]
+
+
+def test_an_interrupted_training_ends_bit_for_bit_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stopped by Ctrl-C at an odd step, resumed: same losses, weights, moments and height map."""
+    _interrupted_equals_straight(tmp_path, 6, 3, monkeypatch)
+
+
+@pytest.mark.slow
+def test_200_steps_straight_equal_100_and_100(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _interrupted_equals_straight(tmp_path, 200, 100, monkeypatch)
+
+
+def test_the_checkpoint_tells_how_it_came_to_be(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path)
+    result = train(loaded, tmp_path / "out")
+    checkpoint = load_checkpoint(result.checkpoint)
+    card = checkpoint.card
+    assert checkpoint.height.shape == (239, 239) and checkpoint.sampling == pytest.approx(21e-6)
+    assert card["step"] == 4 and card["seed"] == 3
+    assert card["recipe"]["optimiser"]["steps"] == 4
+    assert card["camera"]["psf"]["window_px"] == 16
+    assert card["data"]["sources"][0]["name"] == "skimage.data"
+    assert card["figures"]["psnr_db.validation"] == result.figures["psnr_db.validation"]
+    assert all(path.is_file() for path in result.outputs)
+    assert (tmp_path / "out/pictures/0000004.png").is_file()
+
+
+def test_a_training_learns(tmp_path: Path) -> None:
+    """Forty small steps: the loss falls, the photo is improved on, and the mask has moved."""
+    loaded = _recipe(tmp_path, 40)
+    result = train(loaded, tmp_path / "out")
+    losses = [loss for _, loss in _losses(tmp_path / "out")]
+    assert sum(losses[-5:]) < 0.7 * sum(losses[:5])
+    height = load_checkpoint(result.checkpoint).height
+    assert height.std() > 1e-9
+
+
+def test_a_network_alone_leaves_the_mask(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path, 2, extra="[doe]\nlearn = false")
+    height = load_checkpoint(train(loaded, tmp_path / "out").checkpoint).height
+    assert torch.equal(height, torch.full_like(height, 0.6e-6))
+
+
+def test_a_training_is_not_overwritten(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path, 1)
+    train(loaded, tmp_path / "out")
+    with pytest.raises(InputError, match="--resume"):
+        train(loaded, tmp_path / "out")
+
+
+def test_another_recipe_does_not_resume(tmp_path: Path) -> None:
+    train(_recipe(tmp_path, 1), tmp_path / "out")
+    changed = _recipe(tmp_path, 1, extra="[loss]\nalpha = 0.5\n[doe]\nlearning_rate_rad = 0.1")
+    with pytest.raises(InputError) as caught:
+        train(changed, tmp_path / "out", resume=True)
+    assert [problem.split("[")[1].split("]")[0] for problem in caught.value.problems] == ["doe", "loss"]
+
+
+def test_a_damaged_state_does_not_resume(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path, 1)
+    train(loaded, tmp_path / "out")
+    state = tmp_path / "out/state.safetensors"
+    state.write_bytes(state.read_bytes()[:5000])
+    with pytest.raises(InputError, match="not a whole training state"):
+        train(loaded, tmp_path / "out", resume=True)
+
+
+def test_a_loss_that_is_not_finite_stops_with_state_and_batch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = trainer.draw_batch
+
+    def poisoned(setup: object, step: int, workers: object) -> object:
+        draw = real(setup, step, workers)
+        if step == 2:
+            draw.scenes.sharp[0, 0, 10, 10] = torch.nan
+        return draw
+
+    loaded = _recipe(tmp_path)
+    monkeypatch.setattr(trainer, "draw_batch", poisoned)
+    with pytest.raises(EdofsimError, match="step 2: the loss or its gradient is not finite"):
+        train(loaded, tmp_path / "out")
+    weights, about = load_arrays(tmp_path / "out/nan-state.safetensors", "state")
+    assert json.loads(about["state"])["step"] == 2
+    assert any(name.startswith("system.network.") for name in weights)
+    with pytest.raises(InputError, match="not finite"):  # the batch holds what went wrong
+        load_arrays(tmp_path / "out/nan-batch.safetensors", "batch")
+
+
+def test_time_ends_a_training_with_its_decay_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that goes on by a second whenever it is read."""
+    clock = itertools.count()
+    monkeypatch.setattr(trainer.time, "perf_counter", lambda: float(next(clock)))
+    result = train(_recipe(tmp_path, 10**6), tmp_path / "out", max_minutes=0.5)
+    lines = [json.loads(line) for line in (tmp_path / "out/log.jsonl").read_text().splitlines()]
+    rates = [line["learning_rate"] for line in lines if "learning_rate" in line]
+    assert result.finished and result.figures["steps"] < 10**6
+    assert rates[-1] < 0.05 * rates[0]
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device here")
+def test_cuda_is_refused_where_there_is_none(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path)
+    with pytest.raises(InputError, match="asks for CUDA"):
+        train(loaded, tmp_path / "out", device="cuda")
+
+
+def test_photographs_are_asked_for(tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path, text=RECIPE.replace('"packaged"', '"natural"'))
+    with pytest.raises(InputError, match="--data DIR"):
+        train(loaded, tmp_path / "out")
+    with pytest.raises(InputError, match="no such folder"):
+        train(loaded, tmp_path / "out", data=tmp_path / "none")
+
+
+def test_a_filter_and_its_mask_learn_together(tmp_path: Path) -> None:
+    """Zernike terms and Wiener deconvolution: the terms move, and the checkpoint's filter stands alone."""
+    extra = '[network]\nkind = "wiener"\nsettings = {depths = 3}\n[mask]\nkind = "zernike"'
+    result = train(_recipe(tmp_path, 3, extra), tmp_path / "out")
+    state, _ = load_arrays(tmp_path / "out/state.safetensors", "state")
+    assert not torch.equal(state["system.mask.phase"], torch.tensor([2.0, 2.0, 1.5]))
+    checkpoint = load_checkpoint(result.checkpoint)
+    assert checkpoint.network.psf.shape == (3, 3, 16, 16)
+    assert float(checkpoint.network.psf[0].sum()) > 0.5
+    restored = apply_network(checkpoint.network, torch.rand(3, 40, 40))
+    assert restored.shape == (3, 40, 40) and torch.isfinite(restored).all()
