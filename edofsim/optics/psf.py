@@ -12,16 +12,12 @@ from torch import Tensor
 from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
-from .grid import PupilGrid
+from .depths import defocus_factors
 from .height import surface, trained_pitch
-from .pupil import Aperture, aperture, chirp, pupil_function
+from .propagation import propagate
+from .pupil import aperture, pupil_function
 from .sampling import Sampling, plan_sampling
-from .transform import Bases, SensorWindow, fold, intensity, intensity_gradient, make_bases, unfold
-
-BLOCK_BYTES = 8 << 20
-"""Working memory of one block of depths on a CPU: a few PSFs at a time stay in its cache."""
-DEVICE_BLOCK_BYTES = 1 << 30
-"""The same on an accelerator, where large blocks keep it busy."""
+from .transform import SensorWindow, make_bases
 
 
 @dataclass(frozen=True)
@@ -85,9 +81,13 @@ def psf_bank(
     relief = surface(camera, sampling.grid, height, seed)
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     bands = []
-    for band, wavelength in enumerate(wavelengths.tolist()):
+    factors = defocus_factors(sampling.grid, psi, dtype, torch.device(device))
+    for wavelength, factor in zip(wavelengths.tolist(), factors, strict=True):
         pupil = pupil_function(camera, opening, wavelength, relief, dtype=dtype, device=device)
-        bands.append(_one_band(camera, opening, wavelength, pupil, psi[:, band], window))
+        bases = make_bases(
+            sampling.grid, window, wavelength * camera.sensor_distance, opening.light, dtype, pupil.device
+        )
+        bands.append(propagate(pupil, factor, bases)[:, :pixels, :pixels])
     values = torch.stack(bands, dim=1)
     rest = 1 - values.sum((-1, -2))
     bank = PsfBank(values, rest, wavelengths, inverse_depths, opening.transmission, sampling)
@@ -121,50 +121,6 @@ def _check_height(height: Tensor) -> None:
         raise InputError(f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}")
 
 
-def _one_band(
-    camera: Camera, opening: Aperture, wavelength: float, pupil: Tensor, psi: Tensor, window: SensorWindow
-) -> Tensor:
-    """PSFs [depth, y, x] of one wavelength from its pupil function [s, s] and Psi [depth]."""
-    grid, real = opening.grid, pupil.real.dtype
-    reach = wavelength * camera.sensor_distance
-    bases = make_bases(grid, window, reach, opening.light, real, pupil.device)
-    chirps = chirp(grid, psi, dtype=real, device=pupil.device)[:, grid.samples // 2 :]
-    return _Intensity.apply(pupil, chirps, bases)
-
-
-def _blocks(chirps: Tensor, bases: Bases) -> Sequence[Tensor]:
-    """Chirps split so that the work on one block of depths fits the working memory."""
-    sensor, pupil = bases.halves
-    numbers = 6 * pupil**2 + 8 * sensor * pupil + 16 * sensor**2
-    limit = BLOCK_BYTES if chirps.device.type == "cpu" else DEVICE_BLOCK_BYTES
-    return chirps.split(max(1, limit // (numbers * bases.fourier.element_size())))
-
-
-class _Intensity(torch.autograd.Function):
-    """`intensity` over blocks of depths, with the hand-written adjoint: it keeps only the pupil function."""
-
-    @staticmethod
-    def forward(ctx, pupil: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-        ctx.save_for_backward(pupil, chirps)
-        ctx.bases = bases
-        parts = fold(pupil)
-        return torch.cat([intensity(parts, block, bases) for block in _blocks(chirps, bases)])
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx, upstream: Tensor) -> tuple[Tensor | None, ...]:
-        pupil, chirps = ctx.saved_tensors
-        parts = fold(pupil)
-        total = torch.zeros_like(parts)
-        blocks = _blocks(chirps, ctx.bases)
-        for block, gradient in zip(blocks, upstream.split([len(block) for block in blocks]), strict=True):
-            total += intensity_gradient(gradient, parts, block, ctx.bases)
-        return unfold(total, pupil.shape[-1]), None, None
-
-
 def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:
     values, rest = bank.values.to(device), bank.rest.to(device)
     return PsfBank(values, rest, bank.wavelengths, bank.inverse_depths, bank.transmission, bank.sampling)
-
-
-__all__ = ["PsfBank", "PupilGrid", "psf_bank"]

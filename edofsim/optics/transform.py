@@ -40,8 +40,8 @@ class SensorWindow:
 class Bases:
     """What turns a pupil into pixels, the same for all depths at one wavelength.
 
-    fourier: [2 (cos, sin), sub-pixel, cell] on the non-negative halves of both axes. pixels: [2 (+, -), pixel,
-    sub-pixel], which pixel the sub-pixel at +x or -x belongs to.
+    fourier: [2 (cos, sin), sub-pixel, cell]; pixels: [pixel, sub-pixel], which sub-pixels a pixel consists of.
+    All on the non-negative halves of their axes; the centre pixel gets its other half from the other side.
     """
 
     fourier: Tensor
@@ -67,13 +67,10 @@ def make_bases(
     fourier = torch.stack([torch.cos(angle), torch.sin(angle)]) * (kappa**2 / light) ** 0.25
     if grid.samples % 2:
         fourier[0, :, 0] /= 2
-    # sub-pixel k of the symmetric window lies in pixel k // oversampling; an even window drops the last one
-    index = torch.arange(window.sub_pixels) // window.oversampling
-    whole = torch.nn.functional.one_hot(index).double()[:, : window.pixels].T
-    half = window.sub_pixels // 2
-    pixels = torch.stack([whole[:, half:], whole[:, : window.sub_pixels - half].flip(1)])
+    pixel = torch.div(sensor + window.oversampling / 2, window.oversampling, rounding_mode="floor").long()
+    pixels = torch.nn.functional.one_hot(pixel).double().T
     if window.sub_pixels % 2:
-        pixels[:, :, 0] /= 2
+        pixels[0, 0] /= 2
     return Bases(fourier.to(device=device, dtype=dtype), pixels.to(device=device, dtype=dtype))
 
 
@@ -104,30 +101,40 @@ def unfold(parts: Tensor, samples: int) -> Tensor:
     return torch.complex(pupil[0], pupil[1])
 
 
-def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
-    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, depth, x] on half axes.
+def waves(parts: Tensor, maps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
+    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, map, x] on half axes.
 
-    parts: from `fold`; chirps: complex [depth, half], the defocus along one axis; bases: `Bases.fourier`.
+    parts: from `fold`; maps: real [2 (re, im), half, map, half], even factors of the pupil such as the defocus
+    of each depth; bases: `Bases.fourier`.
     """
-    real, imaginary = _defocus_maps(chirps)
+    real, imaginary = maps
     rows, half = bases.shape[1:]
-    depths = chirps.shape[0]
+    count = maps.shape[2]
     components = []
     for part, basis in zip(parts, bases, strict=True):
         re, im = part[0, :, :, None], part[1, :, :, None]
-        spread = torch.empty(2, 2, half, depths, half, dtype=real.dtype, device=real.device)
+        spread = torch.empty(2, 2, half, count, half, dtype=maps.dtype, device=maps.device)
         torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)
         torch.mul(re, imaginary, out=spread[1]).addcmul_(im, real)
-        first = torch.matmul(bases, spread.view(2, 2, half, depths * half))
+        first = torch.matmul(bases, spread.view(2, 2, half, count * half))
         second = torch.mm(first.view(-1, half), basis.T)
-        components.append(second.view(2, 2, rows, depths, rows))
+        components.append(second.view(2, 2, rows, count, rows))
     return components[0], components[1]
 
 
-def _defocus_maps(chirps: Tensor) -> tuple[Tensor, Tensor]:
-    """Real and imaginary part of the defocus of each depth on a quarter of the pupil, [y, depth, x]."""
-    both = chirps.T[:, :, None] * chirps[None, :, :]
-    return both.real.contiguous(), both.imag.contiguous()
+def waves_gradient(even: Tensor, odd: Tensor, maps: Tensor, bases: Tensor) -> Tensor:
+    """Adjoint of `waves`: gradient by `parts` from those by the even and odd components."""
+    real, imaginary = maps
+    rows, half = bases.shape[1:]
+    count = maps.shape[2]
+    gradients = []
+    for component, basis in zip((even, odd), bases, strict=True):
+        first = torch.mm(component.reshape(-1, rows), basis).view(2, 2, rows, count * half)
+        spread = torch.matmul(bases.transpose(1, 2), first).view(2, 2, half, count, half)
+        by_real = (spread[0] * real).addcmul_(spread[1], imaginary).sum(2)
+        by_imaginary = (spread[1] * real).addcmul_(spread[0], imaginary, value=-1).sum(2)
+        gradients.append(torch.stack([by_real, by_imaginary]))
+    return torch.stack(gradients)
 
 
 def quadrants(even: Tensor, odd: Tensor) -> list[tuple[Tensor, Tensor]]:
@@ -143,50 +150,47 @@ def quadrants(even: Tensor, odd: Tensor) -> list[tuple[Tensor, Tensor]]:
     return fields
 
 
-def intensity(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-    """|F|^2 summed over each pixel, [depth, pixel, pixel], for one wavelength and a block of depths."""
-    fields = quadrants(*waves(parts, chirps, bases.fourier))
-    energy = [(real * real).addcmul_(imaginary, imaginary) for real, imaginary in fields]
-    plus, minus = bases.pixels
-    depths, rows = chirps.shape[0], plus.shape[1]
-    down = [
-        torch.mm(energy[here].view(-1, rows), plus.T).addmm_(energy[there].view(-1, rows), minus.T)
-        for here, there in ((0, 2), (3, 1))
-    ]
-    summed = torch.mm(plus, down[0].view(rows, -1)).addmm_(minus, down[1].view(rows, -1))
-    return summed.view(len(plus), depths, len(plus)).permute(1, 0, 2)
+def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
+    """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
+    energy = [(real * real).addcmul_(imaginary, imaginary) for real, imaginary in quadrants(even, odd)]
+    rows, depths = even.shape[2:4]
+    count = len(bases.pixels)
+    image = torch.zeros(2 * count - 1, depths, 2 * count - 1, dtype=even.dtype, device=even.device)
+    for part, side in zip(energy, SIDES, strict=True):
+        down = torch.mm(bases.pixels, part.view(rows, -1))
+        summed = torch.mm(down.view(-1, rows), bases.pixels.T).view(count, depths, count)
+        _side(image, side).add_(_turned(summed, side))
+    return image.permute(1, 0, 2)
 
 
-def intensity_gradient(upstream: Tensor, parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-    """Gradient of a loss by the folded pupil, shaped as `fold` gives it, from that by `intensity`.
-
-    The adjoint of each step in turn, the field computed again rather than kept: Akpinar et al., Eq.
-    `partialEphi3`, with this transform in place of the discrete Fourier transform.
-    """
-    fields = quadrants(*waves(parts, chirps, bases.fourier))
-    plus, minus = bases.pixels
-    depths, rows = chirps.shape[0], plus.shape[1]
-    turned = upstream.permute(1, 0, 2).reshape(len(plus), -1)
-    up, down = (torch.mm(sign.T, turned).view(-1, len(plus)) for sign in (plus, minus))
-    weights = (torch.mm(up, plus), torch.mm(down, minus), torch.mm(up, minus), torch.mm(down, plus))
-    pulled = [
-        (2 * weight.view(rows, depths, rows) * real, 2 * weight.view(rows, depths, rows) * imaginary)
-        for weight, (real, imaginary) in zip(weights, fields, strict=True)
-    ]
+def intensity_gradient(upstream: Tensor, even: Tensor, odd: Tensor, bases: Bases) -> tuple[Tensor, Tensor]:
+    """Adjoint of `intensity`: gradients by the even and odd components from that by the pixels."""
+    rows, depths = even.shape[2:4]
+    image, pulled = upstream.permute(1, 0, 2), []
+    for (real, imaginary), side in zip(quadrants(even, odd), SIDES, strict=True):
+        summed = _turned(_side(image, side), side)
+        down = torch.mm(summed.reshape(-1, summed.shape[2]), bases.pixels)
+        weight = torch.mm(2 * bases.pixels.T, down.view(len(summed), -1)).view(rows, depths, rows)
+        pulled.append((weight * real, weight * imaginary))
     same, cross = _joined(pulled[0], pulled[1])
     same_, cross_ = _joined(pulled[2], pulled[3])
-    even = torch.stack([same + same_, cross + cross_], 1)
-    odd = torch.stack([cross - cross_, same_ - same], 1)
-    real, imaginary = _defocus_maps(chirps)
-    half = bases.halves[1]
-    gradients = []
-    for component, basis in zip((even, odd), bases.fourier, strict=True):
-        first = torch.mm(component.view(-1, rows), basis).view(2, 2, rows, depths * half)
-        spread = torch.matmul(bases.fourier.transpose(1, 2), first).view(2, 2, half, depths, half)
-        by_real = (spread[0] * real).addcmul_(spread[1], imaginary).sum(2)
-        by_imaginary = (spread[1] * real).addcmul_(spread[0], imaginary, value=-1).sum(2)
-        gradients.append(torch.stack([by_real, by_imaginary]))
-    return torch.stack(gradients)
+    return torch.stack([same + same_, cross + cross_], 1), torch.stack([cross - cross_, same_ - same], 1)
+
+
+SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+"""The quadrants in the order of `quadrants`, as directions from the centre along y and x."""
+
+
+def _side(image: Tensor, side: tuple[int, int]) -> Tensor:
+    """View of one quadrant of an image [y, depth, x] of odd size, its centre row and column included."""
+    centre = image.shape[0] // 2
+    rows, columns = (slice(centre, None) if sign > 0 else slice(None, centre + 1) for sign in side)
+    return image[rows, :, columns]
+
+
+def _turned(part: Tensor, side: tuple[int, int]) -> Tensor:
+    """A quadrant [y, depth, x] counted outwards from the centre, turned to rising order, or back."""
+    return part.flip([axis for axis, sign in zip((0, 2), side, strict=True) if sign < 0])
 
 
 Pulled = tuple[Tensor, Tensor]
