@@ -101,7 +101,7 @@ def score_plot(
         drawn = 0
         for i, (name, score) in enumerate(scores.items()):
             colour = COLOUR_OF.get(name, SERIES[i % len(SERIES)])
-            label = shorten(labels.get(name, name))
+            label = shorten(labels.get(name, name), 36)
             middles, values = [], []
             for entry in score.by_depth:
                 if not math.isfinite(entry.score.psnr_db):

@@ -231,28 +231,32 @@ def _optics(report: RunReport) -> tuple[Block, ...]:
 
 
 def _plan(report: RunReport) -> tuple[Block, ...]:
+    """The effects that were weighed; errors and times stand where the plan predicted any."""
     if not report.plan:
         return ()
-
-    def error(value: float | None) -> str:
-        if value is None or not math.isfinite(value):
-            return number(value)
-        return significant(value, 2) + (f"\n{number(-20 * math.log10(value), 0)} dB" if value > 0 else "")
-
-    table = Table(
-        columns=(
-            Column("Effect"),
-            Column("Simulated"),
-            Column("Error if left out"),
-            Column("Time"),
-            Column("Why"),
-        ),
-        rows=tuple((r.effect, r.chosen, error(r.error), duration(r.seconds), r.why) for r in report.plan),
-        caption="Effects of light that were weighed before the photo was taken. The error is the root mean "
-        "square over the sensor image at full scale 1, below it as PSNR.",
-        wordy=True,
-    )
+    caption = "Effects of light that were weighed before the photo was taken."
+    columns: list[tuple[str, list[str | bool]]] = [
+        ("Effect", [row.effect for row in report.plan]),
+        ("Simulated", [row.chosen for row in report.plan]),
+    ]
+    if any(row.error is not None for row in report.plan):
+        columns.append(("Error if left out", [_error(row.error) for row in report.plan]))
+        caption += (
+            " The error is the root mean square over the sensor image at full scale 1, below it as PSNR."
+        )
+    if any(row.seconds is not None for row in report.plan):
+        columns.append(("Time", [duration(row.seconds) for row in report.plan]))
+    columns.append(("Why", [row.why for row in report.plan]))
+    heads = tuple(Column(name) for name, _ in columns)
+    rows = tuple(zip(*(cells for _, cells in columns), strict=True))
+    table = Table(heads, rows, caption, wordy=True)
     return (Text(report.target), table) if report.target else (table,)
+
+
+def _error(value: float | None) -> str:
+    if value is None or not math.isfinite(value) or value <= 0:
+        return significant(value, 2)
+    return f"{significant(value, 2)}\n{decibels(-20 * math.log10(value))}"
 
 
 def _cost(report: RunReport) -> tuple[Block, ...]:

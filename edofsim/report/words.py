@@ -60,7 +60,7 @@ def duration(seconds: SupportsFloat | None) -> str:
     return f"{minutes}{NBSP}min {int(s % 60):02d}{NBSP}s"
 
 
-def shorten(text: str, most: int = 30) -> str:
+def shorten(text: str, most: int) -> str:
     """At most `most` characters, for a place in a plot that cannot grow."""
     return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 

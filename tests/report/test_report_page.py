@@ -31,6 +31,7 @@ from edofsim.report import (
     index_page,
     page_html,
     picture,
+    report_page,
     verdict,
     write_page,
     write_report,
@@ -211,6 +212,13 @@ def test_text_from_recipes_stays_text(tmp_path):
     assert len(read.all("script")) == 1
     assert not any("onerror" in attributes for _, attributes in read.tags)
     assert read.words.count("alert(1)") >= 10
+
+
+def test_plan_without_predictions_has_no_empty_columns():
+    reasons = (PlanRow("occlusion", True, why="edges"), PlanRow("noise", False, why="none asked for"))
+    read = Reader(page_html(report_page(report(24, 32, **BARE, plan=reasons))))
+    heads = {a["data-column"] for _, a in read.tags if "data-column" in a}
+    assert {"Effect", "Simulated", "Why"} <= heads and not {"Error if left out", "Time"} & heads
 
 
 def test_no_value_is_a_dash_and_equal_images_are_infinite(tmp_path):
