@@ -90,12 +90,14 @@ class Hills(Placed):
     roughness: Annotated[float, Field(ge=0, le=2)] = 1.0
     """how quickly the ridge's small features fade: 0 jagged, 2 smooth"""
     surface: AnySurface = MattSurface(kind="matt", reflectance="foliage")
+    anchor: Literal["centre", "base"] = "centre"
 
 
 class Hallway(RecipeModel):
     """A corridor towards its end wall: floor, ceiling and side walls that slant through all depths.
 
-    Doors stand along both sides, and panels in the ceiling shine. `y_mm` is the floor's height."""
+    Doors stand along both sides, and panels in the ceiling shine. `y_mm` is the floor's height. The floor's
+    texture is laid in tiles as wide as the corridor and four times as long."""
 
     kind: Literal["hallway"]
     name: ObjectName | None = None
@@ -110,7 +112,7 @@ class Hallway(RecipeModel):
     lamp_radiance: NotNegative = 4.0
     lamp_illuminant: str = "LED-B3"
     floor: AnySurface = MattSurface(
-        kind="matt", texture=CheckerTexture(kind="checker", first=0.12, second=0.6, columns=2, rows=2)
+        kind="matt", texture=CheckerTexture(kind="checker", first=0.12, second=0.6, columns=4, rows=4)
     )
     walls: AnySurface = MattSurface(kind="matt", reflectance="#e2d5b8")
     ceiling: AnySurface = MattSurface(kind="matt", reflectance=0.8)

@@ -145,6 +145,6 @@ def _print(ink: np.ndarray, item: Label, chart: Chart, sx: float, sy: float) -> 
     digits = label(item.text, size)
     row = round((chart.height - item.y) * sy) - digits.shape[0]
     column = round(item.x * sx)
-    row, column = max(0, row), max(0, column)
-    area = ink[row : row + digits.shape[0], column : column + digits.shape[1]]
-    np.maximum(area, digits[: area.shape[0], : area.shape[1]], out=area)
+    area = ink[max(0, row) : row + digits.shape[0], max(0, column) : column + digits.shape[1]]
+    if area.shape == digits.shape:  # a narrow border has no room for its numbers
+        np.maximum(area, digits, out=area)

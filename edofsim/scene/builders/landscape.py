@@ -65,7 +65,7 @@ def _cloud_density(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarr
     size = 2 * max(shape)  # a tile twice as large, so that the two sides of the picture differ
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None]
     frequency = np.hypot(fy * 1.4, fx) * size
-    spectrum = np.where(frequency > 1.5, np.maximum(frequency, 1.0) ** -1.7, 0)
+    spectrum = np.where(frequency > 5, np.maximum(frequency, 1.0) ** -1.8, 0)
     noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((size, size))) * spectrum, s=(size, size))
     noise /= noise.std()
     return (noise + 0.35 * (1 - np.abs(np.roll(noise, size // 3, axis=1))))[: shape[0], : shape[1]]
