@@ -125,6 +125,7 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
     phi = np.linspace(0, 2 * np.pi, segments + 1)
     # phi = 0 faces away from the camera, so that a texture's middle is in front and its seam behind
     circle = np.stack([-np.sin(phi), np.cos(phi)], 1)  # x, z
+    circle[-1] = circle[0]  # to the last bit, so that the body is closed
     steps = np.diff(run, axis=0)
     tangent = np.zeros_like(run)
     tangent[:-1] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -207,6 +208,9 @@ def tube(points: np.ndarray, radius: float, sides: int = 12, closed: bool = Fals
         normal, other = np.cos(a) * normal + np.sin(a) * other, np.cos(a) * other - np.sin(a) * normal
     phi = np.linspace(0, 2 * np.pi, sides + 1)
     out = np.cos(phi)[None, :, None] * normal[:, None] + np.sin(phi)[None, :, None] * other[:, None]
+    out[:, -1] = out[:, 0]  # to the last bit, so that the tube is closed
+    if closed:
+        out[-1] = out[0]
     vertices = points[:, None] + radius * out
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     uv = np.stack(np.broadcast_arrays(phi / (2 * np.pi), (length / length[-1])[:, None]), -1)
