@@ -12,10 +12,9 @@ from torch import Tensor
 from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
-from .depths import defocus_factors
 from .height import surface, trained_pitch
 from .propagation import propagate
-from .pupil import aperture, pupil_function
+from .pupil import aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
 from .transform import SensorWindow, make_bases
 
@@ -81,13 +80,12 @@ def psf_bank(
     relief = surface(camera, sampling.grid, height, seed)
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     bands = []
-    factors = defocus_factors(sampling.grid, psi, dtype, torch.device(device))
-    for wavelength, factor in zip(wavelengths.tolist(), factors, strict=True):
+    for band, wavelength in enumerate(wavelengths.tolist()):
         pupil = pupil_function(camera, opening, wavelength, relief, dtype=dtype, device=device)
-        bases = make_bases(
-            sampling.grid, window, wavelength * camera.sensor_distance, opening.light, dtype, pupil.device
-        )
-        bands.append(propagate(pupil, factor, bases)[:, :pixels, :pixels])
+        chirps = chirp(sampling.grid, psi[:, band], dtype=dtype, device=device)
+        reach = wavelength * camera.sensor_distance
+        bases = make_bases(sampling.grid, window, reach, opening.light, dtype, pupil.device)
+        bands.append(propagate(pupil, chirps, bases)[:, :pixels, :pixels])
     values = torch.stack(bands, dim=1)
     rest = 1 - values.sum((-1, -2))
     bank = PsfBank(values, rest, wavelengths, inverse_depths, opening.transmission, sampling)

@@ -68,11 +68,13 @@ def pupil_function(
 def chirp(
     grid: PupilGrid, defocus: Tensor, *, dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
 ) -> Tensor:
-    """exp(j Psi s^2 / r^2) along one axis of the pupil, complex [depth, samples], for Psi [depth] in float64.
+    """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half], for Psi [depth] in float64.
 
-    The phase of a whole defocus is the product of this along both axes.
+    It is even, so it is given from the centre outwards only; the phase of a whole defocus is its product along
+    both axes.
     """
-    phase = _reduced(defocus.double()[:, None] * (grid.centres / grid.radius) ** 2)
+    axis = grid.centres[grid.samples // 2 :] / grid.radius
+    phase = _reduced(defocus.double()[:, None] * axis**2)
     phase = phase.to(device=device, dtype=dtype)
     return torch.polar(torch.ones_like(phase), phase)
 

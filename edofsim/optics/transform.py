@@ -101,84 +101,101 @@ def unfold(parts: Tensor, samples: int) -> Tensor:
     return torch.complex(pupil[0], pupil[1])
 
 
-def waves(parts: Tensor, maps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
-    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, map, x] on half axes.
+def defocus_maps(chirps: Tensor) -> tuple[Tensor, Tensor]:
+    """Real and imaginary part of each depth's defocus on a quarter of the pupil, [y, depth, x].
 
-    parts: from `fold`; maps: real [2 (re, im), half, map, half], even factors of the pupil such as the defocus
-    of each depth; bases: `Bases.fourier`.
+    chirps: complex [depth, half], the factor along one axis from the centre outwards.
     """
-    real, imaginary = maps
+    both = chirps.T[:, :, None] * chirps
+    return both.real.contiguous(), both.imag.contiguous()
+
+
+def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
+    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, depth, x] on half axes.
+
+    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`. The axis that is transformed first
+    is the outer one, so that one product serves all depths.
+    """
+    real, imaginary = defocus_maps(chirps)
     rows, half = bases.shape[1:]
-    count = maps.shape[2]
+    depths = len(chirps)
+    spread = torch.empty(2, 2, half, depths, half, dtype=real.dtype, device=real.device)
     components = []
     for part, basis in zip(parts, bases, strict=True):
         re, im = part[0, :, :, None], part[1, :, :, None]
-        spread = torch.empty(2, 2, half, count, half, dtype=maps.dtype, device=maps.device)
         torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)
         torch.mul(re, imaginary, out=spread[1]).addcmul_(im, real)
-        first = torch.matmul(bases, spread.view(2, 2, half, count * half))
+        first = torch.matmul(bases, spread.view(2, 2, half, depths * half))
         second = torch.mm(first.view(-1, half), basis.T)
-        components.append(second.view(2, 2, rows, count, rows))
+        components.append(second.view(2, 2, rows, depths, rows))
     return components[0], components[1]
 
 
-def waves_gradient(even: Tensor, odd: Tensor, maps: Tensor, bases: Tensor) -> Tensor:
+def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> Tensor:
     """Adjoint of `waves`: gradient by `parts` from those by the even and odd components."""
-    real, imaginary = maps
+    real, imaginary = defocus_maps(chirps)
     rows, half = bases.shape[1:]
-    count = maps.shape[2]
+    depths = len(chirps)
     gradients = []
     for component, basis in zip((even, odd), bases, strict=True):
-        first = torch.mm(component.reshape(-1, rows), basis).view(2, 2, rows, count * half)
-        spread = torch.matmul(bases.transpose(1, 2), first).view(2, 2, half, count, half)
+        first = torch.mm(component.view(-1, rows), basis).view(2, 2, rows, depths * half)
+        spread = torch.matmul(bases.transpose(1, 2), first).view(2, 2, half, depths, half)
         by_real = (spread[0] * real).addcmul_(spread[1], imaginary).sum(2)
         by_imaginary = (spread[1] * real).addcmul_(spread[0], imaginary, value=-1).sum(2)
         gradients.append(torch.stack([by_real, by_imaginary]))
     return torch.stack(gradients)
 
 
-def quadrants(even: Tensor, odd: Tensor) -> list[tuple[Tensor, Tensor]]:
-    """Real and imaginary part of the field in the quadrants (y, x) = ++, --, +-, -+, each [y, depth, x].
+SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+"""The four quadrants of the sensor as directions from its centre along y and x; two opposite ones make a pair."""
+
+
+def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
+    """(same, cross) for each pair of quadrants, [2 (re, im), y, depth, x]: the field is same +- j cross.
 
     F(+-y, +-x) = (ee -+ oo) + j (+-oe +- eo), where the first letter is the parity in y.
     """
     ee, oe, eo, oo = even[:, 0], even[:, 1], odd[:, 0], odd[:, 1]
-    fields = []
-    for same, cross in ((ee - oo, oe + eo), (ee + oo, oe - eo)):
-        fields.append((same[0] - cross[1], same[1] + cross[0]))
-        fields.append((same[0] + cross[1], same[1] - cross[0]))
-    return fields
+    return (ee - oo, oe + eo), (ee + oo, oe - eo)
 
 
 def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
     """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
-    energy = [(real * real).addcmul_(imaginary, imaginary) for real, imaginary in quadrants(even, odd)]
     rows, depths = even.shape[2:4]
     count = len(bases.pixels)
     image = torch.zeros(2 * count - 1, depths, 2 * count - 1, dtype=even.dtype, device=even.device)
-    for part, side in zip(energy, SIDES, strict=True):
-        down = torch.mm(bases.pixels, part.view(rows, -1))
-        summed = torch.mm(down.view(-1, rows), bases.pixels.T).view(count, depths, count)
-        _side(image, side).add_(_turned(summed, side))
+    for (same, cross), sides in zip(pairs(even, odd), (SIDES[:2], SIDES[2:]), strict=True):
+        # |same +- j cross|^2 = |same|^2 + |cross|^2 +- 2 Im(same cross*)
+        total = (same[0] * same[0]).addcmul_(same[1], same[1])
+        total.addcmul_(cross[0], cross[0]).addcmul_(cross[1], cross[1])
+        mixed = (same[1] * cross[0]).addcmul_(same[0], cross[1], value=-1)
+        for sign, side in zip((2, -2), sides, strict=True):
+            down = torch.mm(bases.pixels, torch.add(total, mixed, alpha=sign).view(rows, -1))
+            summed = torch.mm(down.view(-1, rows), bases.pixels.T).view(count, depths, count)
+            _side(image, side).add_(_turned(summed, side))
     return image.permute(1, 0, 2)
 
 
 def intensity_gradient(upstream: Tensor, even: Tensor, odd: Tensor, bases: Bases) -> tuple[Tensor, Tensor]:
     """Adjoint of `intensity`: gradients by the even and odd components from that by the pixels."""
     rows, depths = even.shape[2:4]
-    image, pulled = upstream.permute(1, 0, 2), []
-    for (real, imaginary), side in zip(quadrants(even, odd), SIDES, strict=True):
-        summed = _turned(_side(image, side), side)
-        down = torch.mm(summed.reshape(-1, summed.shape[2]), bases.pixels)
-        weight = torch.mm(2 * bases.pixels.T, down.view(len(summed), -1)).view(rows, depths, rows)
-        pulled.append((weight * real, weight * imaginary))
-    same, cross = _joined(pulled[0], pulled[1])
-    same_, cross_ = _joined(pulled[2], pulled[3])
+    image = upstream.permute(1, 0, 2)
+    pulled = []
+    for (same, cross), sides in zip(pairs(even, odd), (SIDES[:2], SIDES[2:]), strict=True):
+        plus, minus = (_pixel_weights(image, side, bases).view(rows, depths, rows) for side in sides)
+        total, mixed = plus + minus, plus - minus
+        by_same = torch.stack([total * same[0] - mixed * cross[1], total * same[1] + mixed * cross[0]])
+        by_cross = torch.stack([total * cross[0] + mixed * same[1], total * cross[1] - mixed * same[0]])
+        pulled.append((by_same, by_cross))
+    (same, cross), (same_, cross_) = pulled
     return torch.stack([same + same_, cross + cross_], 1), torch.stack([cross - cross_, same_ - same], 1)
 
 
-SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-"""The quadrants in the order of `quadrants`, as directions from the centre along y and x."""
+def _pixel_weights(image: Tensor, side: tuple[int, int], bases: Bases) -> Tensor:
+    """Twice the value of the pixel that each sub-pixel of a quadrant belongs to, [y, depth * x]."""
+    part = _turned(_side(image, side), side)
+    down = torch.mm(part.reshape(-1, part.shape[2]), bases.pixels)
+    return torch.mm(2 * bases.pixels.T, down.view(len(part), -1))
 
 
 def _side(image: Tensor, side: tuple[int, int]) -> Tensor:
@@ -191,13 +208,3 @@ def _side(image: Tensor, side: tuple[int, int]) -> Tensor:
 def _turned(part: Tensor, side: tuple[int, int]) -> Tensor:
     """A quadrant [y, depth, x] counted outwards from the centre, turned to rising order, or back."""
     return part.flip([axis for axis, sign in zip((0, 2), side, strict=True) if sign < 0])
-
-
-Pulled = tuple[Tensor, Tensor]
-
-
-def _joined(here: Pulled, there: Pulled) -> tuple[Tensor, Tensor]:
-    """Adjoint of one pair in `quadrants`: gradients by (same, cross), each [2 (re, im), y, depth, x]."""
-    same = torch.stack([here[0] + there[0], here[1] + there[1]])
-    cross = torch.stack([here[1] - there[1], there[0] - here[0]])
-    return same, cross
