@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
+from torch import Tensor
 
 from ..optics import Camera
+from ..optics.grid import PupilGrid, disc_coverage
+from ..optics.height import surface
 from ..record import machine, versions
 from ..restore import channel_psfs
 from .model import ImageScore, PlanRow, Psfs, RunReport
@@ -18,14 +21,16 @@ if TYPE_CHECKING:
     from ..pipeline import Run
 
 PSF_DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
+PICTURE = 250  # samples across the picture of the DOE
 
 
 def write_run_report(path: Path, result: Run) -> Path:
     """The page of a run, one file. Raises InputError where it cannot be written. Returns the path."""
     camera = result.optics
-    height = result.checkpoint.height if result.checkpoint else None
+    trained = result.checkpoint.height if result.checkpoint else None
+    height, width = _relief(camera, trained)
     inverse_depths = torch.tensor([1 / depth for depth in PSF_DEPTHS_M])
-    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths, height)
+    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths, trained)
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -38,7 +43,9 @@ def write_run_report(path: Path, result: Run) -> Path:
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
         psfs=Psfs(psfs, PSF_DEPTHS_M, camera.pixel * 1e6),
-        focus_m=scene_focus(camera),
+        height_m=height,
+        mask_width_m=width,
+        focus_m=camera.recipe.focus.distance_m,
         plan=tuple(
             PlanRow(d.effect, d.called_for, why=f"{d.chosen}: {d.why}") for d in result.plan.decisions
         ),
@@ -55,9 +62,14 @@ def write_run_report(path: Path, result: Run) -> Path:
     return write_report(path, report)
 
 
-def scene_focus(camera: Camera) -> float:
-    """The distance in metres that the camera's recipe focuses at."""
-    return camera.recipe.focus.distance_m
+def _relief(camera: Camera, trained: Tensor | None) -> tuple[Tensor | None, float | None]:
+    """Height of the DOE inside the pupil, [y, x] in metres, NaN outside, and its width in metres; None for
+    masks that only block light. trained: height map in place of the recipe's."""
+    grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
+    height = surface(camera, grid, trained)
+    if height is None:
+        return None, None
+    return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
 
 
 def _facts(result: Run) -> dict[str, str]:
