@@ -1,0 +1,184 @@
+"""Views as spectral OpenEXR files.
+
+One file holds a view, in two parts.
+
+Part `image` is what the pinhole sees, in the layout of A. Fichet, R. Pacanowski, A. Wilkie, An OpenEXR layout
+for spectral images, JCGT 10(3), 2021: a half-float channel a band (`S0.420,000000nm`), attributes
+`spectralLayoutVersion`, `emissiveUnits`, and `EV`: radiance is the stored number times 2^EV, 0 unless the
+radiance would leave half float's range. Channel `Z` (float) is the camera-space depth in metres, infinite for
+the background; in a pixel that sees several surfaces it is the harmonic mean. The display window is the
+frame, the data window the frame with its margin.
+
+Part `fragments` lists the fragments of all pixels but those that see exactly one surface and have nothing
+hidden behind it. It is a table written as an image, row by row: `pixel` (uint, counts in the data window from
+its top left; unused cells at the end hold 2^32 - 1), `coverage`, `inverseDepth` (1/m), `hidden` (0 or 1) and
+the same spectral channels, premultiplied by coverage.
+
+Attribute `edofsim` is JSON: what a `View` says of itself. Bytes follow from the view alone.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from .view import View
+
+LARGEST = 30000.0
+"""Stored numbers stay below this; half float ends at 65504."""
+
+SMALLEST_PEAK = 2.0**-6
+"""If the brightest number is below this, it is scaled up: half float loses digits below 6e-5."""
+
+EMPTY = 0xFFFFFFFF
+TABLE_WIDTH = 256
+FORMAT = 1
+
+
+def channel_name(wavelength: float) -> str:
+    """Name of a band's channel: `S0.420,000000nm` for 420e-9 m."""
+    return f"S0.{wavelength * 1e9:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
+
+
+def exposure_value(radiance: torch.Tensor) -> float:
+    """EV that brings radiances into half float's range; 0 if they are in it."""
+    peak = float(radiance.max()) if radiance.numel() else 0.0
+    if SMALLEST_PEAK <= peak <= LARGEST or not peak > 0:
+        return 0.0
+    return float(np.ceil(np.log2(peak / LARGEST)))
+
+
+def write_view(path: Path, view: View, recipe: dict[str, Any] | None = None) -> None:
+    """Write a view. recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be
+    written."""
+    import OpenEXR
+
+    rows, columns = view.padded_shape
+    value = exposure_value(view.radiance)
+    names = [channel_name(w) for w in view.wavelengths.tolist()]
+    scale = 2.0**-value
+    image = (view.all_in_focus() * scale).numpy().astype(np.float16)
+    with np.errstate(divide="ignore"):
+        depth = (1 / view.mean_inverse_depth().numpy()).astype(np.float32)
+    spectral = {
+        "spectralLayoutVersion": "1.0",
+        "emissiveUnits": "W.m^-2.sr^-1",
+        "EV": value,
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+    }
+    margin = view.margin
+    window = (
+        np.array([-margin, -margin], np.int32),
+        np.array([columns - margin - 1, rows - margin - 1], np.int32),
+    )
+    frame = (np.zeros(2, np.int32), np.array([view.width - 1, view.height - 1], np.int32))
+    about = {
+        "format": FORMAT,
+        "pixel_angle": view.pixel_angle,
+        "noise": view.noise,
+        "wavelengths_m": view.wavelengths.tolist(),
+        "metadata": {key: value for key, value in view.metadata.items() if key != "run"},
+    }
+    header = {
+        **spectral,
+        "dataWindow": window,
+        "displayWindow": frame,
+        "edofsim": json.dumps(about, sort_keys=True),
+        "recipe": json.dumps(recipe or {}, sort_keys=True),
+    }
+    channels = {name: np.ascontiguousarray(image[band]) for band, name in enumerate(names)}
+    parts = [OpenEXR.Part(header, {**channels, "Z": depth}, "image")]
+    listed = _listed(view)
+    table = _table(view, listed, names, scale)
+    size = (np.zeros(2, np.int32), np.array(table["pixel"].shape[::-1], np.int32) - 1)
+    # All parts of a file share their display window.
+    parts.append(OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, table, "fragments"))
+    try:
+        OpenEXR.File(parts).write(str(path))
+    except RuntimeError as error:  # OpenEXR's own exception for anything that goes wrong with the file
+        raise OSError(f"{path}: {error}") from error
+
+
+def _listed(view: View) -> torch.Tensor:
+    """Which fragments the table holds, bool [fragment]: those of pixels with more than one."""
+    rows, columns = view.padded_shape
+    count = torch.bincount(view.pixel, minlength=rows * columns)
+    return (count[view.pixel] > 1) | view.hidden | (view.coverage != 1)
+
+
+def _table(view: View, listed: torch.Tensor, names: list[str], scale: float) -> dict[str, np.ndarray]:
+    count = int(listed.sum())
+    height = max(1, -(-count // TABLE_WIDTH))
+
+    def cells(values: np.ndarray, filler: float = 0) -> np.ndarray:
+        out = np.full(height * TABLE_WIDTH, filler, values.dtype)
+        out[:count] = values
+        return out.reshape(height, TABLE_WIDTH)
+
+    radiance = (view.radiance[:, listed] * scale).numpy().astype(np.float16)
+    return {
+        "pixel": cells(view.pixel[listed].numpy().astype(np.uint32), EMPTY),
+        "coverage": cells(view.coverage[listed].numpy().astype(np.float32)),
+        "inverseDepth": cells(view.inverse_depth[listed].numpy().astype(np.float32)),
+        "hidden": cells(view.hidden[listed].numpy().astype(np.uint32)),
+        **{name: cells(radiance[band]) for band, name in enumerate(names)},
+    }
+
+
+def read_view(path: Path) -> View:
+    """Read a view that `write_view` wrote.
+
+    Raises ValueError, with the reason, for a file that is damaged, or not a view of ours.
+    """
+    import OpenEXR
+
+    try:
+        file = OpenEXR.File(str(path), separate_channels=True)
+        image, table = file.parts
+        header = image.header
+        about = json.loads(header["edofsim"])
+        if about["format"] != FORMAT:
+            raise ValueError(f"it has layout {about['format']}, and this version reads {FORMAT}")
+        wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
+        names = [channel_name(w) for w in wavelengths.tolist()]
+        scale = 2.0 ** float(header["EV"])
+        cells = {name: channel.pixels.reshape(-1) for name, channel in table.channels.items()}
+        radiance = np.stack([image.channels[name].pixels for name in names]).astype(np.float32)
+        depth = image.channels["Z"].pixels
+        more = np.stack([cells[name] for name in names]).astype(np.float32)
+        margin = -int(header["dataWindow"][0][0])
+    except (RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is not a readable view: {error}") from error
+    used = cells["pixel"] != EMPTY
+    bands = len(names)
+    rows, columns = depth.shape
+    plain = np.ones(rows * columns, bool)
+    plain[cells["pixel"][used].astype(np.int64)] = False
+    alone = np.flatnonzero(plain)
+    pixel = np.concatenate([alone, cells["pixel"][used].astype(np.int64)])
+    inverse_depth = np.concatenate([1 / depth.reshape(-1)[alone], cells["inverseDepth"][used]])
+    hidden = np.concatenate([np.zeros(len(alone), bool), cells["hidden"][used] != 0])
+    coverage = np.concatenate([np.ones(len(alone), np.float32), cells["coverage"][used]])
+    order = np.lexsort((hidden, -inverse_depth, pixel))
+    values = np.concatenate([radiance.reshape(bands, -1)[:, alone], more[:, used]], axis=1)[:, order]
+    if scale != 1:
+        values *= scale
+    return View(
+        height=rows - 2 * margin,
+        width=columns - 2 * margin,
+        margin=margin,
+        pixel=torch.from_numpy(pixel[order]),
+        coverage=torch.from_numpy(coverage[order]),
+        inverse_depth=torch.from_numpy(inverse_depth[order].astype(np.float32)),
+        radiance=torch.from_numpy(np.ascontiguousarray(values, np.float32)),
+        hidden=torch.from_numpy(hidden[order]),
+        wavelengths=wavelengths,
+        pixel_angle=about["pixel_angle"],
+        noise=about["noise"],
+        metadata=about["metadata"],
+    )

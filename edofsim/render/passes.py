@@ -1,0 +1,167 @@
+"""Sums over samples: what is launched, in which order, and what has come in so far.
+
+All sums are float64 on the host. A launch covers some pixels of one group and one pass of samples; launches
+are numbered, so that work which stopped after any of them goes on from there and ends in the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .depths import DepthSurvey
+from .settings import RenderSettings
+
+LAUNCH_BYTES = 1 << 29
+"""Radiance of one launch in the engine's memory."""
+
+MOST_SAMPLES = 1 << 16
+LEAST_PASSES = 4
+"""An error is estimated from the scatter between passes; fewer say too little."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Pixels of one layer that need the same sums: one surface each (bounds is None), or several.
+
+    layer: 0 what is seen, n behind n surfaces; pixels: int64 [pixel]; bounds: float32 [pixel, split]; first:
+    the sums of surface k of pixel i are at first + k len(pixels) + i.
+    """
+
+    layer: int
+    pixels: np.ndarray
+    bounds: np.ndarray | None
+    first: int
+
+    @property
+    def surfaces(self) -> int:
+        return 1 if self.bounds is None else self.bounds.shape[1] + 1
+
+    @property
+    def slots(self) -> int:
+        return self.surfaces * len(self.pixels)
+
+
+def groups_of(surveys: list[DepthSurvey]) -> tuple[Group, ...]:
+    """The groups of a view whose n-th layer is the n-th survey."""
+    out: list[Group] = []
+    first = 0
+    for layer, found in enumerate(surveys):
+        several = found.several
+        for chosen, bounds in ((~several, None), (several, found.bounds[several])):
+            if chosen.any():
+                out.append(Group(layer, found.pixels[chosen], bounds, first))
+                first += out[-1].slots
+    return tuple(out)
+
+
+@dataclass(frozen=True)
+class Launch:
+    """Pixels `start` to `stop` of a group, in one pass."""
+
+    number: int
+    group: int
+    start: int
+    stop: int
+    samples: int
+
+
+def pass_sizes(settings: RenderSettings) -> Iterator[int]:
+    """Samples of each pass; endless up to MOST_SAMPLES if a noise is asked for."""
+    size = settings.pass_samples
+    wanted = MOST_SAMPLES if settings.noise is not None else settings.samples
+    while wanted > 0:
+        yield min(size, wanted)
+        wanted -= size
+
+
+def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int) -> list[Launch]:
+    """The launches of pass `number`."""
+    most = max(1, LAUNCH_BYTES // (4 * bands * samples))
+    return [
+        Launch(number, index, start, min(start + most, len(group.pixels)), samples)
+        for index, group in enumerate(groups)
+        for start in range(0, len(group.pixels), most)
+    ]
+
+
+@dataclass
+class Sums:
+    """What came in. radiance: float64 [slot, band]; count, inverse_depth: float64 [slot]; first, second:
+    float64 [pixel of layer 0], of each full pass's band mean and of its square; launches, passes: done;
+    samples: a pixel, of passes done; broken: samples that were not finite and count as black."""
+
+    radiance: np.ndarray
+    count: np.ndarray
+    inverse_depth: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    launches: int = 0
+    passes: int = 0
+    samples: int = 0
+    broken: int = 0
+    seconds: float = 0.0
+
+    @classmethod
+    def empty(cls, groups: tuple[Group, ...], bands: int) -> Sums:
+        """Nothing yet."""
+        slots = sum(group.slots for group in groups)
+        seen = sum(len(group.pixels) for group in groups if group.layer == 0)
+        return cls(np.zeros((slots, bands)), np.zeros(slots), np.zeros(slots), np.zeros(seen), np.zeros(seen))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The sums themselves, by name."""
+        return {
+            name: getattr(self, name) for name in ("radiance", "count", "inverse_depth", "first", "second")
+        }
+
+    def counters(self) -> dict[str, Any]:
+        """How far they are, by name."""
+        return {name: getattr(self, name) for name in ("launches", "passes", "samples", "broken", "seconds")}
+
+    def add(self, launch: Launch, groups: tuple[Group, ...], result: LaunchResult) -> None:
+        """Take in one launch."""
+        group = groups[launch.group]
+        for surface in range(group.surfaces):
+            at = group.first + surface * len(group.pixels)
+            where = slice(at + launch.start, at + launch.stop)
+            self.radiance[where] += result.radiance[surface].T
+            self.count[where] += result.count[surface]
+            self.inverse_depth[where] += result.inverse_depth[surface]
+        if group.layer == 0:
+            # Groups of layer 0 come first and one after the other.
+            before = sum(len(other.pixels) for other in groups[: launch.group])
+            mean = (
+                sum(radiance.astype(np.float64).mean(axis=0) for radiance in result.radiance) / launch.samples
+            )
+            self.first[before + launch.start : before + launch.stop] += mean
+            self.second[before + launch.start : before + launch.stop] += mean**2
+        self.broken += result.broken
+        self.launches += 1
+
+    def noise(self) -> float:
+        """Relative standard error of the band mean: root mean square over pixels, over the image's mean.
+
+        NaN where fewer than two passes have come in. Passes are independent and samples within a pass are
+        not, so this is the scatter between passes.
+        """
+        if self.passes < 2:
+            return float("nan")
+        mean = self.first / self.passes
+        variance = np.clip(self.second / self.passes - mean**2, 0, None) / (self.passes - 1)
+        level = float(mean.mean())
+        return float(np.sqrt(variance.mean()) / level) if level > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class LaunchResult:
+    """Sums over the samples of each pixel, a list over surfaces: radiance [band, pixel], count [pixel],
+    inverse_depth [pixel]."""
+
+    radiance: list[np.ndarray] = field(default_factory=list)
+    count: list[np.ndarray] = field(default_factory=list)
+    inverse_depth: list[np.ndarray] = field(default_factory=list)
+    broken: int = 0

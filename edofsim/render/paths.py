@@ -1,0 +1,169 @@
+"""A path tracer that carries every band along one path.
+
+One path serves all bands: throughput and radiance are vectors over bands, and a surface's f at each band
+comes from two evaluations of Mitsuba's own BSDF (see `translate`). Light is found by next-event estimation
+and by BSDF sampling, weighted by the balance heuristic. Directions are chosen alike for all bands, so that
+the noise of the bands is correlated and spectra stay smooth.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .rays import Lens, Samples, behind, camera_rays
+from .sampling import combined, pair
+from .translate import BASIS, FIELDS, HEIGHT, REPEATS, ROWS, TEXTURE, WIDTH, Stage
+
+ROULETTE_DEPTH = 6
+"""Paths longer than this end at random, by their brightest band; shorter ones never do."""
+
+
+def trace(
+    stage: Stage, lens: Lens, samples: Samples, layer: int, gap: float, max_depth: int
+) -> tuple[Any, Any, Any]:
+    """Radiance [band, sample], inverse depth [sample], and whether there is a surface to see [sample].
+
+    layer 0 is what the pinhole sees; layer n is what it would see if the first n surfaces of each ray were
+    not there *for that ray*: their shadows and reflections stay. max_depth counts as Mitsuba's: 1 is emitted
+    light alone, 2 adds direct light. Not evaluated: the caller evaluates all three together.
+    """
+    ray, index, seed = camera_rays(lens, samples)
+    seed = combined(seed, dr.opaque(mi.UInt32, layer))
+    exists = mi.Bool(True)
+    if layer > 0:
+        ray, exists, _ = behind(stage, ray, dr.opaque(mi.UInt32, layer), dr.opaque(mi.Float, gap))
+    radiance, inverse_depth = _walk(stage, ray, index, seed, exists, dr.opaque(mi.UInt32, max_depth))
+    return radiance, inverse_depth, exists
+
+
+@dr.syntax
+def _walk(stage, ray, index, seed, active, max_depth):
+    count = dr.width(index)
+    radiance = dr.zeros(mi.ArrayXf, (stage.bands, count))
+    throughput = dr.ones(mi.ArrayXf, (stage.bands, count))
+    inverse_depth = dr.zeros(mi.Float, count)
+    ray = mi.Ray3f(ray)
+    active = mi.Bool(active)
+    depth = mi.UInt32(0)
+    last = dr.zeros(mi.SurfaceInteraction3f)
+    last_pdf = mi.Float(1.0)
+    last_delta = mi.Bool(True)
+    context = mi.BSDFContext()
+    while dr.hint(active, exclude=[stage]):
+        si = stage.scene.ray_intersect(ray, mi.RayFlags.All, coherent=depth == 0, active=active)
+        inverse_depth = dr.select((depth == 0) & si.is_valid(), dr.rcp(si.p.z), inverse_depth)
+
+        # A light that the path ran into
+        emitter = si.emitter(stage.scene, active)
+        lit = active & (emitter != None)  # noqa: E711 - an array of pointers
+        if dr.hint(lit, exclude=[stage]):
+            ds = mi.DirectionSample3f(stage.scene, si, last)
+            light_pdf = stage.scene.pdf_emitter_direction(last, ds, lit & ~last_delta)
+            weight = dr.select(last_delta, 1.0, last_pdf / (last_pdf + light_pdf))
+            front = dr.select(emitter.eval(si, lit)[0] > 0, weight, 0.0)
+            radiance = radiance + throughput * light(stage, emitter, ray.d, lit) * front
+
+        on = active & si.is_valid() & (depth + 1 < max_depth)
+        step = combined(seed, depth)
+        toward_light = mi.Point2f(*pair(index, combined(step, mi.UInt32(1)), mi.Float))
+        choice = pair(index, combined(step, mi.UInt32(2)), mi.Float)
+        onward = mi.Point2f(*pair(index, combined(step, mi.UInt32(3)), mi.Float))
+
+        # A light that the path looks for, and the next direction
+        ds, arriving = stage.scene.sample_emitter_direction(si, toward_light, True, on)
+        bsdf = si.bsdf(ray)
+        value, pdf, sample, weight = bsdf.eval_pdf_sample(
+            context, si, si.to_local(ds.d), choice[0], onward, on
+        )
+        rho = reflectance(stage, si, on)
+        seen = on & (ds.pdf > 0) & (arriving[0] > 0)
+        share = dr.select(seen, dr.select(ds.delta, 1.0, ds.pdf / (ds.pdf + pdf)) / ds.pdf, 0.0)
+        radiance = radiance + throughput * affine(rho, value * share) * light(stage, ds.emitter, ds.d, seen)
+
+        throughput = throughput * affine(rho, weight)
+        largest = dr.max(throughput)
+        survival = dr.select(depth + 1 >= ROULETTE_DEPTH, dr.minimum(largest, 0.95), 1.0)
+        on &= (largest > 0) & (choice[1] < survival)
+        throughput = throughput * dr.select(on, dr.rcp(survival), 0.0)
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        last = dr.detach(si)
+        last_pdf = sample.pdf
+        last_delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        active = on
+        depth += 1
+    return radiance, inverse_depth
+
+
+def affine(rho: Any, carried: Any) -> Any:
+    """f(band) = f0 + rho(band) (f1 - f0), from a BSDF's values with the carrier as reflectance."""
+    return dr.fma(rho, carried[1] - carried[0], carried[0])
+
+
+def spectrum(stage: Stage, row: Any, active: Any) -> Any:
+    """One row of the table of spectra, [band, lane]."""
+    packets = dr.gather(mi.ArrayXf, stage.spectra, row, active, shape=(stage.stride, dr.width(row)))
+    return mi.ArrayXf([packets[band] for band in range(stage.bands)])
+
+
+def mixed(stage: Stage, row: Any, coefficients: Any, active: Any) -> Any:
+    """sum_j coefficient_j spectrum(row + j), [band, lane]."""
+    total = spectrum(stage, row, active) * coefficients[0]
+    for j in range(1, ROWS):
+        total = dr.fma(spectrum(stage, row + j, active), coefficients[j], total)
+    return total
+
+
+def reflectance(stage: Stage, si: Any, active: Any) -> Any:
+    """Reflectance of what was hit, [band, lane]."""
+    row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), active)
+    fields = dr.gather(mi.ArrayXu, stage.objects, row, active, shape=(FIELDS, dr.width(row)))
+    if not stage.has_textures:
+        return spectrum(stage, fields[BASIS], active)
+    textured = active & (fields[WIDTH] > 0)
+    texel = texel_at(stage, fields, si.uv, fields[REPEATS] > 0, fields[REPEATS] > 0, textured)
+    coefficients = [dr.select(textured, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
+    return mixed(stage, fields[BASIS], coefficients, active)
+
+
+def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:
+    """Radiance of a light towards -direction, [band, lane]."""
+    row = dr.gather(mi.UInt32, stage.light_of, dr.reinterpret_array(mi.UInt32, emitter), active)
+    fields = dr.gather(mi.ArrayXu, stage.lights, row, active, shape=(FIELDS, dr.width(row)))
+    if not stage.has_sky_image:
+        return spectrum(stage, fields[BASIS], active)
+    sky = active & (fields[WIDTH] > 0)
+    uv = mi.Point2f(
+        0.5 + dr.atan2(direction.x, direction.z) * dr.inv_two_pi, 1 - dr.safe_acos(direction.y) * dr.inv_pi
+    )
+    texel = texel_at(stage, fields, uv, mi.Bool(True), mi.Bool(False), sky)
+    coefficients = [dr.select(sky, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
+    # A picture may reach below 0 in some band where its coefficients come from colours
+    return dr.maximum(mixed(stage, fields[BASIS], coefficients, active), 0.0)
+
+
+def texel_at(stage: Stage, fields: Any, uv: Any, wrap_u: Any, wrap_v: Any, active: Any) -> Any:
+    """Bilinear lookup; v = 1 is the top row. Outside of the unit square it repeats or stays at the edge."""
+    width, height = mi.Float(fields[WIDTH]), mi.Float(fields[HEIGHT])
+    u = dr.select(wrap_u, uv.x - dr.floor(uv.x), uv.x)
+    v = dr.select(wrap_v, uv.y - dr.floor(uv.y), uv.y)
+    x = u * width - 0.5
+    y = (1 - v) * height - 0.5
+    left, top = dr.floor(x), dr.floor(y)
+    fx, fy = x - left, y - top
+
+    def index(place: Any, size: Any, wrap: Any) -> Any:
+        around = place - dr.floor(place / size) * size
+        return mi.UInt32(dr.clip(dr.select(wrap, around, place), 0, size - 1))
+
+    columns = [index(left + k, width, wrap_u) for k in (0, 1)]
+    rows = [index(top + k, height, wrap_v) for k in (0, 1)]
+
+    def texel(row: Any, column: Any) -> Any:
+        return dr.gather(mi.Vector4f, stage.texels, fields[TEXTURE] + row * fields[WIDTH] + column, active)
+
+    upper = dr.lerp(texel(rows[0], columns[0]), texel(rows[0], columns[1]), fx)
+    lower = dr.lerp(texel(rows[1], columns[0]), texel(rows[1], columns[1]), fx)
+    return dr.lerp(upper, lower, fy)

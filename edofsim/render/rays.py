@@ -1,0 +1,104 @@
+"""Camera rays: a pinhole at the origin that looks along +z, and how rays go on behind what they met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from .sampling import combined, pair
+from .translate import CLOSED, FIELDS
+
+JITTER, PATH = 1, 2
+"""What a pixel's random numbers are used for: its ray must be the same in every layer, its path must not."""
+
+MAX_SURFACES = 256
+"""A ray gives up looking for a hidden surface after this many; it has then left any scene of use."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """The pinhole that a view is rendered through: padded frame in pixels, tangent of one pixel's angle."""
+
+    width: int
+    height: int
+    pixel_angle: float
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One launch: which pixels, and which samples of each.
+
+    pixels: UInt32 [pixel] numbers in the padded frame, row by row; count: samples a pixel; number: of the
+    pass, each pass being an independent set of samples; seed: of the whole view.
+    """
+
+    pixels: Any
+    count: int
+    number: int
+    seed: int
+
+    @property
+    def size(self) -> int:
+        return dr.width(self.pixels) * self.count
+
+
+def camera_rays(lens: Lens, samples: Samples) -> tuple[Any, Any, Any]:
+    """Rays of a launch, sample index within the pass, and seed of each ray's path, all [pixel * count].
+
+    A pixel is a box: its rays are spread over its square (row 0 is the top of the picture).
+    """
+    number = dr.arange(mi.UInt32, samples.size)
+    count = dr.opaque(mi.UInt32, samples.count)
+    place = number // count
+    index = number - place * count
+    pixel = dr.gather(mi.UInt32, samples.pixels, place)
+    seed = combined(combined(dr.opaque(mi.UInt32, samples.seed), pixel), dr.opaque(mi.UInt32, samples.number))
+    width = dr.opaque(mi.UInt32, lens.width)
+    row = pixel // width
+    column = pixel - row * width
+    across, down = pair(index, combined(seed, mi.UInt32(JITTER)), mi.Float)
+    half_width, half_height = dr.opaque(mi.Float, 0.5 * lens.width), dr.opaque(mi.Float, 0.5 * lens.height)
+    angle = dr.opaque(mi.Float, lens.pixel_angle)
+    x = (mi.Float(column) - half_width + across) * angle
+    y = (half_height - mi.Float(row) - down) * angle
+    ray = mi.Ray3f(mi.Point3f(0.0), dr.normalize(mi.Vector3f(x, y, 1.0)))
+    return ray, index, combined(seed, mi.UInt32(PATH))
+
+
+@dr.syntax
+def behind(stage, ray, layer, gap):
+    """Carry rays on past `layer` surfaces.
+
+    A surface counts if it is farther than the last one by `gap` (in 1/m), and not the inside of a closed
+    object. Returns (ray that meets the next surface or nothing, whether there is one to be seen, its inverse
+    depth, 0 for the background). A ray that passed all surfaces sees the background behind the last.
+    """
+    to_pass = mi.UInt32(layer)
+    last = mi.Float(dr.inf)
+    searching = mi.Bool(True)
+    exists = mi.Bool(False)
+    inverse_depth = mi.Float(0.0)
+    steps = mi.UInt32(0)
+    ray = mi.Ray3f(ray)
+    while dr.hint(searching, exclude=[stage]):
+        si = stage.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=steps == 0, active=searching)
+        valid = si.is_valid()
+        here = dr.select(valid, dr.rcp(si.p.z), 0.0)
+        row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), valid)
+        closed = dr.gather(mi.UInt32, stage.objects, row * FIELDS + CLOSED, valid) != 0
+        inside = closed & (dr.dot(si.n, ray.d) > 0) & (steps > 0)
+        counts = valid & ~inside & (here < last - gap)
+        found = searching & (to_pass == 0) & (counts | ~valid)
+        exists |= found
+        inverse_depth = dr.select(found, here, inverse_depth)
+        passed = searching & counts & ~found
+        last = dr.select(passed, here, last)
+        to_pass = dr.select(passed, to_pass - 1, to_pass)
+        searching &= valid & ~found & (steps < MAX_SURFACES)
+        on = si.spawn_ray(ray.d)
+        ray.o = dr.select(searching, on.o, ray.o)
+        steps += 1
+    return ray, exists, inverse_depth

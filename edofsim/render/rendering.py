@@ -1,0 +1,212 @@
+"""A scene rendered to a view: survey of depths, passes of samples, fragments."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..scene.model import SceneModel
+from .depths import DepthSurvey, survey
+from .engine import thread_count, use_engine
+from .interrupts import interruptible
+from .partial import load_partial, save_partial
+from .passes import LEAST_PASSES, Group, Sums, groups_of, launches_of, pass_sizes
+from .settings import INTEGRATOR, RenderSettings
+from .view import View
+
+Progress = Callable[[float, str], None]
+
+HIDDEN_LAYERS = 2
+"""Surfaces behind the visible one that a pupil may look at, one behind the other."""
+
+SURVEY_SHARE = 0.1
+"""Part of the time that loading and the survey of depths take; for the progress bar only."""
+
+SAVE_SECONDS = 20.0
+"""Work is saved about so often: the most that a killed process loses."""
+
+
+def render_model(
+    model: SceneModel,
+    settings: RenderSettings,
+    *,
+    device: str = "auto",
+    progress: Progress | None = None,
+    partial: Path | None = None,
+) -> View:
+    """Render a scene.
+
+    partial: file that keeps finished work when this is interrupted, and that is gone on from. The same model
+    and settings give the same bytes, however often it was interrupted and with any number of threads. Raises
+    InputError for a scene that cannot be carried, EngineError where nothing can render.
+    """
+    say = progress or (lambda fraction, message: None)
+    begun = time.perf_counter()
+    mi = use_engine(device)
+    from .translate import build_stage
+
+    say(0.0, "loading the scene")
+    stage = build_stage(mi, model)
+    loaded = time.perf_counter()
+    surveys, hidden = survey_layers(stage, settings, lambda part, what: say(SURVEY_SHARE * part, what))
+    surveyed = time.perf_counter()
+    groups = groups_of(surveys)
+    sums = load_partial(partial, groups, stage.bands) if partial else None
+    sums = sums or Sums.empty(groups, stage.bands)
+    take_samples(stage, settings, groups, sums, say, partial)
+    metadata = {
+        "scene": model.name,
+        "integrator": INTEGRATOR,
+        "mitsuba": version("mitsuba"),
+        "drjit": version("drjit"),
+        "route": "many bands a path",
+        "samples": sums.samples,
+        "hidden": hidden,
+        "layers": [len(found.pixels) for found in surveys],
+        "pupil_radius_m": settings.pupil_radius,
+        "broken_samples": sums.broken,
+    }
+    seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
+    run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
+    return assemble(model.wavelengths, settings, groups, sums, {**metadata, "run": run})
+
+
+def survey_layers(stage: Any, settings: RenderSettings, progress: Progress) -> tuple[list[DepthSurvey], str]:
+    """What each layer sees: the visible one, then the hidden ones behind it; and a sentence on the latter."""
+    from .edges import seen_around
+    from .tracing import depth_tiles
+
+    rows, columns = settings.padded_shape
+    everything = np.arange(rows * columns, dtype=np.int64)
+
+    def look(pixels: np.ndarray, layer: int) -> DepthSurvey:
+        tiles = depth_tiles(stage, settings, pixels, layer, lambda part: progress(part, "measuring depth"))
+        return survey(tiles, settings.gap, settings.fragments)
+
+    surveys = [look(everything, 0)]
+    if not settings.hidden:
+        return surveys, "not rendered: the recipe says so"
+    farthest = surveys[0].farthest.reshape(rows, columns)
+    reach = settings.pupil_radius / settings.pixel_angle
+    for layer in range(1, HIDDEN_LAYERS + 1):
+        nearest = np.full(rows * columns, -np.inf, np.float32)
+        nearest[surveys[-1].pixels] = surveys[-1].nearest
+        behind = seen_around(nearest.reshape(rows, columns), farthest, settings.gap, reach)
+        found = look(np.flatnonzero(behind), layer)
+        if not len(found.pixels):
+            break
+        surveys.append(found)
+    if len(surveys) == 1:
+        return surveys, "none: no depth edge"
+    share = 100 * len(surveys[1].pixels) / (rows * columns)
+    return surveys, f"behind {share:.1f} % of the pixels, {len(surveys) - 1} deep"
+
+
+def take_samples(
+    stage: Any,
+    settings: RenderSettings,
+    groups: tuple[Group, ...],
+    sums: Sums,
+    say: Progress,
+    partial: Path | None,
+) -> None:
+    """Launch what is missing in `sums`, in order, until there are enough samples or the noise is low
+    enough."""
+    from .tracing import run_launch
+
+    before = 0
+    clock = _Clock(settings, groups, sums, say)
+    saved = time.perf_counter()
+    with interruptible() as wish:
+        try:
+            for number, size in enumerate(pass_sizes(settings)):
+                launches = launches_of(groups, number, size, stage.bands)
+                for launch in launches[max(0, sums.launches - before) :]:
+                    wish.raise_if_asked()
+                    start = time.perf_counter()
+                    sums.add(launch, groups, run_launch(stage, settings, groups[launch.group], launch))
+                    now = time.perf_counter()
+                    sums.seconds += now - start
+                    clock.tick(launch, sums)
+                    if partial and now - saved > SAVE_SECONDS:
+                        save_partial(partial, sums)
+                        saved = now
+                before += len(launches)
+                if sums.passes == number:
+                    sums.passes += 1
+                    sums.samples += size
+                if sums.passes == number + 1 and _good_enough(sums, settings):
+                    break
+            wish.raise_if_asked()
+        except (KeyboardInterrupt, SystemExit):
+            if partial and sums.launches:
+                save_partial(partial, sums)
+            raise
+
+
+def _good_enough(sums: Sums, settings: RenderSettings) -> bool:
+    return settings.noise is not None and sums.passes >= LEAST_PASSES and sums.noise() <= settings.noise
+
+
+class _Clock:
+    """Turns launches into a fraction and a message with the time left."""
+
+    def __init__(
+        self, settings: RenderSettings, groups: tuple[Group, ...], sums: Sums, say: Progress
+    ) -> None:
+        self.settings, self.say = settings, say
+        self.pixels = sum(len(group.pixels) for group in groups)
+        self.done = 0
+        self.started = time.perf_counter()
+        self.first = sums.samples * self.pixels
+
+    def tick(self, launch: Any, sums: Sums) -> None:
+        """After a launch."""
+        self.done += (launch.stop - launch.start) * launch.samples
+        wanted = self.settings.samples
+        noise = ""
+        if self.settings.noise is not None and sums.passes >= 2:
+            now = sums.noise()
+            wanted = sums.samples * max(1.0, (now / self.settings.noise) ** 2)
+            noise = f", noise {100 * now:.2g} % of at most {100 * self.settings.noise:.2g} %"
+        total = wanted * self.pixels
+        fraction = min(1.0, (self.first + self.done) / total)
+        left = (time.perf_counter() - self.started) * max(0.0, total - self.first - self.done) / self.done
+        self.say(SURVEY_SHARE + (1 - SURVEY_SHARE) * fraction, f"tracing paths, {left:.0f} s left{noise}")
+
+
+def assemble(
+    wavelengths: np.ndarray,
+    settings: RenderSettings,
+    groups: tuple[Group, ...],
+    sums: Sums,
+    metadata: Mapping[str, Any],
+) -> View:
+    """Fragments from sums, sorted by pixel and from near to far."""
+    pixel = np.concatenate([np.tile(group.pixels, group.surfaces) for group in groups])
+    hidden = np.concatenate([np.full(group.slots, group.layer > 0) for group in groups])
+    met = sums.count > 0
+    pixel, hidden, count = pixel[met], hidden[met], sums.count[met]
+    inverse_depth = (sums.inverse_depth[met] / count).astype(np.float32)
+    order = np.lexsort((hidden, -inverse_depth, pixel))
+    radiance = (sums.radiance[met][order] / sums.samples).astype(np.float32)
+    return View(
+        height=settings.height,
+        width=settings.width,
+        margin=settings.margin,
+        pixel=torch.from_numpy(pixel[order]),
+        coverage=torch.from_numpy((count[order] / sums.samples).astype(np.float32)),
+        inverse_depth=torch.from_numpy(inverse_depth[order]),
+        radiance=torch.from_numpy(np.ascontiguousarray(radiance.T)),
+        hidden=torch.from_numpy(hidden[order]),
+        wavelengths=torch.from_numpy(np.asarray(wavelengths, np.float64).copy()),
+        pixel_angle=settings.pixel_angle,
+        noise=sums.noise(),
+        metadata=metadata,
+    )

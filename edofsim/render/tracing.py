@@ -1,0 +1,109 @@
+"""Launches on the engine: depths of a survey, and sums of a group's samples.
+
+Nothing here needs the host between the first ray of a launch and its sums. Samples of one pixel are
+neighbours in memory and are summed block by block, which gives the same bytes with any number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from .passes import Group, Launch, LaunchResult, pass_sizes
+from .paths import trace
+from .rays import Lens, Samples, behind, camera_rays
+from .settings import RenderSettings
+from .translate import Stage
+
+SURVEY_SAMPLES = 64
+SURVEY_LAUNCH = 1 << 22
+
+
+def lens_of(settings: RenderSettings) -> Lens:
+    """The pinhole of a view."""
+    rows, columns = settings.padded_shape
+    return Lens(columns, rows, settings.pixel_angle)
+
+
+def depth_tiles(
+    stage: Stage,
+    settings: RenderSettings,
+    pixels: np.ndarray,
+    layer: int,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Inverse depths that samples see in a layer: (pixels, float32 [pixel, sample], NaN for nothing).
+
+    These are the very rays of the first passes (up to SURVEY_SAMPLES samples), so that what is rendered falls
+    on the surfaces that were found.
+    """
+    sizes, total = [], 0
+    for size in pass_sizes(settings):
+        sizes.append(size)
+        total += size
+        if total >= min(SURVEY_SAMPLES, settings.samples):
+            break
+    tile = max(1, SURVEY_LAUNCH // total)
+    for start in range(0, len(pixels), tile):
+        chosen = pixels[start : start + tile]
+        numbers = mi.UInt32(chosen.astype(np.uint32))
+        parts = []
+        for number, size in enumerate(sizes):
+            samples = Samples(numbers, size, number, settings.seed)
+            parts.append(np.array(_depths(stage, settings, samples, layer)).reshape(len(chosen), size))
+        if progress:
+            progress(min(1.0, (start + tile) / len(pixels)))
+        yield chosen, np.concatenate(parts, axis=1)
+
+
+def _depths(stage: Stage, settings: RenderSettings, samples: Samples, layer: int) -> mi.Float:
+    ray, _, _ = camera_rays(lens_of(settings), samples)
+    if layer == 0:
+        hit = stage.scene.ray_intersect_preliminary(ray, coherent=True)
+        return dr.select(hit.is_valid(), dr.rcp(hit.t * ray.d.z), 0.0)
+    _, exists, inverse_depth = behind(
+        stage, ray, dr.opaque(mi.UInt32, layer), dr.opaque(mi.Float, settings.gap)
+    )
+    return dr.select(exists, inverse_depth, dr.nan)
+
+
+def run_launch(stage: Stage, settings: RenderSettings, group: Group, launch: Launch) -> LaunchResult:
+    """Trace the samples of a launch and sum them by pixel and surface."""
+    where = slice(launch.start, launch.stop)
+    samples = Samples(
+        mi.UInt32(group.pixels[where].astype(np.uint32)), launch.samples, launch.number, settings.seed
+    )
+    radiance, inverse_depth, exists = trace(
+        stage, lens_of(settings), samples, group.layer, settings.gap, settings.max_depth
+    )
+    finite = dr.isfinite(dr.sum(radiance))
+    broken = dr.select(exists & ~finite, mi.UInt32(1), mi.UInt32(0))
+    radiance = dr.select(exists & finite, radiance, 0.0)
+    weight = dr.select(exists, mi.Float(1.0), mi.Float(0.0))
+    inverse_depth = inverse_depth * weight
+    dr.eval(radiance, inverse_depth, weight, broken)
+    result = LaunchResult(broken=int(dr.sum(broken)[0]))
+    if group.bounds is None:
+        masks = [None]
+    else:
+        pixel = dr.arange(mi.UInt32, samples.size) // dr.opaque(mi.UInt32, samples.count)
+        surface = mi.UInt32(0)
+        for column in group.bounds[where].T:
+            bound = dr.gather(mi.Float, mi.Float(np.ascontiguousarray(column)), pixel)
+            surface += dr.select(inverse_depth < bound, mi.UInt32(1), mi.UInt32(0))
+        dr.eval(surface)
+        masks = [surface == number for number in range(group.surfaces)]
+    for mask in masks:
+        values = [radiance, weight, inverse_depth]
+        if mask is not None:
+            values = [dr.select(mask, value, 0.0) for value in values]
+            dr.eval(values)
+        sums = [dr.block_sum(value, launch.samples, mode="evaluated") for value in values]
+        dr.eval(sums)
+        result.radiance.append(np.array(sums[0]).reshape(stage.bands, -1))
+        result.count.append(np.array(sums[1]))
+        result.inverse_depth.append(np.array(sums[2]))
+    return result

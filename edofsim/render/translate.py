@@ -1,0 +1,355 @@
+"""A SceneModel turned into a Mitsuba scene and the tables that hold its spectra.
+
+Mitsuba gets every BSDF with the same *carrier* as reflectance, 0 in the first colour channel and 1 in the
+second. For a BSDF that is affine in its reflectance, f(band) = f0 + rho(band) (f1 - f0), whatever the number
+of bands; rho comes from tables of our own, looked up by the object that a ray met. The third channel carries
+1/2 and shows whether a BSDF *is* affine. In the same way lamps shine with radiance 1 in Mitsuba, and their
+spectra are a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
+
+CARRIER = (0.0, 1.0, 0.5)
+ROWS = 3
+"""A spectrum is at most this many coefficients times as many basis spectra."""
+
+FIELDS = 8
+BASIS, TEXTURE, WIDTH, HEIGHT, REPEATS, CLOSED = range(6)
+"""What the table of objects says of each, as uint32: row of its basis, first texel, size (0: no texture),
+whether its texture coordinates leave the unit square, whether its mesh encloses a volume."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A scene ready to be traced. Buffers are Dr.Jit arrays of the engine that is active.
+
+    spectra: Float, [row * stride + band], ROWS rows a basis; texels: Float, 4 a texel; objects: UInt32,
+    FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; lights: as
+    `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up.
+    """
+
+    scene: Any
+    spectra: Any
+    texels: Any
+    objects: Any
+    object_of: Any
+    lights: Any
+    light_of: Any
+    environment: int
+    bands: int
+    stride: int
+    has_textures: bool
+    has_sky_image: bool
+
+
+class _Tables:
+    """Spectra and texels that are already stored, each once."""
+
+    def __init__(self, bands: int) -> None:
+        self.bands = bands
+        self.stride = -(-bands // 8) * 8 if bands > 4 else 4
+        self.spectra: list[np.ndarray] = []
+        self.texels: list[np.ndarray] = []
+        self._rows: dict[bytes, int] = {}
+        self._places: dict[int, tuple[int, np.ndarray]] = {}
+        self._texel_count = 0
+
+    def row(self, basis: np.ndarray) -> int:
+        """Row of a basis [n, band], n <= ROWS."""
+        basis = np.ascontiguousarray(basis, np.float32)
+        key = basis.tobytes()
+        if key not in self._rows:
+            self._rows[key] = ROWS * len(self.spectra)
+            padded = np.zeros((ROWS, self.stride), np.float32)
+            padded[: len(basis), : self.bands] = basis
+            self.spectra.append(padded)
+        return self._rows[key]
+
+    def place(self, image: np.ndarray) -> int:
+        """First texel of an image of coefficients [y, x, n]."""
+        if id(image) not in self._places:
+            padded = np.zeros((*image.shape[:2], 4), np.float32)
+            padded[..., : image.shape[2]] = image
+            self._places[id(image)] = (self._texel_count, image)
+            self.texels.append(padded.reshape(-1))
+            self._texel_count += image.shape[0] * image.shape[1]
+        return self._places[id(image)][0]
+
+    def entry(self, value: BandTexture, repeats: bool = False, closed: bool = False) -> np.ndarray:
+        """The fields of one object or light."""
+        fields = np.zeros(FIELDS, np.uint32)
+        fields[BASIS] = self.row(value.basis)
+        fields[REPEATS], fields[CLOSED] = repeats, closed
+        if value.image is not None:
+            fields[TEXTURE] = self.place(value.image)
+            fields[HEIGHT], fields[WIDTH] = value.image.shape[:2]
+        return fields
+
+
+def build_stage(mi: Any, model: SceneModel) -> Stage:
+    """Load a scene into the active engine.
+
+    mi: the mitsuba module with its variant set. Raises InputError for a BSDF that Mitsuba refuses, or whose
+    light is not affine in its reflectance, and for spectra or textures of the wrong shape.
+    """
+    import drjit as dr
+
+    _check(model)
+    bands = len(model.wavelengths)
+    tables = _Tables(bands)
+    bsdfs = _Bsdfs(mi)
+    contents: dict[str, Any] = {"type": "scene"}
+    objects, lights, meshes = [], [], []
+    weights = _light_weights(model)
+    for number, item in enumerate(model.objects):
+        lamp = None
+        if item.emission is not None:
+            lamp = {
+                "type": "area",
+                "radiance": {"type": "rgb", "value": [1.0, 1.0, 1.0]},
+                "sampling_weight": weights[number],
+            }
+            lights.append(tables.entry(BandTexture(np.asarray(item.emission)[None])))
+        meshes.append(_mesh(mi, item, bsdfs.instance(item), lamp))
+        contents[f"object-{number:06d}"] = meshes[-1]
+        uv = item.mesh.uv
+        repeats = uv is not None and bool((uv < -1e-6).any() or (uv > 1 + 1e-6).any())
+        objects.append(tables.entry(item.surface.reflectance, repeats, is_closed(item.mesh)))
+    sky_image = False
+    if model.environment is not None:
+        radiance = model.environment.radiance
+        sky_image = radiance.image is not None
+        contents["sky"] = _environment(mi, radiance, weights[-1])
+        lights.append(tables.entry(radiance))
+    scene = mi.load_dict(contents, optimize=False)
+    emitters = [emitter for mesh in meshes if (emitter := mesh.emitter()) is not None]
+    if model.environment is not None:
+        emitters.append(scene.environment())
+    texels = np.concatenate(tables.texels) if tables.texels else np.zeros(4, np.float32)
+    stage = Stage(
+        scene=scene,
+        spectra=mi.Float(np.concatenate(tables.spectra).ravel()),
+        texels=mi.Float(texels),
+        objects=mi.UInt32(np.concatenate(objects)),
+        object_of=_lookup(mi, [mi.ShapePtr(mesh) for mesh in meshes]),
+        lights=mi.UInt32(np.concatenate(lights) if lights else np.zeros(FIELDS, np.uint32)),
+        light_of=_lookup(mi, [mi.EmitterPtr(emitter) for emitter in emitters]),
+        environment=len(lights) - 1 if model.environment is not None else -1,
+        bands=bands,
+        stride=tables.stride,
+        has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
+        has_sky_image=sky_image,
+    )
+    dr.eval(stage.spectra, stage.texels, stage.objects, stage.object_of, stage.lights, stage.light_of)
+    return stage
+
+
+def _check(model: SceneModel) -> None:
+    bands = len(model.wavelengths)
+    problems = []
+
+    def look(what: str, value: BandTexture) -> None:
+        basis = np.asarray(value.basis)
+        if basis.ndim != 2 or basis.shape[1] != bands or not 1 <= len(basis) <= ROWS:
+            problems.append(
+                f"{what}: its spectra have shape {list(basis.shape)}; needed is [1 to {ROWS}, {bands}]"
+            )
+        elif value.image is None and len(basis) != 1:
+            problems.append(f"{what}: {len(basis)} spectra need an image that says how much of each")
+        elif value.image is not None and (value.image.ndim != 3 or value.image.shape[2] != len(basis)):
+            problems.append(
+                f"{what}: its image has shape {list(value.image.shape)}; needed is [y, x, {len(basis)}]"
+            )
+
+    for item in model.objects:
+        look(item.name, item.surface.reflectance)
+        if item.emission is not None and np.shape(item.emission) != (bands,):
+            problems.append(
+                f"{item.name}: its radiance has shape {list(np.shape(item.emission))}, not [{bands}]"
+            )
+        if item.surface.reflectance.image is not None and item.mesh.uv is None:
+            problems.append(f"{item.name}: it has a texture, but its mesh has no texture coordinates")
+    if model.environment is not None:
+        look("the environment", model.environment.radiance)
+    if problems:
+        raise InputError(problems)
+
+
+class _Bsdfs:
+    """BSDF plugins: one for all objects whose settings are equal, so that the engine compiles and calls
+    few."""
+
+    def __init__(self, mi: Any) -> None:
+        self._mi = mi
+        self._known: dict[str, Any] = {}
+
+    def instance(self, item: SceneObject) -> Any:
+        surface = item.surface
+        key = repr((_sorted(surface.bsdf), surface.reflectance_key, surface.two_sided))
+        if key not in self._known:
+            try:
+                bsdf = self._mi.load_dict(_plugin(surface))
+            except (RuntimeError, ValueError, TypeError) as error:
+                raise InputError(
+                    f"{item.name}: Mitsuba refuses its surface: {str(error).splitlines()[0]}"
+                ) from error
+            error = affinity_error(self._mi, bsdf)
+            if not error < 1e-3:
+                raise InputError(
+                    f"{item.name}: light from its surface ({surface.bsdf.get('type')}) is not affine in its "
+                    f"{surface.reflectance_key} (off by {error:.2g}), so that bands cannot share a path; "
+                    f"leave "
+                    "out tints and nonlinear = true"
+                )
+            self._known[key] = bsdf
+        return self._known[key]
+
+
+def _sorted(settings: Any) -> Any:
+    if isinstance(settings, Mapping):
+        return sorted((key, _sorted(value)) for key, value in settings.items())
+    return settings
+
+
+def _plugin(surface: Surface) -> dict[str, Any]:
+    """Mitsuba's dictionary of a surface, the carrier in the place of its reflectance.
+
+    A reflectance key with dots leads into nested BSDFs (`nested.reflectance`); an empty key: none at all.
+    """
+    plugin = _copied(surface.bsdf)
+    if surface.reflectance_key:
+        *path, last = surface.reflectance_key.split(".")
+        place = plugin
+        for step in path:
+            place = place[step]
+        place[last] = {"type": "rawconstant", "value": list(CARRIER)}
+    return {"type": "twosided", "bsdf": plugin} if surface.two_sided else plugin
+
+
+def _copied(settings: Any) -> Any:
+    return (
+        {key: _copied(value) for key, value in settings.items()}
+        if isinstance(settings, Mapping)
+        else settings
+    )
+
+
+def affinity_error(mi: Any, bsdf: Any, count: int = 512) -> float:
+    """How far f(1/2) is from (f(0) + f(1)) / 2 over random directions, relative to the largest f."""
+    import drjit as dr
+
+    rng = np.random.default_rng(1)
+    towards = rng.normal(size=(2, 3, count)).astype(np.float32)
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    towards[:, 2] = np.abs(towards[:, 2])
+    si = dr.zeros(mi.SurfaceInteraction3f, count)
+    si.wi = mi.Vector3f(*map(mi.Float, towards[0]))
+    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    si.n = mi.Normal3f(0, 0, 1)
+    si.t = mi.Float(1.0)
+    si.uv = mi.Point2f(0.5, 0.5)
+    zero, one, half = (
+        np.array(c) for c in bsdf.eval(mi.BSDFContext(), si, mi.Vector3f(*map(mi.Float, towards[1])))
+    )
+    largest = float(np.max(np.abs(one), initial=0.0))
+    return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
+
+
+def _mesh(mi: Any, item: SceneObject, bsdf: Any, lamp: dict[str, Any] | None) -> Any:
+    mesh = item.mesh
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = bsdf
+    if lamp is not None:
+        properties["mesh_emitter"] = mi.load_dict(lamp)
+    if mesh.normals is None:
+        properties["face_normals"] = True
+    out = mi.Mesh(
+        item.name,
+        len(mesh.vertices),
+        len(mesh.faces),
+        has_vertex_normals=mesh.normals is not None,
+        has_vertex_texcoords=mesh.uv is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(out)
+    parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices, np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(mesh.faces, np.uint32).ravel()
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.ascontiguousarray(mesh.normals, np.float32).ravel()
+    if mesh.uv is not None:
+        parameters["vertex_texcoords"] = np.ascontiguousarray(mesh.uv, np.float32).ravel()
+    parameters.update()
+    return out
+
+
+def is_closed(mesh: TriangleMesh) -> bool:
+    """Whether every edge has two faces, once vertices at one place are counted as one: then a back face is
+    the inside of something, and never seen from outside."""
+    if len(mesh.faces) < 4:
+        return False
+    _, place = np.unique(np.ascontiguousarray(mesh.vertices, np.float32), axis=0, return_inverse=True)
+    corners = place.reshape(-1)[mesh.faces.astype(np.int64)]
+    edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool((count == 2).all())
+
+
+def _environment(mi: Any, radiance: BandTexture, weight: float) -> dict[str, Any]:
+    """Light from infinity: the plugin only has to sample directions well, so it gets the mean over bands."""
+    if radiance.image is None:
+        return {
+            "type": "constant",
+            "radiance": {"type": "rgb", "value": [1.0, 1.0, 1.0]},
+            "sampling_weight": weight,
+        }
+    mean = np.clip(np.asarray(radiance.image) @ np.asarray(radiance.basis).mean(axis=1), 0, None)
+    mean = mean + 1e-3 * mean.mean() + 1e-12  # no direction that shines in some band may have probability 0
+    # Mitsuba's map runs the other way round: its first column is ours at the right.
+    picture = np.repeat(mean[:, ::-1, None], 3, axis=2).astype(np.float32)
+    return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(picture)), "sampling_weight": weight}
+
+
+def _light_weights(model: SceneModel) -> list[float]:
+    """Probability (unnormalised) of choosing each light: four fifths by what it sends to the middle of the
+    typical object, one fifth alike, so that none is starved. One an object (0 for no lamp), the sky last."""
+    middles = np.array([item.mesh.vertices.mean(axis=0) for item in model.objects if item.emission is None])
+    sent = np.zeros(len(model.objects) + 1)
+    for number, item in enumerate(model.objects):
+        if item.emission is None:
+            continue
+        corners = item.mesh.vertices[item.mesh.faces.astype(np.int64)].astype(np.float64)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = 0.5 * np.linalg.norm(normals, axis=1).sum()
+        away = middles - item.mesh.vertices.mean(axis=0) if len(middles) else np.ones((1, 3))
+        sent[number] = np.mean(item.emission) * np.median(area / np.maximum((away**2).sum(axis=1), area))
+    if model.environment is not None:
+        radiance = model.environment.radiance
+        amount = 1.0 if radiance.image is None else radiance.image.mean(axis=(0, 1))
+        sent[-1] = np.pi * float(
+            np.mean(amount @ radiance.basis if radiance.image is not None else radiance.basis)
+        )
+    lit = np.array([item.emission is not None for item in model.objects] + [model.environment is not None])
+    total = sent.sum()
+    if not total > 0:
+        return [float(is_light) for is_light in lit]
+    return list(np.where(lit, 0.8 * sent / total + 0.2 / max(lit.sum(), 1), 0.0))
+
+
+def _lookup(mi: Any, pointers: list[Any]) -> Any:
+    """A UInt32 table from the engine's number of a shape or emitter to our row."""
+    import drjit as dr
+
+    numbers = [int(dr.reinterpret_array(mi.UInt32, pointer)[0]) for pointer in pointers]
+    table = np.zeros(max(numbers, default=0) + 1, np.uint32)
+    table[numbers] = np.arange(len(numbers))
+    return mi.UInt32(table)
