@@ -68,6 +68,7 @@ def prepare(
         mask,
         _network(recipe, camera),
         LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
+        recipe.loss.stray,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
         bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),

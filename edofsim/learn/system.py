@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..optics import Camera, psf_bank
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.wiener_network import WienerNetwork
-from .imaging import photograph
+from .imaging import photograph, surroundings
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 """The paper's red, green and blue, in metres."""
@@ -37,8 +37,9 @@ class Optics:
 class Scenes(Protocol):
     """A batch that can be photographed."""
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
-        """(photo without noise, ideal image), each [batch, 3, y, x]."""
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """(photo without noise, ideal image), each [batch, 3, y, x], and the fraction of light that left the
+        PSFs' window, a scalar."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,13 @@ class Planes:
     sharp: Tensor
     inverse_depths: Tensor
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
         """Each colour sees one wavelength, as in the paper."""
         sharp = self.sharp.to(optics.device)
-        clean = photograph(sharp, optics.psfs(self.inverse_depths, height))
-        before, after = optics.window - 1 - optics.window // 2, optics.window // 2
-        return clean, sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
+        psf = optics.psfs(self.inverse_depths, height)
+        before, after = surroundings(optics.window)
+        ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
+        return photograph(sharp, psf), ideal, 1 - psf.sum((-1, -2)).mean()
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,9 @@ class Outcome:
 class System(nn.Module):
     """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores.
 
-    height_noise: standard deviation in metres, added anew to each sample of the height map in every step,
-    for the errors of fabrication. depth_range: least and largest inverse depth in 1/m. bfloat16 applies to
-    the network alone: the optics stay in float32.
+    stray: weight of the light that leaves the PSFs' window. height_noise: standard deviation in metres, added
+    anew to each sample of the height map in every step, for the errors of fabrication. depth_range: least and
+    largest inverse depth in 1/m. bfloat16 applies to the network alone: the optics stay in float32.
     """
 
     def __init__(
@@ -90,12 +92,13 @@ class System(nn.Module):
         mask: nn.Module,
         network: nn.Module,
         loss: LossWeights,
+        stray: float,
         height_noise: float,
         depth_range: tuple[float, float],
         bfloat16: bool = False,
     ) -> None:
         super().__init__()
-        self.depth_range = depth_range
+        self.depth_range, self.stray = depth_range, stray
         self.optics, self.loss_weights = optics, loss
         self.height_noise, self.bfloat16 = height_noise, bfloat16
         self.mask, self.network = mask, network
@@ -103,17 +106,19 @@ class System(nn.Module):
     def forward(self, draw: Draw) -> Outcome:
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
-        photo, ideal = self.capture(draw, height)
+        photo, ideal, lost = self.capture(draw, height)
         restored = self.restore(photo, height)
-        return Outcome(restoration_loss(restored, ideal, self.loss_weights), photo, restored, ideal)
+        loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * lost
+        return Outcome(loss, photo, restored, ideal)
 
-    def capture(self, draw: Draw, height: Tensor | None) -> tuple[Tensor, Tensor]:
-        """(photo with noise, ideal image), each [batch, 3, y, x], by the designed mask `height` [n, n]."""
+    def capture(self, draw: Draw, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """(photo with noise, ideal image), each [batch, 3, y, x], and the fraction of light lost, by the
+        designed mask `height` [n, n]."""
         if height is not None and self.height_noise > 0:
             height = height + self.height_noise * _normal(height, draw.generator)
-        clean, ideal = draw.scenes.photograph(self.optics, height)
+        clean, ideal, lost = draw.scenes.photograph(self.optics, height)
         noise = draw.read_noise.to(clean)[:, None, None, None]
-        return clean + noise * _normal(clean, draw.generator), ideal
+        return clean + noise * _normal(clean, draw.generator), ideal, lost
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
         """[batch, 3, y, x] to the same, float32. A filter is computed from the designed mask."""

@@ -20,6 +20,7 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
+from .design import design
 from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
 from .setup import Setup, prepare
@@ -29,6 +30,7 @@ from .workers import Workers, join_workers
 
 Progress = Callable[[float, str], None]
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
+DESIGN_STRAY = 4.0  # one part in 100 of the light against four in 100 of the linear error
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
 
@@ -109,6 +111,8 @@ def _train(
         raise InputError(
             f"{state}: a training is here already; add --resume to go on, or choose another --out"
         )
+    elif recipe.doe.design_steps and recipe.doe.learn:
+        _design(setup, progress)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system)
     loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
@@ -128,6 +132,23 @@ def _train(
         save_result(setup, path, position.step, figures)
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
     return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)
+
+
+def _design(setup: Setup, progress: Progress | None) -> None:
+    """The mask alone first; every worker comes to the same mask by the same steps."""
+    recipe, system = setup.recipe, setup.system
+    if not list(system.mask.parameters()):
+        raise InputError("doe.design_steps: this mask has nothing to design; choose another mask, or 0 steps")
+    design(
+        system.mask,
+        system.optics,
+        recipe.doe.design_steps,
+        recipe.capture.inverse_depth_per_m,
+        height_noise=recipe.doe.height_noise_nm * 1e-9,
+        stray=DESIGN_STRAY,
+        seed=recipe.seed,
+        progress=progress,
+    )
 
 
 def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Progress | None) -> bool:
@@ -226,7 +247,7 @@ def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float
     """The checkpoint with its card."""
     card = {
         "name": setup.recipe.name,
-        "camera": setup.camera.model_dump(mode="json"),
+        "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
         "recipe": _plain(setup.recipe),
         "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
         "versions": {"edofsim": __version__, "torch": torch.__version__},

@@ -30,8 +30,9 @@ class ViewParts:
     exposures: tuple[float, ...]
     table: Views
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor]:
-        """(photo without noise, ideal image), each [batch, 3, y, x]: layers, occlusion, hidden surfaces."""
+    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """(photo without noise, ideal image), each [batch, 3, y, x]: layers, occlusion, hidden surfaces; and
+        the fraction of light lost, from which no gradient comes."""
         camera = _camera(optics.camera, self.table.bands)
         photos = [
             expose(
@@ -49,7 +50,9 @@ class ViewParts:
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
         clean = torch.stack([photo.clean for photo in photos]) * factors
         # the sensor saturates; what lies beyond full scale is not asked of the network
-        return clean.clamp_max(1), (torch.stack([photo.ideal for photo in photos]) * factors).clamp_max(1)
+        ideal = torch.stack([photo.ideal for photo in photos]) * factors
+        lost = torch.stack([photo.lost for photo in photos]).mean()
+        return clean.clamp_max(1), ideal.clamp_max(1), lost
 
 
 @dataclass(frozen=True)

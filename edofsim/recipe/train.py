@@ -28,10 +28,12 @@ class DoeTable(RecipeModel):
     learn: a height map, Zernike or Fourier terms and rings can learn, the other masks are kept. start:
     checkpoint whose height map is taken in place of the recipe's. learning_rate_rad: in radians of phase at
     the mask's design wavelength. height_limit_um: heights stay between 0 and this, the deepest relief that
-    Akpinar et al. could make.
+    Akpinar et al. could make. design_steps: before the training, this many steps on the mask alone, towards
+    the best linear restoration (see `learn.design`).
     """
 
     learn: bool = True
+    design_steps: Annotated[int, Field(ge=0)] = 0
     start: str | None = None
     learning_rate_rad: Positive = 5e-3
     height_limit_um: Positive = 1.2
@@ -39,11 +41,14 @@ class DoeTable(RecipeModel):
 
 
 class LossTable(RecipeModel):
-    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these."""
+    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. stray: weight of the fraction of
+    light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it, where a real camera
+    would show it as haze."""
 
     alpha: NotNegative = 0.01
     beta: NotNegative = 10.0
     gamma: Annotated[float, Field(gt=0, le=2)] = 0.8
+    stray: NotNegative = 0.2
 
 
 class NaturalImages(RecipeModel):

@@ -20,13 +20,16 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
 from ..errors import EdofsimError, InputError
 from ..recipe.base import RecipeModel
+from ..recipe.camera import CameraRecipe
 from ..recipe.load import shipped_folder
+from ..recipe.masks import HeightMapMask
 from .network import build_network
 
 FORMAT = 1
@@ -134,6 +137,31 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
     if height is not None and (sampling is None or height.ndim != 2 or height.shape[0] != height.shape[1]):
         raise InputError(f"{path}: its height map is not a square array with a sampling; it is damaged")
     return Checkpoint(network.eval(), height, None if sampling is None else float(sampling), card, path)
+
+
+def trained_camera(checkpoint: Checkpoint) -> CameraRecipe:
+    """The camera that the checkpoint was trained for. Raises InputError for a card without one."""
+    try:
+        return CameraRecipe.model_validate(checkpoint.card["camera"])
+    except (KeyError, ValidationError):
+        raise InputError(f"{checkpoint.path}: its card names no camera; train the checkpoint again") from None
+
+
+def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraRecipe:
+    """The camera with the mask that the checkpoint was trained with in place of its own; photograph with
+    `height=checkpoint.height`, which may be None.
+
+    A height map means little without the material and the pitch that it was made for: given to a camera with
+    another mask, it would be taken for that mask's material and stretched over the pupil.
+    """
+    mask = trained_camera(checkpoint).mask
+    if checkpoint.height is not None:
+        mask = HeightMapMask(
+            material=mask.material,
+            design_wavelength_nm=mask.design_wavelength_nm,
+            pitch_um=checkpoint.sampling * 1e6,
+        )
+    return recipe.model_copy(update={"mask": mask})
 
 
 def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, Any]) -> None:

@@ -25,7 +25,9 @@ class WienerNetwork(nn.Module):
         super().__init__()
         self.window, self.depths = window, depths
         self.log_noise = nn.Parameter(torch.tensor(math.log(0.01)))
-        self.register_buffer("psf", torch.zeros(depths, 3, window, window))
+        psf = torch.zeros(depths, 3, window, window)
+        psf[..., window // 2, window // 2] = 1  # no blur, until a mask is known
+        self.register_buffer("psf", psf)
 
     def settings(self) -> dict[str, int]:
         """What rebuilds this restorer."""

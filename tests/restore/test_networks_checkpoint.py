@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 
 from edofsim.errors import EdofsimError, InputError
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint
 from edofsim.restore.network import NETWORKS, build_network
 
 CAMERA = CameraRecipe(name="paper")
@@ -22,7 +22,7 @@ CAMERA = CameraRecipe(name="paper")
 def _card() -> dict:
     return {
         "name": "trial",
-        "camera": CAMERA.model_dump(mode="json"),
+        "camera": CAMERA.model_dump(mode="json", exclude={"schema_"}),
         "seed": 7,
         "figures": {"psnr_db": 29.5},
     }
@@ -131,3 +131,21 @@ def test_a_full_disk_leaves_the_old_checkpoint_whole(tmp_path: Path, monkeypatch
 def test_a_missing_checkpoint_names_the_shipped_ones(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="shipped: "):
         load_checkpoint(tmp_path / "none.safetensors")
+
+
+def test_a_camera_takes_the_mask_with_its_material_and_pitch(tmp_path: Path) -> None:
+    """Given to a camera with a clear aperture, a height map keeps its own material and pitch."""
+    trained = CameraRecipe(
+        name="t", mask={"kind": "cubic", "design_wavelength_nm": 550.0, "material": "PMMA"}
+    )
+    card = {"name": "trial", "camera": trained.model_dump(mode="json", exclude={"schema_"})}
+    path = tmp_path / "a.safetensors"
+    save_checkpoint(path, build_network("dcnn"), card, height=torch.zeros(5, 5), sampling=21e-6)
+    camera = camera_with_mask(CAMERA, load_checkpoint(path, CAMERA))
+    assert (camera.name, camera.mask.kind, camera.mask.material) == ("paper", "height-map", "PMMA")
+    assert camera.mask.pitch_um == pytest.approx(21.0)
+    save_checkpoint(path, build_network("dcnn"), card)
+    assert camera_with_mask(CAMERA, load_checkpoint(path)).mask == trained.mask
+    save_checkpoint(path, build_network("dcnn"), {"name": "trial"})
+    with pytest.raises(InputError, match="names no camera"):
+        camera_with_mask(CAMERA, load_checkpoint(path))

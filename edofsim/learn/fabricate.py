@@ -1,0 +1,135 @@
+"""A learned height map as files for a maskless lithography tool.
+
+The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, and rounded to
+its grey levels; theirs writes squares of 3 um in 98 levels of a relief of 1.2 um.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+from torch import Tensor
+
+from ..errors import EdofsimError, InputError
+from ..optics import Camera
+from ..optics.fabrication import make
+from ..optics.grid import PupilGrid, resample
+from ..optics.height import natural_samples
+from ..recipe.fabrication import Fabrication
+from ..restore.checkpoint import Checkpoint, camera_with_mask, trained_camera, write_atomically
+
+PITCH_UM = 3.0
+LEVELS = 98
+LIMIT_UM = 1.2
+
+
+@dataclass(frozen=True)
+class Device:
+    """What a tool writes: levels uint16 [n, n], row 0 the pupil's top, seen from the sensor; metres."""
+
+    levels: np.ndarray
+    pitch: float
+    level_height: float
+
+
+def device(
+    checkpoint: Checkpoint, *, pitch_um: float = PITCH_UM, levels: int = LEVELS, limit_um: float = LIMIT_UM
+) -> Device:
+    """The made relief of a checkpoint's mask, without the errors of making it. Samples outside the pupil's
+    square bounds do not occur; those in its corners are written like the rest.
+
+    Raises InputError for a checkpoint without a height map, and a relief deeper than the limit.
+    """
+    if checkpoint.height is None:
+        raise InputError(f"{checkpoint.name}: this checkpoint's mask has no relief to be made")
+    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    camera = Camera.from_recipe(recipe)
+    grid = PupilGrid(natural_samples(camera, pitch_um * 1e-6), pitch_um * 1e-6, camera.aperture_radius)
+    fabrication = Fabrication(pitch_um=pitch_um, height_limit_um=limit_um, levels=levels)
+    upsampled: Tensor = resample(checkpoint.height.double(), checkpoint.sampling, grid)
+    height = make(upsampled.detach(), fabrication, camera.mask_material, 0)
+    level_height = limit_um * 1e-6 / (levels - 1)
+    return Device((height / level_height).round().numpy().astype(np.uint16), grid.pitch, level_height)
+
+
+def write_device(made: Device, folder: Path, name: str, *, gds: bool = False) -> tuple[Path, ...]:
+    """NAME.png (16 bits, grey = level x a whole factor that the file states), NAME-levels.csv (a row of
+    levels a line), NAME-heights.csv (level, height), and with `gds` NAME.gds (a layer for each level).
+
+    Raises EdofsimError where the disk refuses, InputError where GDS is asked for without gdstk.
+    """
+    factor = 65535 // max(1, int(made.levels.max()))
+    about = {
+        "pitch_um": made.pitch * 1e6,
+        "level_nm": made.level_height * 1e9,
+        "grey_per_level": factor,
+        "orientation": "row 0 is the top of the pupil, column 0 its left, seen from the sensor",
+    }
+    paths = [folder / f"{name}.png", folder / f"{name}-levels.csv", folder / f"{name}-heights.csv"]
+    write_atomically(paths[0], _png(made.levels * factor, about))
+    lines = "\n".join(",".join(map(str, row)) for row in made.levels.tolist()) + "\n"
+    write_atomically(paths[1], lines.encode())
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(["level", "height_nm"])
+    top = int(made.levels.max())
+    writer.writerows([level, f"{level * made.level_height * 1e9:.3f}"] for level in range(top + 1))
+    write_atomically(paths[2], table.getvalue().encode())
+    if gds:
+        paths.append(_gds(made, folder / f"{name}.gds"))
+    return tuple(paths)
+
+
+def rectangles(levels: np.ndarray) -> np.ndarray:
+    """Rows of equal level as rectangles, those of equal extent in neighbouring rows joined: int [rectangle,
+    5], (level, first row, end row, first column, end column), covering every sample once."""
+    found: list[tuple[int, int, int, int, int]] = []
+    open_runs: dict[tuple[int, int, int], int] = {}
+    for row, line in enumerate(levels):
+        starts = np.flatnonzero(np.diff(line, prepend=-1 - int(line[0])))
+        ends = np.append(starts[1:], len(line))
+        runs = {(int(line[a]), int(a), int(b)) for a, b in zip(starts, ends, strict=True)}
+        for run in [run for run in open_runs if run not in runs]:
+            level, a, b = run
+            found.append((level, open_runs.pop(run), row, a, b))
+        for run in runs:
+            open_runs.setdefault(run, row)
+    found += [(level, first, len(levels), a, b) for (level, a, b), first in open_runs.items()]
+    return np.array(sorted(found))
+
+
+def _png(grey: np.ndarray, about: dict[str, object]) -> bytes:
+    info = PngInfo()
+    info.add_text("edofsim", json.dumps(about))
+    buffer = io.BytesIO()
+    Image.fromarray(grey.astype(np.uint16)).save(buffer, "PNG", pnginfo=info)
+    return buffer.getvalue()
+
+
+def _gds(made: Device, path: Path) -> Path:
+    try:
+        import gdstk
+    except ImportError:
+        raise InputError("a GDS file needs gdstk: pip install gdstk") from None
+    library = gdstk.Library(unit=1e-6, precision=1e-9)
+    cell = library.new_cell("DOE")
+    step, half = made.pitch * 1e6, made.levels.shape[0] / 2
+    for level, top, bottom, left, right in rectangles(made.levels).tolist():
+        if level:  # level 0 is the bare substrate
+            corners = (
+                ((left - half) * step, (half - top) * step),
+                ((right - half) * step, (half - bottom) * step),
+            )
+            cell.add(gdstk.rectangle(*corners, layer=level))
+    try:
+        library.write_gds(str(path))
+    except OSError as error:
+        raise EdofsimError(f"{path}: could not be written ({error.strerror})") from None
+    return path
