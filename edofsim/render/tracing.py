@@ -82,7 +82,8 @@ def run_launch(stage: Stage, settings: RenderSettings, group: Group, launch: Lau
     finite = dr.isfinite(dr.sum(radiance))
     broken = dr.select(exists & ~finite, mi.UInt32(1), mi.UInt32(0))
     radiance = dr.select(exists & finite, radiance, 0.0)
-    weight = dr.select(exists, mi.Float(1.0), mi.Float(0.0))
+    # as many as samples, even where all exist: a literal has one entry, and its sums would be of that one
+    weight = dr.select(exists, dr.full(mi.Float, 1.0, samples.size), mi.Float(0.0))
     inverse_depth = inverse_depth * weight
     dr.eval(radiance, inverse_depth, weight, broken)
     result = LaunchResult(broken=int(dr.sum(broken)[0]))
