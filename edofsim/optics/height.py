@@ -106,8 +106,8 @@ def trained_pitch(camera: Camera, samples: int) -> float:
     return mask.pitch_um * 1e-6
 
 
-def design_phase_to_height(camera: Camera, phase: Tensor) -> Tensor:
-    """Height [m] that gives `phase` [rad] at the mask's design wavelength: Akpinar et al., Eq. `dtophi` inverted."""
+def design_phase_to_height(camera: Camera, phase: Tensor | float) -> Tensor | float:
+    """Height [m] that delays the mask's design wavelength by `phase` [rad]: Akpinar et al., Eq. `dtophi`."""
     wavelength = camera.recipe.mask.design_wavelength_nm * 1e-9
     return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))
 

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..recipe import masks as recipes
 from ..recipe.base import RecipeModel
-from .grid import PupilGrid, cell_overlap, disc_coverage
+from .grid import PupilGrid, cell_overlap, disc_amplitude, disc_coverage
 from .zernike import zernike
 
 LEVIN_PATTERN = (
@@ -67,29 +67,21 @@ def _fourier(mask: recipes.FourierMask, u: Tensor, v: Tensor) -> Tensor:
     return phase
 
 
-def _rings(mask: recipes.RingsMask, grid: PupilGrid) -> Tensor:
-    phase = torch.zeros(grid.samples, grid.samples, dtype=torch.float64)
-    for ring in mask.rings:
-        outer = disc_coverage(grid, ring.outer_radius * grid.radius)
-        inner = disc_coverage(grid, ring.inner_radius * grid.radius) if ring.inner_radius else 0.0
-        phase = phase + ring.phase_rad * (outer - inner)
-    return phase
+def _rings(mask: recipes.RingsMask) -> list[tuple[float, float, float]]:
+    return [(ring.inner_radius, ring.outer_radius, ring.phase_rad) for ring in mask.rings]
 
 
-Amplitude = tuple[Tensor, Tensor]
+def _annular(mask: recipes.AnnularMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
+    radius = mask.inner_radius * grid.radius
+    return 1 - disc_amplitude(grid, radius), 1 - disc_coverage(grid, radius)
 
 
-def _annular(mask: recipes.AnnularMask, grid: PupilGrid) -> Amplitude:
-    open_part = 1 - disc_coverage(grid, mask.inner_radius * grid.radius)
-    return open_part, open_part
-
-
-def _gaussian(mask: recipes.GaussianMask, grid: PupilGrid) -> Amplitude:
+def _gaussian(mask: recipes.GaussianMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
     amplitude = torch.exp(-grid.radius_squared() / (mask.waist * grid.radius) ** 2)
     return amplitude, amplitude**2
 
 
-def _coded(mask: recipes.CodedMask, grid: PupilGrid) -> Amplitude:
+def _coded(mask: recipes.CodedMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
     rows = LEVIN_PATTERN if mask.pattern == recipes.LEVIN else mask.pattern
     cells = torch.tensor([[float(cell) for cell in row] for row in rows], dtype=torch.float64)
     down = cell_overlap(grid, cells.shape[0]).flip(0, 1)
@@ -108,8 +100,10 @@ SMOOTH_PHASES: Mapping[type[RecipeModel], Callable[..., Tensor]] = MappingProxyT
         recipes.FourierMask: _fourier,
     }
 )
-STEPPED_PHASES: Mapping[type[RecipeModel], Callable[..., Tensor]] = MappingProxyType({recipes.RingsMask: _rings})
-AMPLITUDES: Mapping[type[RecipeModel], Callable[..., Amplitude]] = MappingProxyType(
+STEPPED_PHASES: Mapping[type[RecipeModel], Callable[..., list[tuple[float, float, float]]]] = MappingProxyType(
+    {recipes.RingsMask: _rings}
+)
+AMPLITUDES: Mapping[type[RecipeModel], Callable[..., tuple[Tensor, Tensor]]] = MappingProxyType(
     {recipes.AnnularMask: _annular, recipes.GaussianMask: _gaussian, recipes.CodedMask: _coded}
 )
 
@@ -117,28 +111,48 @@ AMPLITUDES: Mapping[type[RecipeModel], Callable[..., Amplitude]] = MappingProxyT
 def mask_phase(mask: RecipeModel, grid: PupilGrid) -> Tensor | None:
     """Phase [rad] at the mask's design wavelength on a grid, float64 [samples, samples]; None if it has none.
 
-    Height maps have no formula and give None too (`height.py` reads them).
+    Cells that an edge of a stepped mask crosses get the mean phase. Height maps have no formula and give None.
     """
     if type(mask) in SMOOTH_PHASES:
         u, v = grid.normalised()
         return SMOOTH_PHASES[type(mask)](mask, u, v)
     if type(mask) in STEPPED_PHASES:
-        return STEPPED_PHASES[type(mask)](mask, grid)
+        return sum(phase * _ring(grid, inner, outer, disc_coverage) for inner, outer, phase in _steps(mask))
     return None
 
 
-def mask_amplitude(mask: RecipeModel, grid: PupilGrid) -> Amplitude:
-    """(mean amplitude, mean squared amplitude) of the aperture with its mask in each cell, float64.
+def mask_regions(mask: RecipeModel, grid: PupilGrid) -> list[tuple[Tensor, float]]:
+    """(amplitude [samples, samples], phase [rad] at the design wavelength) of each level of a stepped mask.
 
-    The two differ where an edge crosses a cell: all light of its open part counts (the second), but a cell of
-    one amplitude (the first) carries less; the difference is light that such an edge scatters beyond the
-    first replica of the pupil.
+    The wave is the sum over regions, so that an edge is as sharp as the grid can show; empty for other masks.
     """
-    aperture = disc_coverage(grid, grid.radius)
+    if type(mask) not in STEPPED_PHASES:
+        return []
+    rings = [(_ring(grid, inner, outer, disc_amplitude), phase) for inner, outer, phase in _steps(mask)]
+    bare = disc_amplitude(grid, grid.radius) - sum(amplitude for amplitude, _ in rings)
+    return [(bare, 0.0), *rings]
+
+
+def mask_amplitude(mask: RecipeModel, grid: PupilGrid) -> tuple[Tensor, Tensor]:
+    """(amplitude samples, light) of the aperture with its mask in each cell, float64 [samples, samples].
+
+    Light is the mean squared amplitude. Where an edge crosses a cell it is more than the square of the sample:
+    the difference is what the edge scatters beyond the replica period of the sampled pupil.
+    """
+    amplitude, light = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
     if type(mask) not in AMPLITUDES:
-        return aperture, aperture
-    amplitude, power = AMPLITUDES[type(mask)](mask, grid)
-    return aperture * amplitude, aperture * power
+        return amplitude, light
+    own_amplitude, own_light = AMPLITUDES[type(mask)](mask, grid)
+    return amplitude * own_amplitude, light * own_light
+
+
+def _steps(mask: RecipeModel) -> list[tuple[float, float, float]]:
+    return STEPPED_PHASES[type(mask)](mask)
+
+
+def _ring(grid: PupilGrid, inner: float, outer: float, disc: Callable[[PupilGrid, float], Tensor]) -> Tensor:
+    ring = disc(grid, outer * grid.radius)
+    return ring - disc(grid, inner * grid.radius) if inner else ring
 
 
 def mask_slope(mask: RecipeModel) -> float:

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
-from .height import surface, trained_pitch
+from .height import trained_pitch
 from .propagation import propagate
 from .pupil import aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
@@ -76,12 +76,11 @@ def psf_bank(
     window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
     pitch = None if height is None else trained_pitch(camera, height.shape[-1])
     sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
-    opening = aperture(camera, sampling.grid)
-    relief = surface(camera, sampling.grid, height, seed)
+    opening = aperture(camera, sampling.grid, height, seed)
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     bands = []
     for band, wavelength in enumerate(wavelengths.tolist()):
-        pupil = pupil_function(camera, opening, wavelength, relief, dtype=dtype, device=device)
+        pupil = pupil_function(camera, opening, wavelength, dtype=dtype, device=device)
         chirps = chirp(sampling.grid, psi[:, band], dtype=dtype, device=device)
         reach = wavelength * camera.sensor_distance
         bases = make_bases(sampling.grid, window, reach, opening.light, dtype, pupil.device)

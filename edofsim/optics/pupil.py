@@ -13,56 +13,69 @@ import torch
 from torch import Tensor
 
 from .camera import Camera
-from .grid import PupilGrid
-from .lens import spherical_phase
-from .masks import mask_amplitude
+from .grid import PupilGrid, disc_coverage
+from .height import design_phase_to_height, surface
+from .lens import lens_delay, spherical_sag
+from .masks import mask_amplitude, mask_regions
 
 
 @dataclass(frozen=True)
 class Aperture:
-    """What the mask lets through, without phase: amplitude [y, x] (float64), total light and its fraction of
-    what the open aperture lets through. Light is counted in cells of the grid."""
+    """What stands in the pupil, for all wavelengths.
+
+    sag: `spherical_sag` of the lens, float64 [samples, samples]. regions: amplitude (same shape) and height of the relief in metres, a map or the same everywhere; the wave is the sum over regions. light: all light that is let through, counted in cells
+    of the grid; transmission: as a fraction of what the open aperture lets through.
+    """
 
     grid: PupilGrid
-    amplitude: Tensor
+    sag: Tensor
+    regions: tuple[tuple[Tensor, Tensor | float], ...]
     light: float
     transmission: float
 
 
-def aperture(camera: Camera, grid: PupilGrid) -> Aperture:
-    """The amplitude of the camera's aperture and mask on a grid, with grey edges."""
-    amplitude, power = mask_amplitude(camera.recipe.mask, grid)
-    light = float(power.sum())
-    whole = math.pi * (grid.radius / grid.pitch) ** 2
-    return Aperture(grid, amplitude, light, light / whole)
+def aperture(camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None) -> Aperture:
+    """The camera's aperture and mask on a grid, with grey edges; `height` and `seed` as in `surface`."""
+    mask = camera.recipe.mask
+    amplitude, light = mask_amplitude(mask, grid)
+    regions: list[tuple[Tensor, Tensor | float]] = []
+    if height is None and camera.recipe.fabrication is None:
+        regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask_regions(mask, grid)]
+    if not regions:
+        relief = surface(camera, grid, height, seed)
+        regions = [(amplitude, 0.0 if relief is None else relief)]
+    total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
+    return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
 
 
 def pupil_function(
     camera: Camera,
     opening: Aperture,
     wavelength: float,
-    surface: Tensor | None,
     *,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Tensor:
     """Pupil function at `wavelength` [m] without defocus, complex [samples, samples].
 
-    surface: height of the mask [samples, samples] in metres or None; gradients reach it. Phases are summed in
-    float64 and reduced modulo 2 pi before they become `dtype`; a surface that is being trained keeps its own
-    precision, its phase being a few waves only.
+    Phases are summed in float64 and reduced modulo 2 pi before they become `dtype`. A relief that is being
+    trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
     """
-    phase = spherical_phase(camera, wavelength, opening.grid.radius_squared())
-    if surface is not None:
-        delay = 2 * math.pi / wavelength * (float(camera.mask_material.index(wavelength)) - 1)
-        if surface.requires_grad:
-            trained = surface.to(device=device, dtype=dtype) * delay
-            phase = _reduced(phase).to(device=device, dtype=dtype) + trained
+    lens = opening.sag * -lens_delay(camera, wavelength)
+    delay = 2 * math.pi / wavelength * (float(camera.mask_material.index(wavelength)) - 1)
+    total = None
+    for amplitude, relief in opening.regions:
+        if isinstance(relief, Tensor) and relief.requires_grad:
+            trained = relief.to(device=device, dtype=dtype) * delay
+            phase = _reduced(lens).to(device=device, dtype=dtype) + trained
         else:
-            phase = phase + delay * surface.to(device="cpu", dtype=torch.float64)
-    if not phase.requires_grad:
-        phase = _reduced(phase.double()).to(device=device, dtype=dtype)
-    return torch.polar(opening.amplitude.to(device=device, dtype=dtype), phase)
+            fixed = relief.to("cpu", torch.float64) if isinstance(relief, Tensor) else relief
+            phase = _reduced(lens + delay * fixed).to(device=device, dtype=dtype)
+        # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
+        amplitude = amplitude.to(device=device, dtype=dtype)
+        wave = torch.complex(amplitude * torch.cos(phase), amplitude * torch.sin(phase))
+        total = wave if total is None else total + wave
+    return total
 
 
 def chirp(

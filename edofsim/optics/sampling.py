@@ -16,8 +16,6 @@ from .height import natural_samples
 from .lens import spherical_slope
 from .masks import mask_slope
 
-WINDOW_MARGIN = 1.25
-"""The PSF's replicas are kept this many windows apart, so that their tails do not fold into the window."""
 FEWEST_SAMPLES = 64
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
@@ -87,7 +85,7 @@ def _automatic(
 ) -> tuple[int, float]:
     slopes = _steepest(camera, wavelengths, psi, with_mask=map_pitch is None)
     reach = float(wavelengths.min()) * camera.sensor_distance
-    needed = min(bound, math.pi / (2 * float(slopes.max())), reach / (WINDOW_MARGIN * window))
+    needed = min(bound, math.pi / (2 * float(slopes.max())), reach / window)
     fabrication, mask = camera.recipe.fabrication, camera.recipe.mask
     if fabrication is not None and fabrication.pitch_um is not None:
         made = fabrication.pitch_um * 1e-6
