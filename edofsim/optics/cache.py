@@ -93,7 +93,9 @@ def _remember(key: str, bank: PsfBank) -> None:
 
 def _write(path: Path, bank: PsfBank) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    tensors = {name: getattr(bank, name).contiguous() for name in ("values", "rest", "wavelengths", "inverse_depths")}
+    tensors = {
+        name: getattr(bank, name).contiguous() for name in ("values", "rest", "wavelengths", "inverse_depths")
+    }
     s = bank.sampling
     about = [bank.transmission, s.grid.samples, s.grid.pitch, s.grid.radius]
     about += [s.largest_defocus, s.bound, s.replica_period, s.window]
@@ -112,7 +114,9 @@ def _read(path: Path) -> PsfBank | None:
     try:
         with safe_open(str(path), "pt") as file:
             transmission, samples, pitch, radius, *numbers = json.loads(file.metadata()["edofsim"])
-            tensors = {name: file.get_tensor(name) for name in ("values", "rest", "wavelengths", "inverse_depths")}
+            tensors = {
+                name: file.get_tensor(name) for name in ("values", "rest", "wavelengths", "inverse_depths")
+            }
     except (OSError, ValueError, KeyError, TypeError, SafetensorError):
         return None
     sampling = Sampling(PupilGrid(samples, pitch, radius), *numbers)

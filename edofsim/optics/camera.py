@@ -42,7 +42,7 @@ class Camera:
         a lens without room for its aperture, and a focus that no sensor distance gives.
         """
         problems: list[str] = []
-        lens, focus = recipe.lens, recipe.focus
+        lens = recipe.lens
         glass = _material("lens.material", lens.material, problems)
         relief = getattr(recipe.mask, "material", HeightMapMask.model_fields["material"].default)
         mask_material = _material("mask.material", relief, problems)

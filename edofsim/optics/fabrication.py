@@ -31,12 +31,12 @@ def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int
     """The made surface [.., y, x] in metres from the designed one.
 
     In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
-    quantised, and given a Gaussian height error of its own in every sample. Wrapping, limiting and quantising
-    pass gradients straight through. The error is drawn on the CPU in float64, so that a seed means the same
-    surface on every device and in every precision.
+    quantised, and given a Gaussian height error of its own in every sample. Wrapping, limiting and
+    quantising pass gradients straight through. The error is drawn on the CPU in float64, so that a seed
+    means the same surface on every device and in every precision.
 
-    Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and where
-    not even one wave fits under the limit.
+    Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and
+    where not even one wave fits under the limit.
     """
     surface = designed
     if fabrication.height_limit_um is not None or fabrication.levels is not None:
@@ -63,15 +63,16 @@ def _limit(surface: Tensor, fabrication: Fabrication, relief: Material, trainabl
             return straight_through(surface, surface.clamp(0, limit))
         raise InputError(
             f"the mask is {depth * 1e6:.3g} um deep, fabrication.height_limit_um allows"
-            f" {fabrication.height_limit_um:g}; state fabrication.wrap_wavelength_nm to wrap it, or design it flatter"
+            f" {fabrication.height_limit_um:g}; state fabrication.wrap_wavelength_nm to wrap it, or design it"
+            " flatter"
         )
     wave = wave_height(fabrication.wrap_wavelength_nm * 1e-9, relief)
     waves = math.floor(limit / wave)
     if waves < 1:
         raise InputError(
             f"fabrication.height_limit_um = {fabrication.height_limit_um:g} is below one wave of"
-            f" {fabrication.wrap_wavelength_nm:g} nm in {relief.name} ({wave * 1e6:.3g} um), so the mask cannot"
-            " be wrapped; raise the limit or wrap at a shorter wavelength"
+            f" {fabrication.wrap_wavelength_nm:g} nm in {relief.name} ({wave * 1e6:.3g} um), so the mask"
+            " cannot be wrapped; raise the limit or wrap at a shorter wavelength"
         )
     return straight_through(surface, torch.remainder(surface, waves * wave))
 

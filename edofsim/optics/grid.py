@@ -59,9 +59,10 @@ def disc_coverage(grid: PupilGrid, radius: float) -> Tensor:
 def disc_amplitude(grid: PupilGrid, radius: float) -> Tensor:
     """A disc as samples whose Fourier transform is that of the disc, float64 [samples, samples].
 
-    Cell averages, as `disc_coverage` gives them, weaken the light that the edge scatters to the rim of the sensor
-    window; a quarter of the replica period away it is a fifth too dim. Adding 1/24 of the negative second
-    difference along both axes undoes that to fourth order (averages to point values, as in finite volumes).
+    Cell averages, as `disc_coverage` gives them, weaken the light that the edge scatters to the rim of the
+    sensor window; a quarter of the replica period away it is a fifth too dim. Adding 1/24 of the negative
+    second difference along both axes undoes that to fourth order (averages to point values, as in finite
+    volumes).
     """
     covered = torch.nn.functional.pad(disc_coverage(grid, radius), (1, 1, 1, 1))
     covered = covered - (covered.roll(1, 0) - 2 * covered + covered.roll(-1, 0)) / 24

@@ -24,7 +24,11 @@ KEY = "height_m"
 
 def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
     """Write a height map [n, n] in metres with its pitch [m] as safetensors. Returns the path."""
-    save_file({KEY: height.detach().cpu().contiguous()}, str(path), {"edofsim": json.dumps({"pitch_um": pitch * 1e6})})
+    save_file(
+        {KEY: height.detach().cpu().contiguous()},
+        str(path),
+        {"edofsim": json.dumps({"pitch_um": pitch * 1e6})},
+    )
     return path
 
 
@@ -34,7 +38,9 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
     Reads .npy and .safetensors (key `height_m`). Raises InputError for a file that is missing or no such map.
     """
     if not path.is_file():
-        raise InputError(f"mask.file: {path} does not exist; give a height map (.npy or .safetensors, metres)")
+        raise InputError(
+            f"mask.file: {path} does not exist; give a height map (.npy or .safetensors, metres)"
+        )
     pitch = None
     try:
         if path.suffix == ".safetensors":
@@ -47,7 +53,9 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
     except (OSError, ValueError, SafetensorError, TypeError) as error:
         raise InputError(f"mask.file: {path} is not a height map (.npy or .safetensors): {error}") from error
     if height.ndim != 2 or height.shape[0] != height.shape[1] or height.is_complex():
-        raise InputError(f"mask.file: {path} has shape {tuple(height.shape)}; a height map is square, [n, n], real")
+        raise InputError(
+            f"mask.file: {path} has shape {tuple(height.shape)}; a height map is square, [n, n], real"
+        )
     height = height.double()
     if not bool(torch.isfinite(height).all()):
         raise InputError(f"mask.file: {path} holds values that are not finite")
@@ -64,10 +72,13 @@ def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
         return None
     pitch = mask.pitch_um * 1e-6
     if mask.file is None:
-        return torch.zeros(natural_samples(camera, pitch), natural_samples(camera, pitch), dtype=torch.float64), pitch
+        samples = natural_samples(camera, pitch)
+        return torch.zeros(samples, samples, dtype=torch.float64), pitch
     height, stated = load_height_map(camera.base / mask.file)
     if stated is not None and abs(stated / pitch - 1) > 1e-6:
-        raise InputError(f"mask.pitch_um = {mask.pitch_um:g}, but {mask.file} was sampled at {stated * 1e6:g} um")
+        raise InputError(
+            f"mask.pitch_um = {mask.pitch_um:g}, but {mask.file} was sampled at {stated * 1e6:g} um"
+        )
     check_size(camera, height.shape[-1], pitch)
     return height, pitch
 
@@ -78,7 +89,7 @@ def natural_samples(camera: Camera, pitch: float) -> int:
 
 
 def check_size(camera: Camera, samples: int, pitch: float) -> None:
-    """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil with less than a cell to spare each side."""
+    """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil, a cell to spare on each side."""
     width, diameter = samples * pitch, 2 * camera.aperture_radius
     if width > diameter + 2 * pitch:
         raise InputError(
@@ -112,7 +123,9 @@ def design_phase_to_height(camera: Camera, phase: Tensor | float) -> Tensor | fl
     return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))
 
 
-def surface(camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None) -> Tensor | None:
+def surface(
+    camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None
+) -> Tensor | None:
     """Height of the mask as it was made, on the grid of the pupil [samples, samples], metres.
 
     height: [n, n] in metres in place of the recipe's mask; gradients reach it. seed: of the fabrication error

@@ -100,8 +100,8 @@ SMOOTH_PHASES: Mapping[type[RecipeModel], Callable[..., Tensor]] = MappingProxyT
         recipes.FourierMask: _fourier,
     }
 )
-STEPPED_PHASES: Mapping[type[RecipeModel], Callable[..., list[tuple[float, float, float]]]] = MappingProxyType(
-    {recipes.RingsMask: _rings}
+STEPPED_PHASES: Mapping[type[RecipeModel], Callable[..., list[tuple[float, float, float]]]] = (
+    MappingProxyType({recipes.RingsMask: _rings})
 )
 AMPLITUDES: Mapping[type[RecipeModel], Callable[..., tuple[Tensor, Tensor]]] = MappingProxyType(
     {recipes.AnnularMask: _annular, recipes.GaussianMask: _gaussian, recipes.CodedMask: _coded}
@@ -109,9 +109,11 @@ AMPLITUDES: Mapping[type[RecipeModel], Callable[..., tuple[Tensor, Tensor]]] = M
 
 
 def mask_phase(mask: RecipeModel, grid: PupilGrid) -> Tensor | None:
-    """Phase [rad] at the mask's design wavelength on a grid, float64 [samples, samples]; None if it has none.
+    """Phase [rad] at the mask's design wavelength on a grid, float64 [samples, samples]; None if it has
+    none.
 
-    Cells that an edge of a stepped mask crosses get the mean phase. Height maps have no formula and give None.
+    Cells that an edge of a stepped mask crosses get the mean phase. Height maps have no formula and give
+    None.
     """
     if type(mask) in SMOOTH_PHASES:
         u, v = grid.normalised()
@@ -136,8 +138,8 @@ def mask_regions(mask: RecipeModel, grid: PupilGrid) -> list[tuple[Tensor, float
 def mask_amplitude(mask: RecipeModel, grid: PupilGrid) -> tuple[Tensor, Tensor]:
     """(amplitude samples, light) of the aperture with its mask in each cell, float64 [samples, samples].
 
-    Light is the mean squared amplitude. Where an edge crosses a cell it is more than the square of the sample:
-    the difference is what the edge scatters beyond the replica period of the sampled pupil.
+    Light is the mean squared amplitude. Where an edge crosses a cell it is more than the square of the
+    sample: the difference is what the edge scatters beyond the replica period of the sampled pupil.
     """
     amplitude, light = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
     if type(mask) not in AMPLITUDES:
@@ -171,7 +173,7 @@ def mask_slope(mask: RecipeModel) -> float:
 
 @dataclass(frozen=True)
 class MaskEntry:
-    """What the registry knows of a kind of mask: a default recipe, its one-line meaning, and its reference."""
+    """What the registry knows of a kind of mask: a default recipe, its meaning in a line, its reference."""
 
     kind: str
     example: RecipeModel

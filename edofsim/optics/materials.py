@@ -21,8 +21,8 @@ from ..errors import InputError
 class Material:
     """A dispersion formula with its source and the wavelengths it was fitted to.
 
-    sellmeier: pairs (B, C) of n^2 = 1 + sum B l^2 / (l^2 - C); cauchy: (a, b, c) of n = a + b / l^2 + c / l^4;
-    l is the wavelength in micrometres, C in its square. shortest, longest: metres.
+    sellmeier: pairs (B, C) of n^2 = 1 + sum B l^2 / (l^2 - C); cauchy: (a, b, c) of n = a + b / l^2 + c /
+    l^4; l is the wavelength in micrometres, C in its square. shortest, longest: metres.
     """
 
     name: str

@@ -16,9 +16,10 @@ DEVICE_BLOCK_BYTES = 1 << 30
 def propagate(pupil: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
     """Energy in each pixel of the symmetric window, [depth, pixel, pixel], from a complex pupil [s, s].
 
-    chirps: complex [depth, half], the defocus of each depth along one axis of the pupil, from its centre outwards.
-    Differentiable by the pupil. The backward pass keeps only the pupil function and computes fields again, which
-    takes less memory than automatic differentiation, and less time (`make bench` measures both).
+    chirps: complex [depth, half], the defocus of each depth along one axis of the pupil, from its centre
+    outwards. Differentiable by the pupil. The backward pass keeps only the pupil function and computes
+    fields again, which takes less memory than automatic differentiation, and less time (`make bench`
+    measures both).
     """
     return _Propagation.apply(pupil, chirps, bases)
 

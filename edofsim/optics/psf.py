@@ -23,10 +23,11 @@ from .transform import SensorWindow, make_bases
 class PsfBank:
     """PSFs in upright-picture orientation, row 0 the top, ready to be convolved with the upright picture.
 
-    values: [depth, band, y, x], energy that lands in each pixel as a fraction of the light that the mask lets
-    through, the centre pixel at index n // 2. rest: [depth, band], the fraction that lands outside the window,
-    so that values.sum((-1, -2)) + rest = 1. transmission: the light that the mask lets through as a fraction of
-    what the open aperture would. wavelengths: [band], metres; inverse_depths: [depth], 1/m; both float64.
+    values: [depth, band, y, x], energy that lands in each pixel as a fraction of the light that the mask
+    lets through, the centre pixel at index n // 2. rest: [depth, band], the fraction that lands outside the
+    window, so that values.sum((-1, -2)) + rest = 1. transmission: the light that the mask lets through as a
+    fraction of what the open aperture would. wavelengths: [band], metres; inverse_depths: [depth], 1/m;
+    both float64.
     """
 
     values: Tensor
@@ -52,10 +53,10 @@ def psf_bank(
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with the exact lens of Eq. `spherical`, on an oversampled
-    grid of the sensor that is summed over each pixel. window_px: width of the window in place of the recipe's.
-    height: [n, n] in metres in place of the recipe's mask, differentiable. seed: of the fabrication error in
-    place of the recipe's. cache: a folder for banks that outlive the process; those without a trainable height
-    are kept in memory in any case.
+    grid of the sensor that is summed over each pixel. window_px: width of the window in place of the
+    recipe's. height: [n, n] in metres in place of the recipe's mask, differentiable. seed: of the
+    fabrication error in place of the recipe's. cache: a folder for banks that outlive the process; those
+    without a trainable height are kept in memory in any case.
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, and a
     pupil sampling that cannot be met.
@@ -102,7 +103,9 @@ def _axes(
     if wavelengths.numel() == 0 or inverse_depths.numel() == 0:
         problems.append("PSFs need at least one wavelength and one depth")
     if not bool(torch.isfinite(inverse_depths).all()) or bool((inverse_depths < 0).any()):
-        problems.append("inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens")
+        problems.append(
+            "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
+        )
     try:
         camera.glass.index(wavelengths)
         camera.mask_material.index(wavelengths)
@@ -115,7 +118,9 @@ def _axes(
 
 def _check_height(height: Tensor) -> None:
     if height.ndim != 2 or height.shape[0] != height.shape[1] or not height.is_floating_point():
-        raise InputError(f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}")
+        raise InputError(
+            f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}"
+        )
 
 
 def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:

@@ -23,8 +23,10 @@ from .masks import mask_amplitude, mask_regions
 class Aperture:
     """What stands in the pupil, for all wavelengths.
 
-    sag: `spherical_sag` of the lens, float64 [samples, samples]. regions: amplitude (same shape) and height of the relief in metres, a map or the same everywhere; the wave is the sum over regions. light: all light that is let through, counted in cells
-    of the grid; transmission: as a fraction of what the open aperture lets through.
+    sag: `spherical_sag` of the lens, float64 [samples, samples]. regions: amplitude (same shape) and height
+    of the relief in metres, a map or the same everywhere; the wave is the sum over regions. light: all
+    light that is let through, counted in cells of the grid; transmission: as a fraction of what the open
+    aperture lets through.
     """
 
     grid: PupilGrid
@@ -34,7 +36,9 @@ class Aperture:
     transmission: float
 
 
-def aperture(camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None) -> Aperture:
+def aperture(
+    camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None
+) -> Aperture:
     """The camera's aperture and mask on a grid, with grey edges; `height` and `seed` as in `surface`."""
     mask = camera.recipe.mask
     amplitude, light = mask_amplitude(mask, grid)
@@ -79,12 +83,17 @@ def pupil_function(
 
 
 def chirp(
-    grid: PupilGrid, defocus: Tensor, *, dtype: torch.dtype = torch.float32, device: torch.device | str = "cpu"
+    grid: PupilGrid,
+    defocus: Tensor,
+    *,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
 ) -> Tensor:
-    """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half], for Psi [depth] in float64.
+    """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half], for Psi [depth] in
+    float64.
 
-    It is even, so it is given from the centre outwards only; the phase of a whole defocus is its product along
-    both axes.
+    It is even, so it is given from the centre outwards only; the phase of a whole defocus is its product
+    along both axes.
     """
     axis = grid.centres[grid.samples // 2 :] / grid.radius
     phase = _reduced(defocus.double()[:, None] * axis**2)

@@ -39,7 +39,9 @@ class Sampling:
 
 
 def sampling_bound(camera: Camera, largest_defocus: float) -> float:
-    """Coarsest pitch of the pupil [m] for defocus up to |Psi|: r pi / (8 Psi), Akpinar et al., Eq. `MinSampling`."""
+    """Coarsest pitch of the pupil [m] for defocus up to |Psi|: r pi / (8 Psi), Akpinar et al., Eq.
+    `MinSampling`.
+    """
     return math.inf if largest_defocus == 0 else camera.aperture_radius * math.pi / (8 * abs(largest_defocus))
 
 
@@ -52,12 +54,13 @@ def plan_sampling(
 ) -> Sampling:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
-    A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay out of
-    the window; "auto" takes what meets both, resolves the surface as it is designed or made, and keeps the
-    steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope.
+    A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay
+    out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, and
+    keeps the steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope.
     map_pitch: pitch [m] of a height map given in place of the recipe's mask.
 
-    Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to begin.
+    Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
+    begin.
     """
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     largest = float(psi.flatten()[psi.abs().argmax()])
@@ -74,7 +77,8 @@ def plan_sampling(
     if samples > LARGEST_PUPIL:
         raise InputError(
             f"PSFs at Psi = {largest:.4g} need {samples} samples across the pupil"
-            f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; leave out the extreme depths or narrow the window"
+            f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; leave out the extreme depths or narrow the"
+            " window"
         )
     grid = PupilGrid(samples, pitch, camera.aperture_radius)
     return Sampling(grid, largest, bound, reach / pitch, window)
@@ -118,8 +122,8 @@ def _check_fixed(
     problems = []
     if pitch > bound * (1 + 1e-9):
         problems.append(
-            f"psf.pupil_sampling_um = {pitch * 1e6:g} is too coarse: at {float(wavelengths[band]) * 1e9:g} nm and"
-            f" {_metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"
+            f"psf.pupil_sampling_um = {pitch * 1e6:g} is too coarse: at {float(wavelengths[band]) * 1e9:g} nm"
+            f" and {_metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"
             f' {bound * 1e6:.3g} um or finer; use that or "auto"'
         )
     shortest = float(wavelengths.min())

@@ -24,9 +24,9 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
     """What each band adds to red, green and blue: [3, band], float64, each row summing to 1 over the bands.
 
     wavelengths: [band], metres. `sensor.response` of the recipe is "paper" (31 bands read off the figure of
-    Akpinar et al.), "nikon-5100" or "sigma-sdmerill" (measured by NPL, in colour-science), "lines" (three bands,
-    each one channel: the paper's model of 611, 543 and 482 nm), or a CSV file with the columns wavelength_nm,
-    r, g, b. Between tabulated wavelengths it is interpolated linearly.
+    Akpinar et al.), "nikon-5100" or "sigma-sdmerill" (measured by NPL, in colour-science), "lines" (three
+    bands, each one channel: the paper's model of 611, 543 and 482 nm), or a CSV file with the columns
+    wavelength_nm, r, g, b. Between tabulated wavelengths it is interpolated linearly.
 
     Raises InputError for a response that cannot be read, wavelengths outside it, and a channel left dark.
     """
@@ -55,7 +55,8 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
 
 
 def response_curves(camera: Camera) -> tuple[Tensor, Tensor] | None:
-    """The camera's tabulated response: wavelengths [n] in metres and curves [3, n], float64; None for "lines".
+    """The camera's tabulated response: wavelengths [n] in metres and curves [3, n], float64; None for
+    "lines".
 
     Raises InputError for a response that cannot be read.
     """
@@ -78,7 +79,8 @@ def add_noise(image: Tensor, sigma: float, seed: int) -> Tensor:
 def _lines(wavelengths: Tensor) -> Tensor:
     if wavelengths.numel() != 3:
         raise InputError(
-            f'sensor.response "lines" is for three bands, one for each channel; there are {wavelengths.numel()}'
+            'sensor.response "lines" is for three bands, one for each channel; there are'
+            f" {wavelengths.numel()}"
         )
     order = torch.argsort(wavelengths, descending=True)
     return torch.eye(3, dtype=torch.float64)[torch.argsort(order)].T
@@ -98,7 +100,8 @@ def _table(name: str, base: Path) -> tuple[np.ndarray, np.ndarray, str]:
         near = difflib.get_close_matches(name.lower(), known, 1, 0.5)
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise InputError(
-            f"sensor.response = {name!r} is neither a known response nor a file in {base}; {hint}known: {', '.join(known)}"
+            f"sensor.response = {name!r} is neither a known response nor a file in {base}; {hint}known:"
+            f" {', '.join(known)}"
         )
     return (*_read_csv(path.read_text(encoding="utf-8", errors="replace"), str(path)), str(path))
 
@@ -118,7 +121,8 @@ def _read_csv(text: str, name: str) -> tuple[np.ndarray, np.ndarray]:
         or (np.diff(table[:, 0]) <= 0).any()
     ):
         raise InputError(
-            f"sensor.response {name}: needs two rows or more, rising wavelengths, and finite values of 0 or above"
+            f"sensor.response {name}: needs two rows or more, rising wavelengths, and finite values of 0 or"
+            " above"
         )
     return table[:, 0], table[:, 1:].T
 

@@ -22,8 +22,8 @@ from .grid import PupilGrid
 class SensorWindow:
     """A square window of `pixels` x `pixels` pixels of `pitch` [m], each split in `oversampling`^2 parts.
 
-    The centre pixel has index pixels // 2. What is computed is the symmetric window of an odd number of pixels
-    around it.
+    The centre pixel has index pixels // 2. What is computed is the symmetric window of an odd number of
+    pixels around it.
     """
 
     pixels: int
@@ -40,8 +40,9 @@ class SensorWindow:
 class Bases:
     """What turns a pupil into pixels, the same for all depths at one wavelength.
 
-    fourier: [2 (cos, sin), sub-pixel, cell]; pixels: [pixel, sub-pixel], which sub-pixels a pixel consists of.
-    All on the non-negative halves of their axes; the centre pixel gets its other half from the other side.
+    fourier: [2 (cos, sin), sub-pixel, cell]; pixels: [pixel, sub-pixel], which sub-pixels a pixel consists
+    of. All on the non-negative halves of their axes; the centre pixel gets its other half from the other
+    side.
     """
 
     fourier: Tensor
@@ -54,12 +55,18 @@ class Bases:
 
 
 def make_bases(
-    grid: PupilGrid, window: SensorWindow, reach: float, light: float, dtype: torch.dtype, device: torch.device
+    grid: PupilGrid,
+    window: SensorWindow,
+    reach: float,
+    light: float,
+    dtype: torch.dtype,
+    device: torch.device,
 ) -> Bases:
-    """Bases for lambda z_i = `reach` [m^2], such that a pupil of `light` cells gives energies that sum to 1.
+    """Bases for lambda z_i = `reach` [m^2], such that a pupil of `light` cells gives energies that sum to
+    1.
 
-    By Parseval's theorem the light of the pupil over that of the sensor plane is (cell x sub-pixel / reach)^2.
-    A sample that lies on an axis (odd counts) belongs to both halves and is counted half in each.
+    By Parseval's theorem the light of the pupil over that of the sensor plane is (cell x sub-pixel /
+    reach)^2. A sample that lies on an axis (odd counts) belongs to both halves and is counted half in each.
     """
     kappa = grid.pitch * (window.pitch / window.oversampling) / reach
     sensor, pupil = _half_axis(window.sub_pixels), _half_axis(grid.samples)
@@ -80,13 +87,17 @@ def _half_axis(count: int) -> Tensor:
 
 
 def fold(pupil: Tensor) -> Tensor:
-    """Even and odd parts of a complex pupil [s, s] about both axes, real: [2 (x), 2 (re, im), 2 (y), half, half]."""
+    """Even and odd parts of a complex pupil [s, s] about both axes, real: [2 (x), 2 (re, im), 2 (y), half,
+    half].
+    """
     half = pupil.shape[-1] // 2
     kept = pupil.shape[-1] - half
     right, left = pupil[:, half:], pupil[:, :kept].flip(1)
     columns = torch.stack([right + left, right - left])
     lower, upper = columns[:, half:], columns[:, :kept].flip(1)
-    return torch.view_as_real(torch.stack([lower + upper, lower - upper], 1)).permute(0, 4, 1, 2, 3).contiguous()
+    return (
+        torch.view_as_real(torch.stack([lower + upper, lower - upper], 1)).permute(0, 4, 1, 2, 3).contiguous()
+    )
 
 
 def unfold(parts: Tensor, samples: int) -> Tensor:
@@ -111,10 +122,11 @@ def defocus_maps(chirps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
-    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, depth, x] on half axes.
+    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, depth, x] on half
+    axes.
 
-    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`. The axis that is transformed first
-    is the outer one, so that one product serves all depths.
+    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`. The axis that is transformed
+    first is the outer one, so that one product serves all depths.
     """
     real, imaginary = defocus_maps(chirps)
     rows, half = bases.shape[1:]
@@ -147,7 +159,9 @@ def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> 
 
 
 SIDES = ((1, 1), (-1, -1), (1, -1), (-1, 1))
-"""The four quadrants of the sensor as directions from its centre along y and x; two opposite ones make a pair."""
+"""The four quadrants of the sensor as directions from its centre along y and x; two opposite ones make a
+pair.
+"""
 
 
 def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:

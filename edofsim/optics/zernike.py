@@ -27,7 +27,9 @@ def zernike(index: int, u: Tensor, v: Tensor) -> Tensor:
     radial = torch.zeros_like(square)
     for k in range((n - size) // 2 + 1):
         weight = (-1) ** k * math.factorial(n - k)
-        weight /= math.factorial(k) * math.factorial((n + size) // 2 - k) * math.factorial((n - size) // 2 - k)
+        weight /= (
+            math.factorial(k) * math.factorial((n + size) // 2 - k) * math.factorial((n - size) // 2 - k)
+        )
         radial = radial + weight * square ** ((n - size) // 2 - k)
     real, imaginary = torch.ones_like(square), torch.zeros_like(square)
     for _ in range(size):

@@ -28,12 +28,14 @@ Akpinar et al. made and measured (section Experimental Results), the others what
 
 
 class Fabrication(RecipeModel):
-    """Making a relief: upsampled to `pitch_um` (bicubic), wrapped, limited, quantised, and with height errors.
+    """Making a relief: upsampled to `pitch_um` (bicubic), wrapped, limited, quantised, and with height
+    errors.
 
-    pitch_um: pitch of the made surface; without it the designed one's. height_limit_um: deepest relief. levels:
-    grey levels from 0 to the deepest relief, `level_nm` apart where that is given. wrap_wavelength_nm: heights
-    beyond the limit are taken modulo whole waves of this wavelength. height_bias_nm, height_noise_nm: mean and
-    standard deviation of the Gaussian height error, drawn anew for each sample of the made surface from `seed`.
+    pitch_um: pitch of the made surface; without it the designed one's. height_limit_um: deepest relief.
+    levels: grey levels from 0 to the deepest relief, `level_nm` apart where that is given.
+    wrap_wavelength_nm: heights beyond the limit are taken modulo whole waves of this wavelength.
+    height_bias_nm, height_noise_nm: mean and standard deviation of the Gaussian height error, drawn anew
+    for each sample of the made surface from `seed`.
     """
 
     preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
@@ -60,12 +62,11 @@ class Fabrication(RecipeModel):
             problems.append("levels = 1 leaves a flat surface; a relief needs at least 2 grey levels")
         if self.levels is not None and self.height_limit_um is None and self.level_nm is None:
             problems.append("levels need height_limit_um or level_nm to say how far apart they are")
-        if self.level_nm is not None and self.height_limit_um is not None:
-            if self.height_limit_um * 1e3 < self.level_nm:
-                problems.append(
-                    f"height_limit_um = {self.height_limit_um:g} is below one grey level"
-                    f" (level_nm = {self.level_nm:g}); raise the limit or make the levels finer"
-                )
+        if self.level_nm and self.height_limit_um and self.height_limit_um * 1e3 < self.level_nm:
+            problems.append(
+                f"height_limit_um = {self.height_limit_um:g} is below one grey level"
+                f" (level_nm = {self.level_nm:g}); raise the limit or make the levels finer"
+            )
         if self.wrap_wavelength_nm is not None and self.height_limit_um is None:
             problems.append("wrap_wavelength_nm needs height_limit_um, the height to wrap into")
         if problems:

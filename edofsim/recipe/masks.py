@@ -55,8 +55,8 @@ class GaussianMask(RecipeModel):
 class CodedMask(RecipeModel):
     """A binary amplitude code of square cells that fill the square around the pupil.
 
-    `pattern` is "levin" or rows of "0" (opaque) and "1" (open), the top row first. A square pattern is assumed
-    by no formula: rows and columns may differ in number.
+    `pattern` is "levin" or rows of "0" (opaque) and "1" (open), the top row first. A square pattern is
+    assumed by no formula: rows and columns may differ in number.
 
     A. Levin, R. Fergus, F. Durand, W. T. Freeman, "Image and depth from a conventional camera with a coded
     aperture", ACM Trans. Graph. 26, 70 (2007).
@@ -82,8 +82,8 @@ class CodedMask(RecipeModel):
 class CubicMask(_PhaseMask):
     """Phase alpha (u^3 + v^3).
 
-    E. R. Dowski, W. T. Cathey, "Extended depth of field through wave-front coding", Appl. Opt. 34, 1859 (1995).
-    With 3 alpha >= 2 |Psi| everywhere in the depth range the caustic stays inside the pupil.
+    E. R. Dowski, W. T. Cathey, "Extended depth of field through wave-front coding", Appl. Opt. 34, 1859
+    (1995). With 3 alpha >= 2 |Psi| everywhere in the depth range the caustic stays inside the pupil.
     """
 
     kind: Literal["cubic"] = "cubic"
@@ -160,7 +160,8 @@ class RingsMask(_PhaseMask):
         for inner, outer in zip(ordered, ordered[1:], strict=False):
             if outer.inner_radius < inner.outer_radius:
                 raise ValueError(
-                    f"rings overlap: one ends at {inner.outer_radius:g}, the next begins at {outer.inner_radius:g}"
+                    f"rings overlap: one ends at {inner.outer_radius:g}, the next begins at"
+                    f" {outer.inner_radius:g}"
                 )
         return self
 
@@ -175,8 +176,9 @@ class ZernikeTerm(RecipeModel):
 class ZernikeMask(_PhaseMask):
     """Phase as a sum of Zernike polynomials (R. J. Noll, J. Opt. Soc. Am. 66, 207, 1976).
 
-    The basis in which V. Sitzmann et al., "End-to-end optimization of optics and image processing for achromatic
-    extended depth of field and super-resolution imaging", ACM Trans. Graph. 37, 114 (2018), search.
+    The basis in which V. Sitzmann et al., "End-to-end optimization of optics and image processing for
+    achromatic extended depth of field and super-resolution imaging", ACM Trans. Graph. 37, 114 (2018),
+    search.
     """
 
     kind: Literal["zernike"] = "zernike"
@@ -188,7 +190,9 @@ class ZernikeMask(_PhaseMask):
 
 
 class FourierTerm(RecipeModel):
-    """cosine cos(pi (p u + q v)) + sine sin(pi (p u + q v)): p and q are periods across the pupil's diameter."""
+    """cosine cos(pi (p u + q v)) + sine sin(pi (p u + q v)): p and q are periods across the pupil's
+    diameter.
+    """
 
     p: Annotated[int, Field(ge=-200, le=200)]
     q: Annotated[int, Field(ge=-200, le=200)]
@@ -211,10 +215,11 @@ class FourierMask(_PhaseMask):
 
 
 class HeightMapMask(_PhaseMask):
-    """A free height map [n, n], row 0 the top of the pupil, sampled every `pitch_um` and centred on the axis.
+    """A free height map [n, n], row 0 the top of the pupil, sampled every `pitch_um` and centred on the
+    axis.
 
-    `file` (.npy or .safetensors, metres) is relative to the recipe; without it the map is flat, the start of a
-    training. The pitch of 21 um is that of Akpinar et al. for their depth range.
+    `file` (.npy or .safetensors, metres) is relative to the recipe; without it the map is flat, the start
+    of a training. The pitch of 21 um is that of Akpinar et al. for their depth range.
     """
 
     kind: Literal["height-map"] = "height-map"
