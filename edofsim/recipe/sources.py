@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .base import NotNegative, Positive, RecipeModel
+from .base import Positive, RecipeModel
+
+Pixels = Annotated[int, Field(ge=0)]
 
 
 class DepthMap(RecipeModel):
@@ -17,7 +19,8 @@ class DepthMap(RecipeModel):
 
     `holds` says what the numbers are, after they are multiplied by `unit`: depth along the axis in metres,
     its inverse in 1/m, or disparity in pixels, of which depth = baseline focal / (disparity + offset).
-    Values that are not finite, and zero or less, are holes. `scale` stretches the scene along the axis.
+    NaN, negative values, and a depth of 0 are holes, as is a disparity that is not finite; an infinite depth
+    is background. `scale` stretches the scene along the axis.
     """
 
     path: str
@@ -42,8 +45,9 @@ class DepthMap(RecipeModel):
 class RgbdSource(RecipeModel):
     """An sRGB picture with a depth map. Its colours become smooth reflectances under `illuminant`.
 
-    `image` is a file, or `skimage:NAME` for a picture that comes with scikit-image. One pixel of the
-    picture becomes one pixel of the frame, whatever angle it saw when it was taken."""
+    `image` is a file, or `skimage:NAME` for a picture that comes with scikit-image (and so is the depth's
+    `path`). One pixel of the picture becomes one pixel of the frame, whatever angle it saw when it was
+    taken; the middle of the picture is the middle of the frame."""
 
     kind: Literal["rgbd"]
     image: str
@@ -68,7 +72,7 @@ class CubeSource(RecipeModel):
     """None: the cube holds radiance; else it holds reflectances that are seen under this light"""
     scale: Positive | Literal["auto"] = "auto"
     """factor from the file's numbers; `auto` puts the 99th percentile of the mean over bands at 1"""
-    crop: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (0, 0, 0, 0)
+    crop: tuple[Pixels, Pixels, Pixels, Pixels] = (0, 0, 0, 0)
     """pixels to cut off at the left, top, right, bottom"""
 
     @model_validator(mode="after")

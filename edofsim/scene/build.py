@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from ..recipe.objects import AnyObject
 from ..recipe.placed import Placed
 from ..recipe.places import Hallway, Table, Wall
 from ..recipe.scene import SceneRecipe
+from ..recipe.sources import MitsubaSource
 from . import solids
 from .builders import BUILDERS, Context, Part
+from .foreign import read_scene
 from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
@@ -29,6 +32,12 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
+    if isinstance(recipe.source, MitsubaSource):
+        return _with_lights(
+            read_scene(recipe.source, Path(base), wavelengths, recipe.name), recipe, Path(base)
+        )
+    if recipe.source is not None:
+        raise InputError(f"{recipe.name} is a picture with depths: it is read, there is nothing to build")
     problems: list[str] = []
     names = _names(recipe.objects, problems)
     objects: list[SceneObject] = []
@@ -54,6 +63,20 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     if problems:
         raise InputError(problems)
     return SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+
+
+def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneModel:
+    """A scene that was read, with the recipe's own lights added to the file's."""
+    environment, lamps = build_lights(recipe.lights, model.wavelengths, base)
+    model = replace(
+        model,
+        objects=(*model.objects, *lamps),
+        environment=environment or model.environment,
+        notes={**model.notes, "purpose": recipe.purpose},
+    )
+    if model.environment is None and not any(o.emission is not None for o in model.objects):
+        raise InputError(f"{recipe.name}: the scene that was read has no light; add a table to [[lights]]")
+    return model
 
 
 def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:

@@ -89,7 +89,8 @@ def grid_faces(rows: int, columns: int) -> np.ndarray:
     return np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)])
 
 
-def _drop_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The faces that have an area."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     size = np.ptp(vertices, axis=0).max()
@@ -143,7 +144,7 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
     normals[..., 1] = up[:, None]
     uv = np.stack(np.broadcast_arrays(phi / (2 * np.pi), v[:, None]), -1)
     vertices = vertices.reshape(-1, 3)
-    faces = _drop_degenerate(vertices, grid_faces(len(run), segments + 1))
+    faces = without_degenerate(vertices, grid_faces(len(run), segments + 1))
     return mesh(vertices, faces, uv.reshape(-1, 2), normals.reshape(-1, 3))
 
 
@@ -158,6 +159,11 @@ def sphere(radius: float, segments: int = 64) -> TriangleMesh:
 def prism(sides: int, radius: float, height: float) -> TriangleMesh:
     """A regular prism from y = 0 to `height`, closed at both ends; flat faces."""
     return flat_shaded(lathe([(0, 0), (radius, 0), (radius, height), (0, height)], sides, smooth=False))
+
+
+def inside_out(part: TriangleMesh) -> TriangleMesh:
+    """The same mesh with its faces and normals the other way round."""
+    return mesh(part.vertices, part.faces[:, ::-1], part.uv, None if part.normals is None else -part.normals)
 
 
 def flat_shaded(part: TriangleMesh) -> TriangleMesh:

@@ -190,11 +190,8 @@ def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
     return np.interp(nm, x, y)
 
 
-def _optical_constant(stem: str, wavelengths: np.ndarray, what: str) -> np.ndarray:
-    package = importlib.util.find_spec("mitsuba")  # finds the folder without importing the package
-    if package is None or package.origin is None:
-        raise InputError("the optical constants of metals come with Mitsuba, which is not installed")
-    table = np.loadtxt(Path(package.origin).parent / "data" / "ior" / f"{stem}.spd", comments="#")
+def _optical_constant(path: Path, wavelengths: np.ndarray, what: str) -> np.ndarray:
+    table = np.loadtxt(path, comments="#")
     x, y = table[np.argsort(table[:, 0])].T
     nm = np.asarray(wavelengths, float) * 1e9
     _inside(nm, x[0], x[-1], 0, what)
@@ -209,9 +206,21 @@ def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
     """
     if name.lower() not in _METALS:
         raise _unknown("metal", name, list(_METALS))
-    stem, what = _METALS[name.lower()], f"the metal {name!r}"
-    n = _optical_constant(f"{stem}.eta", wavelengths, what)
-    k = _optical_constant(f"{stem}.k", wavelengths, what)
+    return metal_by_symbol(_METALS[name.lower()], wavelengths)
+
+
+def metal_by_symbol(stem: str, wavelengths: np.ndarray) -> np.ndarray:
+    """As `metal`, for the name of one of Mitsuba's tables (`Au`, `Cu_palik`)."""
+    package = importlib.util.find_spec("mitsuba")  # finds the folder without importing the package
+    if package is None or package.origin is None:
+        raise InputError("the optical constants of metals come with Mitsuba, which is not installed")
+    folder = Path(package.origin).parent / "data" / "ior"
+    known = {path.name.removesuffix(".eta.spd") for path in folder.glob("*.eta.spd")}
+    if stem not in known:
+        raise _unknown("metal", stem, sorted(known))
+    what = f"the metal {stem!r}"
+    n = _optical_constant(folder / f"{stem}.eta.spd", wavelengths, what)
+    k = _optical_constant(folder / f"{stem}.k.spd", wavelengths, what)
     return ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
 
 

@@ -39,7 +39,7 @@ def flat(value: float | str, wavelengths: np.ndarray) -> BandTexture:
 def from_srgb(image: np.ndarray, wavelengths: np.ndarray) -> BandTexture:
     """An sRGB picture, uint8/uint16 or float in [0, 1], [y, x], [y, x, 3] or [y, x, 4]."""
     return BandTexture(
-        srgb_basis(wavelengths).astype(np.float32), srgb_to_linear(_unit_rgb(image)).astype(np.float32)
+        srgb_basis(wavelengths).astype(np.float32), srgb_to_linear(unit_rgb(image)).astype(np.float32)
     )
 
 
@@ -49,7 +49,8 @@ def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTe
     return BandTexture(np.stack([first, second]).astype(np.float32), image.astype(np.float32))
 
 
-def _unit_rgb(image: np.ndarray) -> np.ndarray:
+def unit_rgb(image: np.ndarray) -> np.ndarray:
+    """A picture of any kind as three channels in [0, 1], float64 [y, x, 3]; transparency is painted white."""
     image = np.asarray(image)
     if image.dtype == bool:
         image = image.astype(float)

@@ -1,0 +1,124 @@
+"""A picture with a depth map as a view: one fragment a pixel, and nothing behind the edges.
+
+What such a picture lacks is said in the view's metadata, for the plan to name: light from behind edges was
+never recorded, holes of the depth map were filled by a guess, and beyond the picture's border its mirror
+image stands in for what is unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..errors import InputError
+from ..recipe.scene import SceneRecipe
+from ..recipe.sources import CubeSource, DepthMap, RgbdSource
+from ..scene import depth_maps, spectra, textures
+from .view import View
+
+
+def read_view(recipe: SceneRecipe, base: Path) -> View:
+    """The view of a recipe whose source is a picture with depths or a spectral cube.
+
+    base: the recipe's folder. Raises InputError for files that cannot be used.
+    """
+    if isinstance(recipe.source, RgbdSource):
+        return rgbd_view(recipe.source, recipe, Path(base))
+    if isinstance(recipe.source, CubeSource):
+        from .cube import cube_view
+
+        return cube_view(recipe.source, recipe, Path(base))
+    raise InputError(f"{recipe.name}: its source is no picture; it has to be rendered")
+
+
+def rgbd_view(source: RgbdSource, recipe: SceneRecipe, base: Path) -> View:
+    """An sRGB picture with depths: radiance is its colours' smooth spectra (Mallett and Yuksel, EGSR 2019)
+    under the source's illuminant."""
+    picture = depth_maps.read_numbers(source.image, None, base, "picture")
+    linear = spectra.srgb_to_linear(textures.unit_rgb(picture))
+    wavelengths = recipe.bands.wavelengths()
+    light = source.radiance * spectra.illuminant(source.illuminant, wavelengths)
+    basis = spectra.srgb_basis(wavelengths) * light
+    inverse, facts = depths(source.depth, base, linear.shape[:2])
+    rows, columns, border = frame_indices(linear.shape[:2], recipe)
+    colours = linear[np.ix_(rows, columns)].reshape(-1, 3)
+    radiance = np.ascontiguousarray((colours @ basis).T, np.float32)
+    facts = {**facts, "beyond the border": border, "light": f"sRGB under {source.illuminant}"}
+    return plain_view(
+        recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts
+    )
+
+
+def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, Any]]:
+    """Inverse depth [y, x] in 1/m without holes, and what is to be said of it. Raises InputError where the
+    depth map has another shape than the picture."""
+    inverse = depth_maps.read_inverse_depth(source, base)
+    if inverse.shape != tuple(shape):
+        raise InputError(
+            f"depth map {source.path!r} has {inverse.shape[1]} x {inverse.shape[0]} pixels, the picture "
+            f"{shape[1]} x {shape[0]}; resample one of them"
+        )
+    holes = float((~np.isfinite(inverse)).mean())
+    filled = depth_maps.fill_holes(inverse, source.holes, f"depth map {source.path!r}")
+    facts: dict[str, Any] = {"holes": holes}
+    if holes:
+        way = {"background": "the farther neighbour in the row", "nearest": "the nearest known pixel"}
+        facts["holes filled"] = f"{holes:.1%} of the depths, from {way[source.holes]}"
+    return filled, facts
+
+
+def frame_indices(shape: tuple[int, ...], recipe: SceneRecipe) -> tuple[np.ndarray, np.ndarray, str]:
+    """Rows and columns of the picture that the frame with its margin takes, its middle on the picture's.
+
+    Beyond the border the picture goes on as its mirror image; the sentence says how much of the frame that
+    is. Raises InputError if the frame itself (without its margin) is larger than the picture.
+    """
+    frame = recipe.frame
+    if frame.height_px > shape[0] or frame.width_px > shape[1]:
+        raise InputError(
+            f"{recipe.name}: the frame has {frame.width_px} x {frame.height_px} pixels, the picture only "
+            f"{shape[1]} x {shape[0]}; make [frame] width_px and height_px smaller"
+        )
+    rows, columns = (
+        (total - size) // 2 + np.arange(-frame.margin_px, size + frame.margin_px)
+        for total, size in zip(shape, (frame.height_px, frame.width_px), strict=True)
+    )
+    outside = 1 - np.outer((rows >= 0) & (rows < shape[0]), (columns >= 0) & (columns < shape[1])).mean()
+    said = "nothing is needed" if outside == 0 else f"{outside:.1%} of the frame with its margin is mirrored"
+    return mirrored(rows, shape[0]), mirrored(columns, shape[1]), said
+
+
+def mirrored(index: np.ndarray, size: int) -> np.ndarray:
+    """Indices of a row of `size` pixels that goes on as its mirror image at both ends."""
+    index = np.mod(index, 2 * size)
+    return np.where(index < size, index, 2 * size - 1 - index)
+
+
+def plain_view(
+    recipe: SceneRecipe, radiance: np.ndarray, inverse_depth: np.ndarray, route: str, facts: Mapping[str, Any]
+) -> View:
+    """A view of one fragment a pixel. radiance: float32 [band, pixel]; inverse_depth: [y, x] in 1/m."""
+    count = inverse_depth.size
+    frame = recipe.frame
+    return View(
+        height=frame.height_px,
+        width=frame.width_px,
+        margin=frame.margin_px,
+        pixel=torch.arange(count),
+        coverage=torch.ones(count),
+        inverse_depth=torch.from_numpy(np.ascontiguousarray(inverse_depth.reshape(-1), np.float32)),
+        radiance=torch.from_numpy(radiance),
+        hidden=torch.zeros(count, dtype=torch.bool),
+        wavelengths=torch.from_numpy(recipe.bands.wavelengths()),
+        pixel_angle=frame.pixel_angle_mrad * 1e-3,
+        metadata={
+            "scene": recipe.name,
+            "route": route,
+            "hidden": "missing: a picture holds no light from behind its edges",
+            **facts,
+        },
+    )

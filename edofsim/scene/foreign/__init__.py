@@ -1,0 +1,140 @@
+"""Scenes in Mitsuba's own format, read into a SceneModel as far as many bands can share one path.
+
+The scene is seen from its sensor's place, in the field of the recipe's frame. What cannot be carried is
+named, every part of it: `NotCarried`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...recipe.sources import MitsubaSource
+from .. import solids, spectra
+from ..model import BandTexture, Environment, SceneModel, SceneObject
+from ..pictures import read_hdr
+from ..surfaces import matt
+from ..textures import flat
+from .nodes import Colour, Node, read_nodes
+from .parts import Reader, emission, resolved, shape_mesh, spectrum, surface, transformed
+
+
+class NotCarried(InputError):
+    """The scene is sound, but holds what a path of many bands cannot carry; `problems` names all of it."""
+
+
+def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
+    """A Mitsuba scene as a SceneModel in camera space.
+
+    wavelengths: [band] m. Raises InputError for files that are missing, damaged, or outside the scene's
+    folder, and NotCarried for surfaces, lights and shapes that only Mitsuba itself can render.
+    """
+    path = Path(base) / source.path
+    root = read_nodes(path)
+    white = spectra.illuminant(source.illuminant, wavelengths)
+    reader = Reader(path.parent, source.allow_outside, wavelengths, white)
+    to_camera = _to_camera(root, source.units_m)
+    problems: list[str] = []
+    objects: list[SceneObject] = []
+    for number, shape in enumerate(root.of_kind("shape"), start=1):
+        what = f"{path.name}, shape {number} ({shape.type})"
+        try:
+            objects.append(_object(shape, reader, to_camera, what))
+        except InputError as error:
+            problems += error.problems
+    environment = None
+    for light in root.of_kind("emitter"):
+        try:
+            environment = _environment(light, reader, to_camera, f"{path.name}, light ({light.type})")
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        missing = [p for p in problems if "needs the spectral renderer" not in p]
+        raise InputError(missing) if missing else NotCarried(problems)
+    if not objects:
+        raise InputError(f"{path}: the scene has no shapes")
+    return SceneModel(name, wavelengths, tuple(objects), environment, {"read from": str(source.path)})
+
+
+def _object(shape: Node, reader: Reader, to_camera: np.ndarray, what: str) -> SceneObject:
+    mesh = transformed(shape_mesh(shape, reader, what), to_camera)
+    if shape.values.get("flip_normals", False):
+        mesh = solids.inside_out(mesh)
+    lights = shape.of_kind("emitter")
+    surfaces = shape.of_kind("bsdf")
+    skin = surface(surfaces[0], reader, what) if surfaces else matt(flat(0.5, reader.wavelengths))
+    if skin.reflectance.image is not None and mesh.uv is None:
+        raise InputError(
+            f"{what}: it has a texture, but no texture coordinates that can be read; use an OBJ file"
+        )
+    return SceneObject(what, mesh, skin, emission(lights[0], reader, what) if lights else None)
+
+
+def _to_camera(root: Node, units_m: float) -> np.ndarray:
+    """World to camera space in metres, float64 [4, 4]. Mitsuba's sensor has x to the left: it is mirrored."""
+    sensors = root.of_kind("sensor")
+    pose = np.asarray(sensors[0].values.get("to_world", np.eye(4))) if sensors else np.eye(4)
+    if abs(np.linalg.det(pose[:3, :3])) < 1e-12:
+        raise InputError("the sensor's to_world cannot be inverted")
+    return np.diag([-units_m, units_m, units_m, 1.0]) @ np.linalg.inv(pose)
+
+
+def _environment(light: Node, reader: Reader, to_camera: np.ndarray, what: str) -> Environment:
+    if light.type == "constant":
+        value = light.values.get("radiance", Colour(rgb=(1.0, 1.0, 1.0)))
+        colour = value if isinstance(value, Colour) else Colour(rgb=(float(value),) * 3)
+        return Environment(BandTexture(spectrum(colour, reader, True, what)[None].astype(np.float32)))
+    if light.type == "envmap":
+        image = np.clip(read_hdr(reader.file(light, what), what), 0, None)
+        pose = np.asarray(light.values.get("to_world", np.eye(4)))
+        turned = _resampled(image, to_camera[:3, :3] @ pose[:3, :3])
+        basis = float(light.values.get("scale", 1.0)) * reader.white * spectra.srgb_basis(reader.wavelengths)
+        return Environment(BandTexture(basis.astype(np.float32), turned))
+    raise InputError(f"{what}: lights of type {light.type!r} cannot be read: use area lights or an envmap")
+
+
+def _resampled(image: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
+    """An equirectangular picture in camera space, by bilinear interpolation, float32 [y, x, 3].
+
+    Mitsuba's map has +y on top; its column u looks along (sin 2 pi u, ., -cos 2 pi u). Ours: see
+    `Environment`.
+    """
+    from scipy.ndimage import map_coordinates
+
+    rows, columns = image.shape[:2]
+    elevation = np.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
+    azimuth = 2 * np.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None]
+    ours = np.stack(
+        np.broadcast_arrays(
+            np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)
+        ),
+        axis=-1,
+    )
+    theirs = ours @ np.linalg.inv(to_camera).T
+    theirs /= np.linalg.norm(theirs, axis=-1, keepdims=True)
+    u = np.arctan2(theirs[..., 0], -theirs[..., 2]) / (2 * np.pi) % 1.0
+    v = np.arccos(np.clip(theirs[..., 1], -1, 1)) / np.pi
+    wrapped = np.concatenate([image[:, -1:], image, image[:, :1]], axis=1)
+    at = [np.clip(v * rows - 0.5, 0, rows - 1), u * columns + 0.5]
+    channels = [map_coordinates(wrapped[..., c], at, order=1, mode="nearest") for c in range(3)]
+    return np.stack(channels, axis=-1).astype(np.float32)
+
+
+def files_of_scene(source: MitsubaSource, base: Path) -> tuple[Path, ...]:
+    """The scene's file and every file that it names. Raises as `read_scene` does."""
+    path = Path(base) / source.path
+    found = {path}
+    for node in _all_nodes(read_nodes(path)):
+        if "filename" in node.values:
+            name = str(node.values["filename"])
+            found.add(resolved(path.parent, name, source.allow_outside, f"{path.name}: {node.type}"))
+    return tuple(sorted(found))
+
+
+def _all_nodes(node: Node) -> Iterator[Node]:
+    yield node
+    for _, part in node.parts:
+        yield from _all_nodes(part)
