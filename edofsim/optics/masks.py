@@ -13,25 +13,9 @@ from torch import Tensor
 
 from ..recipe import masks as recipes
 from ..recipe.base import RecipeModel
+from . import levin
 from .grid import PupilGrid, cell_overlap, disc_amplitude, disc_coverage
 from .zernike import zernike
-
-LEVIN_PATTERN = (
-    "0001110000000",
-    "0001110000000",
-    "0001110001110",
-    "1110001111110",
-    "1110001111110",
-    "1110001110000",
-    "0001111111110",
-    "0001111110000",
-    "0001111110000",
-    "1110000001110",
-    "1110000001110",
-    "1110001110000",
-    "0000001110000",
-)
-
 
 def _cubic(mask: recipes.CubicMask, u: Tensor, v: Tensor) -> Tensor:
     return mask.alpha_rad * (u**3 + v**3)
@@ -82,7 +66,7 @@ def _gaussian(mask: recipes.GaussianMask, grid: PupilGrid) -> tuple[Tensor, Tens
 
 
 def _coded(mask: recipes.CodedMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
-    rows = LEVIN_PATTERN if mask.pattern == recipes.LEVIN else mask.pattern
+    rows = levin.PATTERN if mask.pattern == recipes.LEVIN else mask.pattern
     cells = torch.tensor([[float(cell) for cell in row] for row in rows], dtype=torch.float64)
     down = cell_overlap(grid, cells.shape[0]).flip(0, 1)
     across = cell_overlap(grid, cells.shape[1])

@@ -53,13 +53,12 @@ class GaussianMask(RecipeModel):
 
 
 class CodedMask(RecipeModel):
-    """A binary amplitude code of square cells that fill the square around the pupil.
+    """A binary amplitude code of equal cells that fill the square around the pupil.
 
-    `pattern` is "levin" or rows of "0" (opaque) and "1" (open), the top row first. A square pattern is
-    assumed by no formula: rows and columns may differ in number.
-
-    A. Levin, R. Fergus, F. Durand, W. T. Freeman, "Image and depth from a conventional camera with a coded
-    aperture", ACM Trans. Graph. 26, 70 (2007).
+    `pattern` is "levin" or rows of "0" (opaque) and "1" (open), the top row first; rows and columns may
+    differ in number. "levin" is a pattern of 13 x 13 cells found by the criterion of A. Levin, R. Fergus,
+    F. Durand, W. T. Freeman, "Image and depth from a conventional camera with a coded aperture", ACM Trans.
+    Graph. 26, 70 (2007).
     """
 
     kind: Literal["coded"] = "coded"
