@@ -89,7 +89,7 @@ def natural_samples(camera: Camera, pitch: float) -> int:
 
 
 def check_size(camera: Camera, samples: int, pitch: float) -> None:
-    """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil, with a cell to spare at most."""
+    """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil, a cell to spare at most."""
     width, diameter = samples * pitch, 2 * camera.aperture_radius
     if width > diameter + 2 * pitch:
         raise InputError(

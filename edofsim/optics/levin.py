@@ -98,8 +98,9 @@ def _in_one_piece(opened: Tensor) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _bases() -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
-    """Power of natural images (1 / f^2) on half of the frequency plane, and the transform of a pattern at each
-    size: |rows @ cells @ columns|."""
+    """Power of natural images, 1 / f^2, on half of the frequency plane, and for each size of blur the factors
+    of a pattern's transform, |rows @ cells @ columns|.
+    """
     frequency = torch.linspace(0.5 / FREQUENCIES, 0.5, FREQUENCIES, dtype=torch.float64)
     both = torch.cat([-frequency.flip(0), frequency])
     prior = frequency[0] ** 2 / (both[:, None] ** 2 + frequency[None, :] ** 2)

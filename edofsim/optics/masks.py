@@ -17,6 +17,7 @@ from . import levin
 from .grid import PupilGrid, cell_overlap, disc_amplitude, disc_coverage
 from .zernike import zernike
 
+
 def _cubic(mask: recipes.CubicMask, u: Tensor, v: Tensor) -> Tensor:
     return mask.alpha_rad * (u**3 + v**3)
 
