@@ -119,7 +119,7 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
                 "sampling_weight": weights[number],
             }
             lights.append(tables.entry(BandTexture(np.asarray(item.emission)[None])))
-        meshes.append(_mesh(mi, item, bsdfs.instance(item), lamp))
+        meshes.append(make_mesh(mi, item, bsdfs.instance(item), lamp))
         contents[f"object-{number:06d}"] = meshes[-1]
         uv = item.mesh.uv
         repeats = uv is not None and bool((uv < -1e-6).any() or (uv > 1 + 1e-6).any())
@@ -196,8 +196,9 @@ class _Bsdfs:
         surface = item.surface
         key = repr((_sorted(surface.bsdf), surface.reflectance_key, surface.two_sided))
         if key not in self._known:
+            carrier = {"type": "rawconstant", "value": list(CARRIER)}
             try:
-                bsdf = self._mi.load_dict(_plugin(surface))
+                bsdf = self._mi.load_dict(plugin_with(surface, carrier))
             except (RuntimeError, ValueError, TypeError) as error:
                 raise InputError(
                     f"{item.name}: Mitsuba refuses its surface: {str(error).splitlines()[0]}"
@@ -220,8 +221,8 @@ def _sorted(settings: Any) -> Any:
     return settings
 
 
-def _plugin(surface: Surface) -> dict[str, Any]:
-    """Mitsuba's dictionary of a surface, the carrier in the place of its reflectance.
+def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]:
+    """Mitsuba's dictionary of a surface with some reflectance plugin in its place.
 
     A reflectance key with dots leads into nested BSDFs (`nested.reflectance`); an empty key: none at all.
     """
@@ -231,7 +232,7 @@ def _plugin(surface: Surface) -> dict[str, Any]:
         place = plugin
         for step in path:
             place = place[step]
-        place[last] = {"type": "rawconstant", "value": list(CARRIER)}
+        place[last] = reflectance
     return {"type": "twosided", "bsdf": plugin} if surface.two_sided else plugin
 
 
@@ -264,7 +265,8 @@ def affinity_error(mi: Any, bsdf: Any, count: int = 512) -> float:
     return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
 
 
-def _mesh(mi: Any, item: SceneObject, bsdf: Any, lamp: dict[str, Any] | None) -> Any:
+def make_mesh(mi: Any, item: SceneObject, bsdf: Any, lamp: dict[str, Any] | None) -> Any:
+    """A Mitsuba mesh with its surface and, if it is a lamp, its emitter (a plugin dictionary)."""
     mesh = item.mesh
     properties = mi.Properties()
     properties["mesh_bsdf"] = bsdf
