@@ -35,12 +35,17 @@ def trace(
     exists = mi.Bool(True)
     if layer > 0:
         ray, exists, _ = behind(stage, ray, dr.opaque(mi.UInt32, layer), dr.opaque(mi.Float, gap))
-    radiance, inverse_depth = _walk(stage, ray, index, seed, exists, dr.opaque(mi.UInt32, max_depth))
+    radiance, inverse_depth = walk(stage, ray, index, seed, exists, dr.opaque(mi.UInt32, max_depth))
     return radiance, inverse_depth, exists
 
 
 @dr.syntax
-def _walk(stage, ray, index, seed, active, max_depth):
+def walk(stage, ray, index, seed, active, max_depth):
+    """Radiance [band, sample] along given rays and inverse depth [sample] of what they meet first.
+
+    index, seed: UInt32 [sample], what the paths' random numbers follow from; active: Bool [sample], rays that
+    exist; max_depth: UInt32, counts as in `trace`.
+    """
     count = dr.width(index)
     radiance = dr.zeros(mi.ArrayXf, (stage.bands, count))
     throughput = dr.ones(mi.ArrayXf, (stage.bands, count))
