@@ -20,7 +20,7 @@ from .slabs import cuts, hides, revealed
 
 TILE = 128
 """Side of the tiles that are composited, in pixels."""
-LITTLE = 1e-4
+LITTLE = 1e-3
 """Coverage below which nothing is there to be normalised."""
 
 
@@ -62,7 +62,8 @@ def composite(view: View, blurring: Blurring) -> Tensor:
         if image is None:
             image, coverage = light, opaque
         else:
-            there = coverage.clamp_min(LITTLE)
+            # What rounding leaves where there is nothing must not be divided, slab after slab, by little
+            there = torch.where(coverage > LITTLE, coverage, 1.0)
             image = light + (1 - opaque) * image / there
             coverage = opaque + (1 - opaque) * coverage / there
     return image
