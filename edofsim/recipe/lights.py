@@ -16,6 +16,7 @@ class EnvironmentLight(RecipeModel):
     `radiance` (W/m2/sr/nm)."""
 
     kind: Literal["environment"]
+    name: ObjectName | None = None
     illuminant: str = "D65"
     radiance: Positive = 1.0
 
@@ -24,6 +25,7 @@ class SkyLight(RecipeModel):
     """A daylight sky: blue overhead, white towards the horizon, the ground's reflection from below."""
 
     kind: Literal["sky"]
+    name: ObjectName | None = None
     radiance: Positive = 1.0
     """luminance-weighted radiance at the horizon, W/m2/sr/nm"""
     zenith: Positive = 0.8
@@ -54,6 +56,7 @@ class EnvironmentMap(RecipeModel):
     1 becomes the spectrum of `illuminant` times `scale`."""
 
     kind: Literal["environment_map"]
+    name: ObjectName | None = None
     path: str
     scale: Positive = 1.0
     turn_deg: float = 0.0

@@ -19,11 +19,7 @@ from ..pictures import read_hdr
 from ..surfaces import matt
 from ..textures import flat
 from .nodes import Colour, Node, read_nodes
-from .parts import Reader, emission, resolved, shape_mesh, spectrum, surface, transformed
-
-
-class NotCarried(InputError):
-    """The scene is sound, but holds what a path of many bands cannot carry; `problems` names all of it."""
+from .parts import NotCarried, Reader, emission, resolved, shape_mesh, spectrum, surface, transformed
 
 
 def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
@@ -38,11 +34,14 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
     reader = Reader(path.parent, source.allow_outside, wavelengths, white)
     to_camera = _to_camera(root, source.units_m)
     problems: list[str] = []
+    too_much: list[str] = []
     objects: list[SceneObject] = []
     for number, shape in enumerate(root.of_kind("shape"), start=1):
         what = f"{path.name}, shape {number} ({shape.type})"
         try:
             objects.append(_object(shape, reader, to_camera, what))
+        except NotCarried as error:
+            too_much += error.problems
         except InputError as error:
             problems += error.problems
     environment = None
@@ -52,8 +51,9 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
         except InputError as error:
             problems += error.problems
     if problems:
-        missing = [p for p in problems if "needs the spectral renderer" not in p]
-        raise InputError(missing) if missing else NotCarried(problems)
+        raise InputError(problems)
+    if too_much:
+        raise NotCarried(too_much)
     if not objects:
         raise InputError(f"{path}: the scene has no shapes")
     return SceneModel(name, wavelengths, tuple(objects), environment, {"read from": str(source.path)})
@@ -138,3 +138,6 @@ def _all_nodes(node: Node) -> Iterator[Node]:
     yield node
     for _, part in node.parts:
         yield from _all_nodes(part)
+
+
+__all__ = ["NotCarried", "files_of_scene", "read_scene"]

@@ -31,6 +31,10 @@ _INDEX = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "bk7": 1.5046, "diamon
 """Refractive indices of named media, Mitsuba's table."""
 
 
+class NotCarried(InputError):
+    """The scene is sound, but holds what a path of many bands cannot carry; `problems` names all of it."""
+
+
 @dataclass(frozen=True)
 class Reader:
     """What the parts of one file share: its folder, whether it may name files elsewhere, bands, and what a
@@ -232,10 +236,10 @@ def surface(node: Node, reader: Reader, what: str) -> Surface:
             raise InputError(f"{what}: twosided needs exactly one surface inside")
         return replace(surface(inner[0], reader, what), two_sided=True)
     if node.type not in _SURFACES:
-        raise InputError(f"{what}: surfaces of type {node.type!r} need the spectral renderer")
+        raise NotCarried(f"{what}: surfaces of type {node.type!r} need the spectral renderer")
     if node.values.get("nonlinear", False):
-        raise InputError(
-            f"{what}: nonlinear = true is not affine in the reflectance; needs the spectral renderer"
+        raise NotCarried(
+            f"{what}: nonlinear = true is not affine in the reflectance; need the spectral renderer"
         )
     return replace(_SURFACES[node.type](node, reader, what), two_sided=False)
 
@@ -308,7 +312,7 @@ def _principled(node: Node, reader: Reader, what: str) -> Surface:
         key for key in ("spec_tint", "sheen_tint", "flatness", "spec_trans") if node.values.get(key, 0.0)
     ]
     if tints:
-        raise InputError(f"{what}: principled with {', '.join(tints)} needs the spectral renderer")
+        raise NotCarried(f"{what}: principled with {', '.join(tints)} need the spectral renderer")
     numbers = _floats(
         node, roughness=0.5, metallic=0.0, specular=0.5, clearcoat=0.0, clearcoat_gloss=0.0, sheen=0.0
     )
