@@ -75,10 +75,39 @@ def cell_overlap(grid: PupilGrid, cells: int) -> Tensor:
 
     Along one axis, [samples, cells], float64; both run in ascending order.
     """
-    edges = torch.linspace(-grid.radius, grid.radius, cells + 1, dtype=torch.float64)
+    edges = _edges(grid, cells)
     left, right = (grid.centres - grid.pitch / 2)[:, None], (grid.centres + grid.pitch / 2)[:, None]
     overlap = torch.minimum(right, edges[1:]) - torch.maximum(left, edges[:-1])
     return overlap.clamp_min(0) / grid.pitch
+
+
+def cell_amplitude(grid: PupilGrid, cells: int) -> Tensor:
+    """The same parts as samples whose Fourier transform is that of a part; shaped as `cell_overlap`.
+
+    Straight edges along the grid would scatter too much or too little light by where they cross the cells;
+    as the integral of a Lanczos kernel they scatter the same wherever they lie.
+    """
+    steps = _step((grid.centres[:, None] - _edges(grid, cells)) / grid.pitch)
+    return steps[:, :-1] - steps[:, 1:]
+
+
+def _edges(grid: PupilGrid, cells: int) -> Tensor:
+    return torch.linspace(-grid.radius, grid.radius, cells + 1, dtype=torch.float64)
+
+
+def _step(position: Tensor) -> Tensor:
+    """Band-limited unit step at 0, position in cells: the integral of sinc(x) sinc(x / 3), |x| < 3."""
+    table = _step_table()
+    place = ((position + 3) * ((len(table) - 1) / 6)).clamp(0, len(table) - 1)
+    below = place.floor().long().clamp_max(len(table) - 2)
+    return torch.lerp(table[below], table[below + 1], place - below)
+
+
+@lru_cache(maxsize=1)
+def _step_table() -> Tensor:
+    x = torch.linspace(-3, 3, 6001, dtype=torch.float64)
+    integral = torch.cumulative_trapezoid(torch.sinc(x) * torch.sinc(x / 3), x)
+    return torch.nn.functional.pad(integral / integral[-1], (1, 0))
 
 
 @lru_cache(maxsize=16)

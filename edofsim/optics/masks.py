@@ -14,7 +14,7 @@ from torch import Tensor
 from ..recipe import masks as recipes
 from ..recipe.base import RecipeModel
 from . import levin
-from .grid import PupilGrid, cell_overlap, disc_amplitude, disc_coverage
+from .grid import PupilGrid, cell_amplitude, cell_overlap, disc_amplitude, disc_coverage
 from .zernike import zernike
 
 
@@ -69,10 +69,11 @@ def _gaussian(mask: recipes.GaussianMask, grid: PupilGrid) -> tuple[Tensor, Tens
 def _coded(mask: recipes.CodedMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
     rows = levin.PATTERN if mask.pattern == recipes.LEVIN else mask.pattern
     cells = torch.tensor([[float(cell) for cell in row] for row in rows], dtype=torch.float64)
-    down = cell_overlap(grid, cells.shape[0]).flip(0, 1)
-    across = cell_overlap(grid, cells.shape[1])
-    open_part = down @ cells @ across.T
-    return open_part, open_part
+    amplitude, light = (
+        along(grid, cells.shape[0]).flip(0, 1) @ cells @ along(grid, cells.shape[1]).T
+        for along in (cell_amplitude, cell_overlap)
+    )
+    return amplitude, light
 
 
 SMOOTH_PHASES: Mapping[type[RecipeModel], Callable[..., Tensor]] = MappingProxyType(

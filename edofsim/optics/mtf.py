@@ -14,6 +14,10 @@ from .height import trained_pitch
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
 
+FEWEST_SAMPLES = 512
+"""Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a transfer
+function, with so many less than 1e-3 of the light."""
+
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
     """Frequency [1/m on the sensor] beyond which incoherent light carries nothing: 2 r / (lambda z_i)."""
@@ -122,6 +126,8 @@ def _intensities(
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
     pitch = None if height is None else trained_pitch(camera, height.shape[-1])
     grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px, pitch).grid
+    if grid.samples < FEWEST_SAMPLES:
+        grid = PupilGrid(FEWEST_SAMPLES, 2 * camera.aperture_radius / FEWEST_SAMPLES, camera.aperture_radius)
     opening = aperture(camera, grid, height, seed)
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
