@@ -44,7 +44,9 @@ def join(parts: Sequence[TriangleMesh]) -> TriangleMesh:
 def moved(
     part: TriangleMesh, matrix: np.ndarray | None = None, shift: Sequence[float] = (0, 0, 0)
 ) -> TriangleMesh:
-    """A mesh after a rotation or scaling (float [3, 3], positive determinant) and a shift in metres."""
+    """A mesh after a linear map (float [3, 3]) and a shift in metres.
+
+    Where the map mirrors, the faces are turned, so that they still point outward."""
     if matrix is None:
         return TriangleMesh(part.vertices + np.asarray(shift, np.float32), part.faces, part.uv, part.normals)
     vertices = part.vertices @ np.asarray(matrix).T + np.asarray(shift)
@@ -52,7 +54,8 @@ def moved(
     if normals is not None:
         normals = normals @ np.linalg.inv(matrix)
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return mesh(vertices, part.faces, part.uv, normals)
+    faces = part.faces if np.linalg.det(matrix) > 0 else part.faces[:, ::-1]
+    return mesh(vertices, faces, part.uv, normals)
 
 
 def quad(corners: Sequence[Sequence[float]], uv: Sequence[Sequence[float]] | None = None) -> TriangleMesh:

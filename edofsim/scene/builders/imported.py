@@ -21,9 +21,8 @@ def mesh_file(recipe: MeshFile, context: Context) -> list[Part]:
     shape = read_mesh(context.base / recipe.path, context.what, smooth=recipe.smooth)
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     scale = recipe.size_mm * 1e-3 / float((high - low).max())
-    # files have z towards the viewer: a half turn about y keeps x x y x z right-handed
-    # as coordinates, and the front faces the camera
-    flip = np.diag([-1.0, 1.0, -1.0]) * scale
+    # files have z towards the viewer, camera space away from it: turned over in z alone, nothing is mirrored
+    flip = np.diag([1.0, 1.0, -1.0]) * scale
     centred = solids.moved(shape, shift=-(low + high) / 2)
     return [Part("", solids.moved(centred, flip), context.surface(recipe.surface))]
 

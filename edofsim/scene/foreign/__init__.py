@@ -19,7 +19,7 @@ from ..pictures import read_hdr
 from ..surfaces import matt
 from ..textures import flat
 from .nodes import Colour, Node, read_nodes
-from .parts import NotCarried, Reader, emission, resolved, shape_mesh, spectrum, surface, transformed
+from .parts import NotCarried, Reader, emission, resolved, shape_mesh, spectrum, surface
 
 
 def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
@@ -60,7 +60,7 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
 
 
 def _object(shape: Node, reader: Reader, to_camera: np.ndarray, what: str) -> SceneObject:
-    mesh = transformed(shape_mesh(shape, reader, what), to_camera)
+    mesh = solids.moved(shape_mesh(shape, reader, what), to_camera[:3, :3], to_camera[:3, 3])
     if shape.values.get("flip_normals", False):
         mesh = solids.inside_out(mesh)
     lights = shape.of_kind("emitter")

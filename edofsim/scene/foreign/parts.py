@@ -75,15 +75,10 @@ def shape_mesh(node: Node, reader: Reader, what: str) -> TriangleMesh:
         local = _SHAPES[node.type](node)
     else:
         raise InputError(f"{what}: shapes of type {node.type!r} cannot be read; export them as OBJ or PLY")
-    return transformed(local, np.asarray(node.values.get("to_world", np.eye(4))))
-
-
-def transformed(mesh: TriangleMesh, matrix: np.ndarray) -> TriangleMesh:
-    """A mesh after an affine map, float [4, 4]; where it mirrors, faces are turned to stay outside."""
-    moved = solids.moved(mesh, matrix[:3, :3], matrix[:3, 3])
-    if np.linalg.det(matrix[:3, :3]) >= 0:
-        return moved
-    return solids.mesh(moved.vertices, moved.faces[:, ::-1], moved.uv, moved.normals)
+    matrix = np.asarray(node.values.get("to_world", np.eye(4)))
+    if not abs(np.linalg.det(matrix[:3, :3])) > 0:
+        raise InputError(f"{what}: its to_world squeezes it flat")
+    return solids.moved(local, matrix[:3, :3], matrix[:3, 3])
 
 
 def _upright(mesh: TriangleMesh, node: Node) -> TriangleMesh:
