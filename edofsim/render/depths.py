@@ -19,14 +19,15 @@ NOWHERE = -1.0
 class DepthSurvey:
     """What the samples of a list of pixels see.
 
-    pixels: int64 [pixel]; bounds: float32 [pixel, split], falling: a sample whose inverse depth is below
-    n of them belongs to the n-th surface of its pixel, the nearest being 0; nearest, farthest: float32
-    [pixel], of those samples that see anything (pixels where none does are left out).
+    pixels: int64 [pixel]; bounds: float32 [pixel, surface - 1], falling: a sample whose inverse depth is
+    below n of them belongs to the n-th surface of its pixel, 0 being the nearest; tops: float32 [pixel,
+    surface], the nearest sample of each surface; farthest: float32 [pixel]. Where a pixel has fewer surfaces,
+    the rest is NOWHERE. Pixels where no sample sees anything are left out.
     """
 
     pixels: np.ndarray
     bounds: np.ndarray
-    nearest: np.ndarray
+    tops: np.ndarray
     farthest: np.ndarray
 
     @property
@@ -41,25 +42,27 @@ def survey(tiles: Iterator[tuple[np.ndarray, np.ndarray]], gap: float, surfaces:
     tiles: (pixels [pixel], inverse depths float32 [pixel, sample], NaN where a sample sees nothing). gap: of
     inverse depth, in 1/m, that parts two surfaces; surfaces: at most so many a pixel.
     """
-    parts = []
-    for pixels, inverse_depth in tiles:
+    pixels = [np.zeros(0, np.int64)]
+    bounds = [np.zeros((0, surfaces - 1), np.float32)]
+    tops = [np.zeros((0, surfaces), np.float32)]
+    farthest = [np.zeros(0, np.float32)]
+    for chosen, inverse_depth in tiles:
         sees = ~np.isnan(inverse_depth).all(axis=1)
-        pixels, inverse_depth = pixels[sees], inverse_depth[sees]
-        nearest, farthest = np.fmax.reduce(inverse_depth, axis=1), np.fmin.reduce(inverse_depth, axis=1)
-        bounds = np.full((len(pixels), surfaces - 1), NOWHERE, np.float32)
-        wide = nearest - farthest > gap
+        inverse_depth = inverse_depth[sees]
+        pixels.append(chosen[sees])
+        farthest.append(np.fmin.reduce(inverse_depth, axis=1))
+        bounds.append(np.full((len(inverse_depth), surfaces - 1), NOWHERE, np.float32))
+        tops.append(np.full((len(inverse_depth), surfaces), NOWHERE, np.float32))
+        tops[-1][:, 0] = np.fmax.reduce(inverse_depth, axis=1)
+        wide = tops[-1][:, 0] - farthest[-1] > gap
         if surfaces > 1 and wide.any():
-            bounds[wide] = split(inverse_depth[wide], gap, surfaces)
-        parts.append((pixels, bounds, nearest, farthest))
-    if not parts:
-        return DepthSurvey(
-            np.zeros(0, np.int64), np.zeros((0, surfaces - 1), np.float32), *np.zeros((2, 0), np.float32)
-        )
-    return DepthSurvey(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+            bounds[-1][wide], tops[-1][wide, 1:] = split(inverse_depth[wide], gap, surfaces)
+    return DepthSurvey(*(np.concatenate(parts) for parts in (pixels, bounds, tops, farthest)))
 
 
-def split(inverse_depth: np.ndarray, gap: float, surfaces: int) -> np.ndarray:
-    """Boundaries between surfaces, float32 [pixel, surfaces - 1], falling, NOWHERE if unused.
+def split(inverse_depth: np.ndarray, gap: float, surfaces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Boundaries between surfaces, and the inverse depth of the nearest sample behind each: float32
+    [pixel, surfaces - 1] each, falling, NOWHERE if unused.
 
     inverse_depth: float32 [pixel, sample], NaN where a sample sees nothing. Splits at the widest gaps, so
     that where there are too many surfaces the closest ones are taken together.
@@ -70,11 +73,10 @@ def split(inverse_depth: np.ndarray, gap: float, surfaces: int) -> np.ndarray:
     count = min(surfaces - 1, steps.shape[1])
     widest = np.argsort(-steps, axis=1, kind="stable")[:, :count]
     used = np.take_along_axis(steps, widest, axis=1) > 0
-    below, above = (
-        np.take_along_axis(ordered, widest, axis=1),
-        np.take_along_axis(ordered, widest + 1, axis=1),
-    )
-    bounds = np.where(used, 0.5 * (below + above), NOWHERE).astype(np.float32)
-    out = np.full((len(inverse_depth), surfaces - 1), NOWHERE, np.float32)
-    out[:, :count] = -np.sort(-bounds, axis=1)
-    return out
+    below = np.where(used, np.take_along_axis(ordered, widest, axis=1), NOWHERE)
+    above = np.where(used, np.take_along_axis(ordered, widest + 1, axis=1), NOWHERE)
+    falling = np.argsort(-below, axis=1, kind="stable")
+    bounds, tops = np.full((2, len(inverse_depth), surfaces - 1), NOWHERE, np.float32)
+    bounds[:, :count] = np.take_along_axis(0.5 * (below + above), falling, axis=1)
+    tops[:, :count] = np.take_along_axis(below, falling, axis=1)
+    return bounds, tops

@@ -8,6 +8,9 @@ import numpy as np
 
 LANES = 1 << 20
 
+EXTENT = 2**0.5
+"""Pixels whose centres are so far apart may still touch."""
+
 
 def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: float) -> np.ndarray:
     """Pixels that some point of the pupil looks behind, bool [y, x].
@@ -22,7 +25,7 @@ def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: fl
     found = nearest - farthest > gap
     if not np.isfinite(nearest).any():
         return found
-    widest = reach * float(nearest.max() - farthest.min())
+    widest = EXTENT + reach * float(nearest.max() - farthest.min())
     radius = min(int(np.ceil(widest)), max(rows, columns))
     if radius < 1:
         return found
@@ -36,7 +39,7 @@ def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: fl
     steps = (dy * padded.shape[1] + dx).ravel()[order]
     table = mi.Float(padded.ravel())
     offsets = mi.Int32(steps.astype(np.int32))
-    needed = mi.Float(np.maximum(gap, distance[order] / reach).astype(np.float32))
+    needed = mi.Float(np.maximum(gap, (distance[order] - EXTENT) / reach).astype(np.float32))
     begin = np.searchsorted(distance[order], np.arange(radius + 1), side="right").astype(np.uint32)
     for start in range(0, len(open_pixels), LANES):
         chosen = open_pixels[start : start + LANES]
@@ -61,8 +64,8 @@ def _bounded(
     while inner < radius:
         outer = min(radius, max(inner + 1, int(inner * 1.25)))
         drop = nearest - _window_minimum(_window_minimum(farthest, outer, 0), outer, 1)
-        found |= drop > max(gap, outer * np.sqrt(2) / reach)
-        possible = drop > max(gap, inner / reach)
+        found |= drop > max(gap, (outer * np.sqrt(2) - EXTENT) / reach)
+        possible = drop > max(gap, (inner - EXTENT) / reach)
         clear_to[~open_pixels & ~possible] = outer
         open_pixels |= possible
         inner = outer

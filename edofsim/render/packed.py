@@ -18,9 +18,22 @@ from .translate import make_mesh, plugin_with
 
 
 class PackedScene:
-    """A scene in the active engine's rgb variant, whose three channels can be set to any bands."""
+    """A scene in the active engine's rgb variant, whose three channels can be set to any bands.
 
-    def __init__(self, mi: Any, model: SceneModel, settings: RenderSettings) -> None:
+    lens: aperture radius and focus distance in metres of a thin lens, None for the pinhole. integrator,
+    sampler: Mitsuba's plugins, by default the path integrator with independent samples.
+    """
+
+    def __init__(
+        self,
+        mi: Any,
+        model: SceneModel,
+        settings: RenderSettings,
+        *,
+        lens: tuple[float, float] | None = None,
+        integrator: dict[str, Any] | None = None,
+        sampler: str = "independent",
+    ) -> None:
         self._mi, self._model = mi, model
         contents: dict[str, Any] = {"type": "scene"}
         first = self.triple(0)
@@ -35,7 +48,7 @@ class PackedScene:
             contents["sky"] = self._sky(model.environment.radiance, first)
         rows, columns = settings.padded_shape
         contents["sensor"] = {
-            "type": "perspective",
+            "type": "perspective" if lens is None else "thinlens",
             # The frame's right edge is at columns / 2 pixels. Mitsuba's +x points left when it looks along
             # +z.
             "fov": float(np.degrees(2 * np.arctan(columns / 2 * settings.pixel_angle))),
@@ -51,10 +64,16 @@ class PackedScene:
                 "pixel_format": "rgb",
                 "component_format": "float32",
             },
-            "sampler": {"type": "independent"},
+            "sampler": {"type": sampler},
         }
+        if lens is not None:
+            contents["sensor"] |= {"aperture_radius": lens[0], "focus_distance": lens[1]}
         # No roulette: the seed being the same in all passes, the noise of the bands stays alike.
-        contents["integrator"] = {"type": "path", "max_depth": settings.max_depth, "rr_depth": 1000}
+        contents["integrator"] = integrator or {
+            "type": "path",
+            "max_depth": settings.max_depth,
+            "rr_depth": 1000,
+        }
         self.scene = mi.load_dict(contents, optimize=False)
         self._parameters = mi.traverse(self.scene)
 

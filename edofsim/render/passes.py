@@ -27,14 +27,19 @@ LEAST_PASSES = 4
 class Group:
     """Pixels of one layer that need the same sums: one surface each (bounds is None), or several.
 
-    layer: 0 what is seen, n behind n surfaces; pixels: int64 [pixel]; bounds: float32 [pixel, split]; first:
-    the sums of surface k of pixel i are at first + k len(pixels) + i.
+    limits: float32 [pixel] for each surface that its rays pass (see `rays.Samples`); pixels: int64 [pixel];
+    bounds: float32 [pixel, split]; first: the sums of surface k of pixel i are at first + k len(pixels) + i.
     """
 
-    layer: int
+    limits: tuple[np.ndarray, ...]
     pixels: np.ndarray
     bounds: np.ndarray | None
     first: int
+
+    @property
+    def layer(self) -> int:
+        """0 for what the pinhole sees, n for what is behind n surfaces."""
+        return len(self.limits)
 
     @property
     def surfaces(self) -> int:
@@ -45,15 +50,17 @@ class Group:
         return self.surfaces * len(self.pixels)
 
 
-def groups_of(surveys: list[DepthSurvey]) -> tuple[Group, ...]:
-    """The groups of a view whose n-th layer is the n-th survey."""
+def groups_of(surveys: list[DepthSurvey], limits: list[np.ndarray]) -> tuple[Group, ...]:
+    """The groups of a view whose n-th layer is the n-th survey, behind surfaces with the first n limits
+    (float32 [pixel of the frame])."""
     out: list[Group] = []
     first = 0
     for layer, found in enumerate(surveys):
         several = found.several
         for chosen, bounds in ((~several, None), (several, found.bounds[several])):
             if chosen.any():
-                out.append(Group(layer, found.pixels[chosen], bounds, first))
+                pixels = found.pixels[chosen]
+                out.append(Group(tuple(limit[pixels] for limit in limits[:layer]), pixels, bounds, first))
                 first += out[-1].slots
     return tuple(out)
 

@@ -21,21 +21,19 @@ ROULETTE_DEPTH = 6
 """Paths longer than this end at random, by their brightest band; shorter ones never do."""
 
 
-def trace(
-    stage: Stage, lens: Lens, samples: Samples, layer: int, gap: float, max_depth: int
-) -> tuple[Any, Any, Any]:
+def trace(stage: Stage, lens: Lens, samples: Samples, gap: float, max_depth: int) -> tuple[Any, Any, Any]:
     """Radiance [band, sample], inverse depth [sample], and whether there is a surface to see [sample].
 
-    layer 0 is what the pinhole sees; layer n is what it would see if the first n surfaces of each ray were
+    Layer 0 is what the pinhole sees; layer n is what it would see if the first n surfaces of each ray were
     not there *for that ray*: their shadows and reflections stay. max_depth counts as Mitsuba's: 1 is emitted
     light alone, 2 adds direct light. Not evaluated: the caller evaluates all three together.
     """
-    ray, index, seed = camera_rays(lens, samples)
-    seed = combined(seed, dr.opaque(mi.UInt32, layer))
-    exists = mi.Bool(True)
-    if layer > 0:
-        ray, exists, _ = behind(stage, ray, dr.opaque(mi.UInt32, layer), dr.opaque(mi.Float, gap))
-    radiance, inverse_depth = walk(stage, ray, index, seed, exists, dr.opaque(mi.UInt32, max_depth))
+    rays = camera_rays(lens, samples)
+    ray, exists = rays.ray, mi.Bool(True)
+    if samples.layer > 0:
+        ray, exists, _ = behind(stage, ray, rays.limits, dr.opaque(mi.Float, gap))
+    seed = combined(rays.seed, dr.opaque(mi.UInt32, samples.layer))
+    radiance, inverse_depth = walk(stage, ray, rays.index, seed, exists, dr.opaque(mi.UInt32, max_depth))
     return radiance, inverse_depth, exists
 
 

@@ -29,24 +29,42 @@ class Lens:
 
 @dataclass(frozen=True)
 class Samples:
-    """One launch: which pixels, and which samples of each.
+    """One launch: which pixels, which samples of each, and how far behind what they see.
 
     pixels: UInt32 [pixel] numbers in the padded frame, row by row; count: samples a pixel; number: of the
-    pass, each pass being an independent set of samples; seed: of the whole view.
+    pass, each pass being an independent set of samples; seed: of the whole view; limits: Float [pixel] for
+    each surface that is passed: what lies behind it is looked at only if its inverse depth is above that.
     """
 
     pixels: Any
     count: int
     number: int
     seed: int
+    limits: tuple[Any, ...] = ()
+
+    @property
+    def layer(self) -> int:
+        """0 for what the pinhole sees, n for what is behind n surfaces."""
+        return len(self.limits)
 
     @property
     def size(self) -> int:
         return dr.width(self.pixels) * self.count
 
 
-def camera_rays(lens: Lens, samples: Samples) -> tuple[Any, Any, Any]:
-    """Rays of a launch, sample index within the pass, and seed of each ray's path, all [pixel * count].
+@dataclass(frozen=True)
+class CameraRays:
+    """Rays of a launch [pixel * count]: ray; index of the sample within its pass; seed of its path;
+    limits."""
+
+    ray: Any
+    index: Any
+    seed: Any
+    limits: tuple[Any, ...]
+
+
+def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
+    """Rays of a launch, the samples of a pixel side by side.
 
     A pixel is a box: its rays are spread over its square (row 0 is the top of the picture).
     """
@@ -65,18 +83,21 @@ def camera_rays(lens: Lens, samples: Samples) -> tuple[Any, Any, Any]:
     x = (mi.Float(column) - half_width + across) * angle
     y = (half_height - mi.Float(row) - down) * angle
     ray = mi.Ray3f(mi.Point3f(0.0), dr.normalize(mi.Vector3f(x, y, 1.0)))
-    return ray, index, combined(seed, mi.UInt32(PATH))
+    limits = tuple(dr.gather(mi.Float, limit, place) for limit in samples.limits)
+    return CameraRays(ray, index, combined(seed, mi.UInt32(PATH)), limits)
 
 
 @dr.syntax
-def behind(stage, ray, layer, gap):
-    """Carry rays on past `layer` surfaces.
+def behind(stage, ray, limits, gap):
+    """Carry rays on past as many surfaces as there are limits (Float [ray], see `Samples`).
 
     A surface counts if it is farther than the last one by `gap` (in 1/m), and not the inside of a closed
     object. Returns (ray that meets the next surface or nothing, whether there is one to be seen, its inverse
     depth, 0 for the background). A ray that passed all surfaces sees the background behind the last.
     """
-    to_pass = mi.UInt32(layer)
+    layer = dr.opaque(mi.UInt32, len(limits))
+    passed = mi.UInt32(0)
+    limit = mi.Float(limits[0])
     last = mi.Float(dr.inf)
     searching = mi.Bool(True)
     exists = mi.Bool(False)
@@ -91,13 +112,15 @@ def behind(stage, ray, layer, gap):
         closed = dr.gather(mi.UInt32, stage.objects, row * FIELDS + CLOSED, valid) != 0
         inside = closed & (dr.dot(si.n, ray.d) > 0) & (steps > 0)
         counts = valid & ~inside & (here < last - gap)
-        found = searching & (to_pass == 0) & (counts | ~valid)
+        found = searching & (passed == layer) & (counts | ~valid)
         exists |= found
         inverse_depth = dr.select(found, here, inverse_depth)
-        passed = searching & counts & ~found
-        last = dr.select(passed, here, last)
-        to_pass = dr.select(passed, to_pass - 1, to_pass)
-        searching &= valid & ~found & (steps < MAX_SURFACES)
+        passing = searching & counts & ~found
+        searching &= valid & ~found & (~passing | (here > limit)) & (steps < MAX_SURFACES)
+        last = dr.select(passing, here, last)
+        passed = dr.select(passing, passed + 1, passed)
+        for number in range(1, len(limits)):
+            limit = dr.select(passed == number, limits[number], limit)
         on = si.spawn_ray(ray.d)
         ray.o = dr.select(searching, on.o, ray.o)
         steps += 1

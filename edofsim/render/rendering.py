@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from ..scene.model import SceneModel
-from .depths import DepthSurvey, survey
+from .depths import NOWHERE, DepthSurvey, survey
 from .engine import thread_count, use_engine
 from .interrupts import interruptible
 from .partial import load_partial, save_partial
@@ -54,9 +54,11 @@ def render_model(
     say(0.0, "loading the scene")
     stage = build_stage(mi, model)
     loaded = time.perf_counter()
-    surveys, hidden = survey_layers(stage, settings, lambda part, what: say(SURVEY_SHARE * part, what))
+    surveys, limits, hidden = survey_layers(
+        stage, settings, lambda part, what: say(SURVEY_SHARE * part, what)
+    )
     surveyed = time.perf_counter()
-    groups = groups_of(surveys)
+    groups = groups_of(surveys, limits)
     sums = load_partial(partial, groups, stage.bands) if partial else None
     sums = sums or Sums.empty(groups, stage.bands)
     take_samples(stage, settings, groups, sums, say, partial)
@@ -77,35 +79,55 @@ def render_model(
     return assemble(model.wavelengths, settings, groups, sums, {**metadata, "run": run})
 
 
-def survey_layers(stage: Any, settings: RenderSettings, progress: Progress) -> tuple[list[DepthSurvey], str]:
-    """What each layer sees: the visible one, then the hidden ones behind it; and a sentence on the latter."""
-    from .edges import seen_around
+def survey_layers(
+    stage: Any, settings: RenderSettings, progress: Progress
+) -> tuple[list[DepthSurvey], list[np.ndarray], str]:
+    """What each layer sees: the visible one, then the hidden ones behind it; the limits of the latter (see
+    `rays.Samples`, float32 [pixel of the frame]); and a sentence on them."""
     from .tracing import depth_tiles
 
     rows, columns = settings.padded_shape
     everything = np.arange(rows * columns, dtype=np.int64)
+    limits: list[np.ndarray] = []
 
-    def look(pixels: np.ndarray, layer: int) -> DepthSurvey:
-        tiles = depth_tiles(stage, settings, pixels, layer, lambda part: progress(part, "measuring depth"))
+    def look(pixels: np.ndarray) -> DepthSurvey:
+        tiles = depth_tiles(stage, settings, pixels, limits, lambda part: progress(part, "measuring depth"))
         return survey(tiles, settings.gap, settings.fragments)
 
-    surveys = [look(everything, 0)]
+    surveys = [look(everything)]
     if not settings.hidden:
-        return surveys, "not rendered: the recipe says so"
-    farthest = surveys[0].farthest.reshape(rows, columns)
-    reach = settings.pupil_radius / settings.pixel_angle
-    for layer in range(1, HIDDEN_LAYERS + 1):
-        nearest = np.full(rows * columns, -np.inf, np.float32)
-        nearest[surveys[-1].pixels] = surveys[-1].nearest
-        behind = seen_around(nearest.reshape(rows, columns), farthest, settings.gap, reach)
-        found = look(np.flatnonzero(behind), layer)
+        return surveys, limits, "not rendered: the recipe says so"
+    for _ in range(HIDDEN_LAYERS):
+        limits.append(_limits(surveys[-1], surveys[0], settings))
+        found = look(np.flatnonzero(limits[-1] < np.inf))
         if not len(found.pixels):
             break
         surveys.append(found)
     if len(surveys) == 1:
-        return surveys, "none: no depth edge"
+        return surveys, limits, "none: no depth edge"
     share = 100 * len(surveys[1].pixels) / (rows * columns)
-    return surveys, f"behind {share:.1f} % of the pixels, {len(surveys) - 1} deep"
+    return surveys, limits, f"behind {share:.1f} % of the pixels, {len(surveys) - 1} deep"
+
+
+def _limits(last: DepthSurvey, seen: DepthSurvey, settings: RenderSettings) -> np.ndarray:
+    """Inverse depth above which the pupil looks behind surfaces of the last layer, float32 [pixel of the
+    frame]; infinite where it looks behind none."""
+    from .edges import seen_around
+
+    rows, columns = settings.padded_shape
+    farthest = seen.farthest.reshape(rows, columns)
+    limits = np.full(rows * columns, np.inf, np.float32)
+    reach = settings.pupil_radius / settings.pixel_angle
+    for surface in range(settings.fragments):
+        top = last.tops[:, surface]
+        level = np.full(rows * columns, -np.inf, np.float32)
+        level[last.pixels] = np.where(top == NOWHERE, -np.inf, top)
+        looked_behind = seen_around(level.reshape(rows, columns), farthest, settings.gap, reach).ravel()
+        below = np.full(rows * columns, NOWHERE, np.float32)
+        if surface < settings.fragments - 1:
+            below[last.pixels] = last.bounds[:, surface]
+        limits[looked_behind] = below[looked_behind]
+    return limits
 
 
 def take_samples(

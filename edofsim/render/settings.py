@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..recipe.scene import SceneRecipe
 
-INTEGRATOR = 1
+INTEGRATOR = 2
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give other pixels."""
 
 

@@ -6,7 +6,7 @@ neighbours in memory and are summed block by block, which gives the same bytes w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import drjit as dr
 import mitsuba as mi
@@ -32,10 +32,11 @@ def depth_tiles(
     stage: Stage,
     settings: RenderSettings,
     pixels: np.ndarray,
-    layer: int,
+    limits: list[np.ndarray],
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Inverse depths that samples see in a layer: (pixels, float32 [pixel, sample], NaN for nothing).
+    """Inverse depths that samples see behind as many surfaces as there are limits (float32 [pixel of the
+    frame]): (pixels, float32 [pixel, sample], NaN for nothing).
 
     These are the very rays of the first passes (up to SURVEY_SAMPLES samples), so that what is rendered falls
     on the surfaces that were found.
@@ -49,35 +50,38 @@ def depth_tiles(
     tile = max(1, SURVEY_LAUNCH // total)
     for start in range(0, len(pixels), tile):
         chosen = pixels[start : start + tile]
-        numbers = mi.UInt32(chosen.astype(np.uint32))
         parts = []
         for number, size in enumerate(sizes):
-            samples = Samples(numbers, size, number, settings.seed)
-            parts.append(np.array(_depths(stage, settings, samples, layer)).reshape(len(chosen), size))
+            samples = _samples(settings, chosen, size, number, [limit[chosen] for limit in limits])
+            parts.append(np.array(_depths(stage, settings, samples)).reshape(len(chosen), size))
         if progress:
             progress(min(1.0, (start + tile) / len(pixels)))
         yield chosen, np.concatenate(parts, axis=1)
 
 
-def _depths(stage: Stage, settings: RenderSettings, samples: Samples, layer: int) -> mi.Float:
-    ray, _, _ = camera_rays(lens_of(settings), samples)
-    if layer == 0:
-        hit = stage.scene.ray_intersect_preliminary(ray, coherent=True)
-        return dr.select(hit.is_valid(), dr.rcp(hit.t * ray.d.z), 0.0)
-    _, exists, inverse_depth = behind(
-        stage, ray, dr.opaque(mi.UInt32, layer), dr.opaque(mi.Float, settings.gap)
-    )
+def _samples(
+    settings: RenderSettings, pixels: np.ndarray, count: int, number: int, limits: Sequence[np.ndarray]
+) -> Samples:
+    limited = tuple(mi.Float(np.ascontiguousarray(limit, np.float32)) for limit in limits)
+    return Samples(mi.UInt32(pixels.astype(np.uint32)), count, number, settings.seed, limited)
+
+
+def _depths(stage: Stage, settings: RenderSettings, samples: Samples) -> mi.Float:
+    rays = camera_rays(lens_of(settings), samples)
+    if samples.layer == 0:
+        hit = stage.scene.ray_intersect_preliminary(rays.ray, coherent=True)
+        return dr.select(hit.is_valid(), dr.rcp(hit.t * rays.ray.d.z), 0.0)
+    _, exists, inverse_depth = behind(stage, rays.ray, rays.limits, dr.opaque(mi.Float, settings.gap))
     return dr.select(exists, inverse_depth, dr.nan)
 
 
 def run_launch(stage: Stage, settings: RenderSettings, group: Group, launch: Launch) -> LaunchResult:
     """Trace the samples of a launch and sum them by pixel and surface."""
     where = slice(launch.start, launch.stop)
-    samples = Samples(
-        mi.UInt32(group.pixels[where].astype(np.uint32)), launch.samples, launch.number, settings.seed
-    )
+    limits = [limit[where] for limit in group.limits]
+    samples = _samples(settings, group.pixels[where], launch.samples, launch.number, limits)
     radiance, inverse_depth, exists = trace(
-        stage, lens_of(settings), samples, group.layer, settings.gap, settings.max_depth
+        stage, lens_of(settings), samples, settings.gap, settings.max_depth
     )
     finite = dr.isfinite(dr.sum(radiance))
     broken = dr.select(exists & ~finite, mi.UInt32(1), mi.UInt32(0))
