@@ -15,8 +15,8 @@ from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
 
 FEWEST_SAMPLES = 512
-"""Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a transfer
-function, with so many less than 1e-3 of the light."""
+"""Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a
+transfer function, with so many less than 1e-3 of the light."""
 
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
