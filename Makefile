@@ -21,8 +21,14 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,bench,cluster]'
 	touch $@
 
+# A working LLVM: where no engine renders, apt as root or through password-less sudo, else the command to type.
 setup: $(VENV)/.installed
-	@$(BIN)/edofsim doctor --install
+	@$(BIN)/edofsim doctor || { \
+	  sudo=$$([ "$$(id -u)" = 0 ] || echo "sudo -n"); \
+	  echo "installing libllvm19"; \
+	  { $$sudo apt-get update -qq && $$sudo apt-get install -y -qq libllvm19; } \
+	    || { echo "type: sudo apt-get install libllvm19    (any LLVM from 17 on will do)"; exit 1; }; \
+	  $(BIN)/edofsim doctor --again; }
 
 run: setup
 	$(BIN)/edofsim run $(SCENE) --out $(OUT)/$(SCENE) --json $(OUT)/$(SCENE)/run.json
@@ -32,6 +38,9 @@ test: setup
 
 test-all: setup
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+bench: setup
+	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check edofsim tests

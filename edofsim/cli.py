@@ -246,6 +246,23 @@ def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
     evaluate_bandwidth(out, json).show()
 
 
+@evaluate_app.command()
+def bench(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
+    ] = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile."""
+    from .commands import evaluate_bench
+
+    with console.progress("bench", quiet=quiet) as progress:
+        done = evaluate_bench(names or (), json, progress)
+    done.show()
+
+
 @cache_app.command("ls")
 def cache_ls(cache: CacheOption = None, json: JsonOption = None) -> None:
     """Every entry with its scene, size and age."""

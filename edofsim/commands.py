@@ -282,6 +282,20 @@ def evaluate_bandwidth(out: Path | None, json: Path | None) -> Done:
     return _experiment("evaluate bandwidth", bandwidth.run(folder), folder, json, {})
 
 
+def evaluate_bench(names: Sequence[str], json: Path | None, progress: Progress) -> Done:
+    """`edofsim evaluate bench`."""
+    from .evaluate import benches
+    from .record import machine
+
+    numbers = benches.run(names or benches.BENCHES, progress)
+    table = Table("figure", "value", box=None)
+    for name, value in numbers.items():
+        table.add_row(name, f"{value:.4g}")
+    about = machine()
+    line = f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}"
+    return _finish("evaluate bench", [table, line], numbers, {}, json, inputs={"benchmarks": list(names)})
+
+
 def cache_list(cache: Path | None, json: Path | None) -> Done:
     """`edofsim cache ls`."""
     from .render import cache as store

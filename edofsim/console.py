@@ -15,7 +15,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from .errors import EdofsimError, InputError
 
-out = Console(highlight=False, soft_wrap=True)
+FILE_WIDTH = 160  # columns of a table that goes to a file or a pipe
+
+out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else FILE_WIDTH)
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 LINE_EVERY_S = 10.0

@@ -15,6 +15,8 @@ from .effect import Decision, Plan
 LAYER_STEP_PX = 2.0
 """Change of the geometric blur's diameter from one depth layer to the next, in pixels. Over the two dioptres
 of the paper's scene range its camera gets 31 steps with it."""
+RAYLEIGH = 0.25
+"""Waves of path difference that an image shows (Rayleigh's criterion)."""
 
 
 def plan_photo(view: View, camera: Camera, overrule: Mapping[str, Any] | None = None) -> Plan:
@@ -28,7 +30,7 @@ def plan_photo(view: View, camera: Camera, overrule: Mapping[str, Any] | None = 
         _bands(view),
         _layers(view, camera, insisted),
         _occlusion(view, insisted),
-        _exact_lens(camera),
+        _exact_lens(view, camera),
         _outside(view, camera),
         _noise(camera),
     ]
@@ -84,10 +86,17 @@ def _occlusion(view: View, insisted: Mapping[str, Any]) -> Choice:
     return decision, {"occlusion": chosen}
 
 
-def _exact_lens(camera: Camera) -> Choice:
+def _exact_lens(view: View, camera: Camera) -> Choice:
     exact = camera.recipe.lens.thickness == "exact"
-    why = "the spherical surface departs from its parabola by several waves at the rim of this lens"
-    return Decision("exact lens", True, "exact sag" if exact else "parabola", why, not exact), {}
+    r, radius = camera.aperture_radius, camera.radius_of_curvature
+    beyond_parabola = radius - math.sqrt(radius**2 - r**2) - r**2 / (2 * radius)
+    wavelength = float(view.wavelengths.double().mean())
+    waves = (float(camera.glass.index(wavelength)) - 1) * beyond_parabola / wavelength
+    why = (
+        f"the sphere departs from its parabola by {waves:.2f} waves at the rim of the aperture, "
+        f"{'above' if waves > RAYLEIGH else 'below'} Rayleigh's quarter"
+    )
+    return Decision("exact lens", waves > RAYLEIGH, "exact sag" if exact else "parabola", why, not exact), {}
 
 
 def _outside(view: View, camera: Camera) -> Choice:
