@@ -15,7 +15,10 @@ import mitsuba as mi
 
 from .rays import Lens, Samples, behind, camera_rays
 from .sampling import combined, pair
-from .translate import BASIS, FIELDS, HEIGHT, REPEATS, ROWS, TEXTURE, WIDTH, Stage
+from .translate import BASIS, CARRIER, FIELDS, HEIGHT, INDEX, REPEATS, ROWS, TEXTURE, WIDTH, Stage
+
+HERO = 0xB0
+"""Names the random numbers that choose a path's own band."""
 
 ROULETTE_DEPTH = 6
 """Paths longer than this end at random, by their brightest band; shorter ones never do."""
@@ -54,6 +57,9 @@ def walk(stage, ray, index, seed, active, max_depth):
     last = dr.zeros(mi.SurfaceInteraction3f)
     last_pdf = mi.Float(1.0)
     last_delta = mi.Bool(True)
+    # The band that a path goes on in behind dispersive glass, where each goes its own way
+    hero = mi.UInt32(pair(index, combined(seed, mi.UInt32(HERO)), mi.Float)[0] * stage.bands)
+    alone = mi.Bool(False)
     context = mi.BSDFContext()
     while dr.hint(active, exclude=[stage]):
         si = stage.scene.ray_intersect(ray, mi.RayFlags.All, coherent=depth == 0, active=active)
@@ -81,10 +87,22 @@ def walk(stage, ray, index, seed, active, max_depth):
         value, pdf, sample, weight = bsdf.eval_pdf_sample(
             context, si, si.to_local(ds.d), choice[0], onward, on
         )
-        rho = reflectance(stage, si, on)
+        fields = object_fields(stage, si, on)
+        rho = reflectance(stage, fields, si.uv, on)
         seen = on & (ds.pdf > 0) & (arriving[0] > 0)
         share = dr.select(seen, dr.select(ds.delta, 1.0, ds.pdf / (ds.pdf + pdf)) / ds.pdf, 0.0)
         radiance = radiance + throughput * affine(rho, value * share) * light(stage, ds.emitter, ds.d, seen)
+
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        if dr.hint(stage.disperses, mode="scalar"):
+            bends = on & (fields[INDEX] > 0)
+            toward, passed = refracted(stage, fields[INDEX] - 1, hero, si.wi, choice[0], bends)
+            throughput = in_band(throughput, hero, bends & ~alone)
+            alone |= bends
+            delta |= bends
+            weight = dr.select(bends, passed, weight)
+            sample.wo = dr.select(bends, toward, sample.wo)
+            sample.pdf = dr.select(bends, 1.0, sample.pdf)
 
         throughput = throughput * affine(rho, weight)
         largest = dr.max(throughput)
@@ -94,7 +112,7 @@ def walk(stage, ray, index, seed, active, max_depth):
         ray = si.spawn_ray(si.to_world(sample.wo))
         last = dr.detach(si)
         last_pdf = sample.pdf
-        last_delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        last_delta = delta
         active = on
         depth += 1
     return radiance, inverse_depth
@@ -119,16 +137,43 @@ def mixed(stage: Stage, row: Any, coefficients: Any, active: Any) -> Any:
     return total
 
 
-def reflectance(stage: Stage, si: Any, active: Any) -> Any:
-    """Reflectance of what was hit, [band, lane]."""
+def object_fields(stage: Stage, si: Any, active: Any) -> Any:
+    """The table's entry of what was hit, [field, lane]."""
     row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), active)
-    fields = dr.gather(mi.ArrayXu, stage.objects, row, active, shape=(FIELDS, dr.width(row)))
+    return dr.gather(mi.ArrayXu, stage.objects, row, active, shape=(FIELDS, dr.width(row)))
+
+
+def reflectance(stage: Stage, fields: Any, uv: Any, active: Any) -> Any:
+    """Reflectance of what was hit, [band, lane]."""
     if not stage.has_textures:
         return spectrum(stage, fields[BASIS], active)
     textured = active & (fields[WIDTH] > 0)
-    texel = texel_at(stage, fields, si.uv, fields[REPEATS] > 0, fields[REPEATS] > 0, textured)
+    texel = texel_at(stage, fields, uv, fields[REPEATS] > 0, fields[REPEATS] > 0, textured)
     coefficients = [dr.select(textured, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
     return mixed(stage, fields[BASIS], coefficients, active)
+
+
+def refracted(stage: Stage, row: Any, hero: Any, wi: Any, choice: Any, active: Any) -> tuple[Any, Any]:
+    """Direction behind a smooth interface whose index is that of band `hero`, and the carrier's weight.
+
+    Reflection is chosen with Fresnel's probability; radiance that passes scales with the index squared.
+    """
+    index = dr.gather(mi.Float, stage.spectra, row * stage.stride + hero, active)
+    reflected, cosine, _, into = mi.fresnel(mi.Frame3f.cos_theta(wi), index)
+    mirrors = choice < reflected
+    toward = dr.select(mirrors, mi.reflect(wi), mi.refract(wi, cosine, into))
+    return toward, dr.select(mirrors, mi.Color3f(1.0), mi.Color3f(*CARRIER) * dr.square(into))
+
+
+def in_band(throughput: Any, hero: Any, chosen: Any) -> Any:
+    """Where `chosen`, all of a path's light in one band: its throughput times the number of bands."""
+    bands = len(throughput)
+    return mi.ArrayXf(
+        [
+            dr.select(chosen, dr.select(hero == band, throughput[band] * bands, 0.0), throughput[band])
+            for band in range(bands)
+        ]
+    )
 
 
 def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:

@@ -67,7 +67,7 @@ def render_model(
         "integrator": INTEGRATOR,
         "mitsuba": version("mitsuba"),
         "drjit": version("drjit"),
-        "route": "many bands a path",
+        "route": _route(model),
         "samples": sums.samples,
         "hidden": hidden,
         "layers": [len(found.pixels) for found in surveys],
@@ -77,6 +77,13 @@ def render_model(
     seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
     run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
     return assemble(model.wavelengths, settings, groups, sums, {**metadata, "run": run})
+
+
+def _route(model: SceneModel) -> str:
+    if not model.dispersive:
+        return "many bands a path"
+    names = ", ".join(model.dispersive)
+    return f"many bands a path; one band a path behind glass that disperses light ({names})"
 
 
 def survey_layers(

@@ -23,9 +23,10 @@ ROWS = 3
 """A spectrum is at most this many coefficients times as many basis spectra."""
 
 FIELDS = 8
-BASIS, TEXTURE, WIDTH, HEIGHT, REPEATS, CLOSED = range(6)
+BASIS, TEXTURE, WIDTH, HEIGHT, REPEATS, CLOSED, INDEX = range(7)
 """What the table of objects says of each, as uint32: row of its basis, first texel, size (0: no texture),
-whether its texture coordinates leave the unit square, whether its mesh encloses a volume."""
+whether its texture coordinates leave the unit square, whether its mesh encloses a volume, and 1 + the row of
+its refractive index if that changes with wavelength (else 0)."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Stage:
 
     spectra: Float, [row * stride + band], ROWS rows a basis; texels: Float, 4 a texel; objects: UInt32,
     FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; lights: as
-    `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up.
+    `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up;
+    disperses: whether any index changes with wavelength.
     """
 
     scene: Any
@@ -48,6 +50,7 @@ class Stage:
     bands: int
     stride: int
     has_textures: bool
+    disperses: bool
     has_sky_image: bool
 
 
@@ -83,6 +86,15 @@ class _Tables:
             self.texels.append(padded.reshape(-1))
             self._texel_count += image.shape[0] * image.shape[1]
         return self._places[id(image)][0]
+
+    def object(self, item: SceneObject) -> np.ndarray:
+        """The fields of an object."""
+        uv = item.mesh.uv
+        repeats = uv is not None and bool((uv < -1e-6).any() or (uv > 1 + 1e-6).any())
+        fields = self.entry(item.surface.reflectance, repeats, is_closed(item.mesh))
+        if item.surface.per_band:
+            fields[INDEX] = 1 + self.row(np.asarray(item.surface.per_band["int_ior"])[None])
+        return fields
 
     def entry(self, value: BandTexture, repeats: bool = False, closed: bool = False) -> np.ndarray:
         """The fields of one object or light."""
@@ -121,9 +133,7 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
             lights.append(tables.entry(BandTexture(np.asarray(item.emission)[None])))
         meshes.append(make_mesh(mi, item, bsdfs.instance(item), lamp))
         contents[f"object-{number:06d}"] = meshes[-1]
-        uv = item.mesh.uv
-        repeats = uv is not None and bool((uv < -1e-6).any() or (uv > 1 + 1e-6).any())
-        objects.append(tables.entry(item.surface.reflectance, repeats, is_closed(item.mesh)))
+        objects.append(tables.object(item))
     sky_image = False
     if model.environment is not None:
         radiance = model.environment.radiance
@@ -146,6 +156,7 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
         environment=len(lights) - 1 if model.environment is not None else -1,
         bands=bands,
         stride=tables.stride,
+        disperses=bool(model.dispersive),
         has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
         has_sky_image=sky_image,
     )
@@ -176,6 +187,12 @@ def _check(model: SceneModel) -> None:
             problems.append(
                 f"{item.name}: its radiance has shape {list(np.shape(item.emission))}, not [{bands}]"
             )
+        if item.surface.per_band and (
+            set(item.surface.per_band) != {"int_ior"} or item.surface.bsdf.get("type") != "dielectric"
+        ):
+            problems.append(
+                f"{item.name}: only the refractive index (int_ior) of a smooth dielectric may differ by band"
+            )
         if item.surface.reflectance.image is not None and item.mesh.uv is None:
             problems.append(f"{item.name}: it has a texture, but its mesh has no texture coordinates")
     if model.environment is not None:
@@ -194,7 +211,7 @@ class _Bsdfs:
 
     def instance(self, item: SceneObject) -> Any:
         surface = item.surface
-        key = repr((_sorted(surface.bsdf), surface.reflectance_key, surface.two_sided))
+        key = repr((_sorted(plugin_with(surface, {})), surface.two_sided))
         if key not in self._known:
             carrier = {"type": "rawconstant", "value": list(CARRIER)}
             try:
@@ -227,6 +244,7 @@ def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]
     A reflectance key with dots leads into nested BSDFs (`nested.reflectance`); an empty key: none at all.
     """
     plugin = _copied(surface.bsdf)
+    plugin |= {key: float(np.mean(values)) for key, values in surface.per_band.items()}
     if surface.reflectance_key:
         *path, last = surface.reflectance_key.split(".")
         place = plugin

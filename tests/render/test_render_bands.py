@@ -205,6 +205,56 @@ def test_same_as_packed_passes(mi, make, kind, bands):
     )
 
 
+def glass_scene(make, index, **more):
+    """A glass ball before a striped wall, in five bands."""
+    stripes = np.zeros((1, 8, 1), np.float32)
+    stripes[0, ::2] = 1
+    wall = make.texture(np.full((1, 5), 0.8, np.float32), stripes)
+    glass = make.surface(
+        {"type": "dielectric", "ext_ior": 1.0, **more},
+        "specular_transmittance",
+        make.flat(1.0, 5),
+        False,
+        index,
+    )
+    return make.model(
+        [
+            make.thing("ball", make.sphere(0.05, (0, 0, 1), rings=32), glass),
+            make.thing("wall", make.facing(0.4, 0.4, 1.3), make.matt(wall)),
+        ],
+        sky=1.0,
+        bands=5,
+    )
+
+
+def test_dispersive_glass_bends_each_band_by_its_own_index(mi, make):
+    """Each band behind dispersive glass against a render through Mitsuba's own dielectric of that band's
+    index (they differ by far more than noise), and no light gained or lost: a furnace stays white."""
+    index = np.linspace(1.8, 1.4, 5)
+    settings = make.settings(12, 12, angle=0.008, samples=1024, max_depth=8, hidden=False)
+    ours = render_model(glass_scene(make, {"int_ior": index}), settings)
+    assert "one band a path behind glass that disperses light (ball)" in ours.metadata["route"]
+    image = ours.all_in_focus().numpy()
+    apart = []
+    for band in (0, 4):
+        plain = (
+            render_model(glass_scene(make, {}, int_ior=float(index[band])), settings).all_in_focus().numpy()
+        )
+        apart.append(np.sqrt(np.mean((image[band] - plain[band]) ** 2)))
+        other = np.sqrt(np.mean((image[4 - band] - plain[band]) ** 2))
+        assert apart[-1] < 0.05 < 0.1 < other
+        assert image[band].mean() == pytest.approx(plain[band].mean(), rel=0.01)
+
+
+def test_dispersive_glass_in_a_furnace(mi, make):
+    """Clear glass in light that is the same from everywhere is invisible in every band."""
+    scene = glass_scene(make, {"int_ior": np.linspace(1.8, 1.4, 5)})
+    ball = replace(scene, objects=scene.objects[:1])
+    settings = make.settings(12, 12, angle=0.01, samples=1024, max_depth=32, hidden=False)
+    image = render_model(ball, settings).all_in_focus().numpy()
+    assert image.mean(axis=(1, 2)) == pytest.approx(1, rel=0.02)
+
+
 def test_what_is_not_affine_is_refused(mi, make):
     """A nonlinear plastic squares its reflectance: the surface is named, not rendered wrongly."""
     surface = make.surface({"type": "plastic", "nonlinear": True}, "diffuse_reflectance", make.flat(0.5))
