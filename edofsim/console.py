@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -60,7 +61,10 @@ def show_outputs(outputs: Mapping[str, Any]) -> None:
 
 
 def exit_status(command: Callable[[], Any]) -> int:
-    """Run a command; what goes wrong ends in one message and in the status that says whose fault it was."""
+    """Run a command, with the warnings of the package on the error channel; what goes wrong ends in one message and in the status that says whose fault it was."""
+    log = logging.getLogger("edofsim")
+    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
+        log.addHandler(_Warnings())
     try:
         command()
     except InputError as error:
@@ -78,6 +82,13 @@ def exit_status(command: Callable[[], Any]) -> int:
             )
         raise
     return DONE
+
+
+class _Warnings(logging.Handler):
+    """What a user must know although the work goes on."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"edofsim: {record.getMessage()}", file=sys.stderr, flush=True)
 
 
 def _complain(problems: Any, status: int) -> int:

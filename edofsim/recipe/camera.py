@@ -55,7 +55,6 @@ class PsfSettings(RecipeModel):
 class CameraRecipe(RecipeModel):
     """A camera recipe. The defaults are the paper's camera with a clear aperture."""
 
-    schema_: Annotated[str | None, Field(alias="$schema")] = None
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
     purpose: str = ""
     lens: Lens = Lens()

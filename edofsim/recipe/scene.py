@@ -59,7 +59,6 @@ class SceneRecipe(RecipeModel):
     without a choice of member, the recipe is what its own values say.
     """
 
-    schema_: Annotated[str | None, Field(alias="$schema")] = None
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
     purpose: str = ""
     camera: str = "paper-cubic"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import platform
 import time
 from collections.abc import Callable
@@ -12,6 +13,8 @@ from . import cache as store
 from .keys import canonical, view_key
 from .settings import RenderSettings
 from .view import View
+
+LOG = logging.getLogger(__name__)
 
 __all__ = ["View", "cached", "render", "view_key"]
 
@@ -44,7 +47,7 @@ def render(
         if view is not None:
             return view
         if message:
-            say(0.0, message)
+            LOG.warning(message)
         return _rendered(recipe, base, place, noise, device, say)
 
 

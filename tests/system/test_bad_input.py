@@ -102,7 +102,7 @@ def test_mistakes_in_scene_and_camera_are_both_named(edofsim: Run, tmp_path: Pat
 
 def test_a_texture_that_is_not_an_image(edofsim: Run, tmp_path: Path):
     (tmp_path / "picture.png").write_text("this is no picture")
-    surface = 'surface = { kind = "matt", texture = { kind = "image", file = "picture.png" } }'
+    surface = 'surface = { kind = "matt", texture = { kind = "file", path = "picture.png" } }'
     text = SCENE.replace('surface = { kind = "matt" }', surface)
     refused(
         edofsim("render", scene_file(tmp_path, text), "--cache", tmp_path / "cache"), "picture.png", "card"
@@ -111,7 +111,10 @@ def test_a_texture_that_is_not_an_image(edofsim: Run, tmp_path: Path):
 
 def test_a_mesh_with_nan_vertices(edofsim: Run, tmp_path: Path):
     (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n")
-    text = SCENE + '\n[[objects]]\nkind = "mesh"\nname = "broken"\nfile = "mesh.obj"\ndepth_m = 1.0\n'
+    text = (
+        SCENE
+        + '\n[[objects]]\nkind = "mesh"\nname = "broken"\npath = "mesh.obj"\nsize_mm = 20\ndepth_m = 1.0\n'
+    )
     refused(
         edofsim("render", scene_file(tmp_path, text), "--cache", tmp_path / "cache"), "mesh.obj", "vertices"
     )
