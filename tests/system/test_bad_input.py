@@ -82,7 +82,8 @@ def test_a_missing_file(edofsim: Run, tmp_path: Path):
 
 
 def test_toml_syntax(edofsim: Run, tmp_path: Path):
-    refused(edofsim("run", scene_file(tmp_path, SCENE + "[[")), "scene.toml", "not valid TOML", "line")
+    path = scene_file(tmp_path, SCENE.replace("count = 2", "count = "))
+    refused(edofsim("run", path), "scene.toml", "not valid TOML", "line 6")
 
 
 def test_an_unknown_key(edofsim: Run, tmp_path: Path):
