@@ -86,7 +86,7 @@ def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
     regions = aperture(camera, grid).regions
     amplitude, light = mask_amplitude(mask, grid)
-    relief = sum(part * height for part, height in regions)
+    relief = sum(part * height for part, height in regions if height is not None)
     without_grid(axis)
     if isinstance(relief, Tensor) and float(relief.abs().max()) > 0:
         shown = torch.where(light > 0.5, relief - relief[light > 0.5].min(), torch.nan)

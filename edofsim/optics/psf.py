@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,9 +15,12 @@ from . import cache as bank_cache
 from .camera import Camera, defocus
 from .height import trained_pitch
 from .propagation import propagate
-from .pupil import aperture, chirp, pupil_function
+from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
 from .transform import SensorWindow, make_bases
+
+LARGEST_BYTES = 8 << 30
+"""Largest bank that is computed; beyond it the work is refused before it is begun."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +62,12 @@ def psf_bank(
     fabrication error in place of the recipe's. cache: a folder for banks that outlive the process; those
     without a trainable height are kept in memory in any case.
 
-    Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, and a
-    pupil sampling that cannot be met.
+    Beside the bank itself the work takes a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
+
+    Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
+    sampling that cannot be met, and a bank too large to begin.
     """
-    wavelengths, inverse_depths = _axes(camera, wavelengths, inverse_depths)
+    wavelengths, inverse_depths = _axes(camera, wavelengths, inverse_depths, relief=height is not None)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
     if dtype not in (torch.float32, torch.float64):
         raise InputError(f"PSFs are computed in float32 or float64, not {dtype}")
@@ -74,19 +80,18 @@ def psf_bank(
         known = bank_cache.find(key, cache)
         if known is not None:
             return known if str(device) == "cpu" else _moved(known, device)
-    window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
+    shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
+    _check_size(shape, dtype)
     pitch = None if height is None else trained_pitch(camera, height.shape[-1])
     sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
     opening = aperture(camera, sampling.grid, height, seed)
-    psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
-    bands = []
-    for band, wavelength in enumerate(wavelengths.tolist()):
-        pupil = pupil_function(camera, opening, wavelength, dtype=dtype, device=device)
-        chirps = chirp(sampling.grid, psi[:, band], dtype=dtype, device=device)
-        reach = wavelength * camera.sensor_distance
-        bases = make_bases(sampling.grid, window, reach, opening.light, dtype, pupil.device)
-        bands.append(propagate(pupil, chirps, bases)[:, :pixels, :pixels])
-    values = torch.stack(bands, dim=1)
+    bands = _bands(camera, opening, wavelengths, inverse_depths, pixels, dtype, torch.device(device))
+    if trainable:
+        values = torch.stack(list(bands), dim=1)
+    else:
+        values = torch.empty(shape, dtype=dtype, device=device)
+        for into, band in zip(values.unbind(1), bands, strict=True):
+            into.copy_(band)
     rest = 1 - values.sum((-1, -2))
     bank = PsfBank(values, rest, wavelengths, inverse_depths, opening.transmission, sampling)
     if key is not None:
@@ -94,8 +99,31 @@ def psf_bank(
     return bank
 
 
+def _bands(
+    camera: Camera,
+    opening: Aperture,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    pixels: int,
+    dtype: torch.dtype,
+    device: torch.device,
+) -> Iterator[Tensor]:
+    """The PSFs of each wavelength in turn, [depth, y, x]."""
+    window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
+    for wavelength in wavelengths.tolist():
+        pupil = pupil_function(camera, opening, wavelength, dtype=dtype, device=device)
+        psi = defocus(camera, wavelength, inverse_depths)
+        chirps = chirp(opening.grid, psi, dtype=dtype, device=device)
+        reach = wavelength * camera.sensor_distance
+        bases = make_bases(opening.grid, window, reach, opening.light, dtype, device)
+        yield propagate(pupil, chirps, bases)[:, :pixels, :pixels]
+
+
 def _axes(
-    camera: Camera, wavelengths: Tensor | Sequence[float], inverse_depths: Tensor | Sequence[float]
+    camera: Camera,
+    wavelengths: Tensor | Sequence[float],
+    inverse_depths: Tensor | Sequence[float],
+    relief: bool,
 ) -> tuple[Tensor, Tensor]:
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64, device="cpu").flatten().detach()
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64, device="cpu").flatten().detach()
@@ -106,14 +134,25 @@ def _axes(
         problems.append(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
-    try:
-        camera.glass.index(wavelengths)
-        camera.mask_material.index(wavelengths)
-    except InputError as error:
-        problems.extend(error.problems)
+    relief = relief or hasattr(camera.recipe.mask, "material")
+    for material in (camera.glass, camera.mask_material) if relief else (camera.glass,):
+        try:
+            material.index(wavelengths)
+        except InputError as error:
+            problems.extend(error.problems)
     if problems:
         raise InputError(problems)
     return wavelengths, inverse_depths
+
+
+def _check_size(shape: tuple[int, ...], dtype: torch.dtype) -> None:
+    size = math.prod(shape) * dtype.itemsize
+    if size > LARGEST_BYTES:
+        raise InputError(
+            f"a bank of {shape[0]} depths x {shape[1]} bands x {shape[2]} x {shape[3]} pixels would take"
+            f" {size / 2**30:.3g} GiB, more than {LARGEST_BYTES / 2**30:.3g}; ask for fewer depths or bands at a"
+            " time, or a smaller window"
+        )
 
 
 def _check_height(height: Tensor) -> None:

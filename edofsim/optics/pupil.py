@@ -31,7 +31,7 @@ class Aperture:
 
     grid: PupilGrid
     sag: Tensor
-    regions: tuple[tuple[Tensor, Tensor | float], ...]
+    regions: tuple[tuple[Tensor, Tensor | float | None], ...]
     light: float
     transmission: float
 
@@ -42,12 +42,11 @@ def aperture(
     """The camera's aperture and mask on a grid, with grey edges; `height` and `seed` as in `surface`."""
     mask = camera.recipe.mask
     amplitude, light = mask_amplitude(mask, grid)
-    regions: list[tuple[Tensor, Tensor | float]] = []
+    regions: list[tuple[Tensor, Tensor | float | None]] = []
     if height is None and camera.recipe.fabrication is None:
         regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask_regions(mask, grid)]
     if not regions:
-        relief = surface(camera, grid, height, seed)
-        regions = [(amplitude, 0.0 if relief is None else relief)]
+        regions = [(amplitude, surface(camera, grid, height, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
     return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
 
@@ -66,20 +65,32 @@ def pupil_function(
     trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
     """
     lens = opening.sag * -lens_delay(camera, wavelength)
-    delay = 2 * math.pi / wavelength * (float(camera.mask_material.index(wavelength)) - 1)
     total = None
     for amplitude, relief in opening.regions:
         if isinstance(relief, Tensor) and relief.requires_grad:
-            trained = relief.to(device=device, dtype=dtype) * delay
-            phase = _reduced(lens).to(device=device, dtype=dtype) + trained
+            phase = _reduced(lens).to(device=device, dtype=dtype)
+            phase = phase + relief.to(device=device, dtype=dtype) * mask_delay(camera, wavelength)
         else:
-            fixed = relief.to("cpu", torch.float64) if isinstance(relief, Tensor) else relief
-            phase = _reduced(lens + delay * fixed).to(device=device, dtype=dtype)
+            phase = _reduced(lens + _fixed_phase(camera, wavelength, relief)).to(device=device, dtype=dtype)
         # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
         amplitude = amplitude.to(device=device, dtype=dtype)
         wave = torch.complex(amplitude * torch.cos(phase), amplitude * torch.sin(phase))
         total = wave if total is None else total + wave
     return total
+
+
+def mask_delay(camera: Camera, wavelength: float) -> float:
+    """Phase [rad] for each metre of the mask's relief: 2 pi (n - 1) / lambda, Akpinar et al., Eq.
+    `dtophi`.
+    """
+    return 2 * math.pi / wavelength * (float(camera.mask_material.index(wavelength)) - 1)
+
+
+def _fixed_phase(camera: Camera, wavelength: float, relief: Tensor | float | None) -> Tensor | float:
+    if relief is None:
+        return 0.0
+    height = relief.detach().to("cpu", torch.float64) if isinstance(relief, Tensor) else relief
+    return height * mask_delay(camera, wavelength)
 
 
 def chirp(
