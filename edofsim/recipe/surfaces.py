@@ -107,8 +107,8 @@ class PrincipledSurface(RecipeModel):
 
 
 class GlassSurface(RecipeModel):
-    """Clear glass with a smooth surface. With `dispersion`, the refractive index follows Sellmeier's formula
-    band by band; the view is then rendered band by band, which takes longer."""
+    """Clear glass with a smooth surface. With `dispersion`, every band has its own refractive index
+    (Sellmeier's formula) and takes its own way, which needs more samples."""
 
     kind: Literal["glass"]
     glass: str = "N-BK7"

@@ -47,11 +47,12 @@ class Surface:
     reflectance, which every BSDF used here depends on affinely.
 
     reflectance_key names the plugin's parameter that the reflectance is (`reflectance`,
-    `diffuse_reflectance`, `specular_reflectance`, `base_color`, `specular_transmittance`).
+    `diffuse_reflectance`, `specular_reflectance`, `base_color`, `specular_transmittance`); empty where there
+    is none, as for clear glass, whose light is split by its refractive index alone.
 
     per_band: other parameters of the plugin that change with wavelength, float64 [band] each, such as
-    `int_ior` of dispersive glass. They steer the path itself, so one path can't carry all bands: a scene
-    that has any (`SceneModel.dispersive`) is rendered band by band."""
+    `int_ior` of dispersive glass. They steer the path itself, so beyond such a surface one path can't
+    carry all bands; `SceneModel.dispersive` tells which objects have one."""
 
     bsdf: Mapping[str, Any]
     reflectance_key: str

@@ -46,10 +46,9 @@ def _glass(surface: GlassSurface, wavelengths: np.ndarray) -> Surface:
     clear = flat(1.0, wavelengths)
     if surface.dispersion:
         bsdf = settings(type="dielectric", ext_ior=1.0)
-        return Surface(bsdf, "specular_transmittance", clear, two_sided=False, per_band={"int_ior": index})
+        return Surface(bsdf, "", clear, two_sided=False, per_band={"int_ior": index})
     middle = float(spectra.refractive_index(surface.glass, np.array([587.6e-9]))[0])
-    bsdf = settings(type="dielectric", ext_ior=1.0, int_ior=middle)
-    return Surface(bsdf, "specular_transmittance", clear, two_sided=False)
+    return Surface(settings(type="dielectric", ext_ior=1.0, int_ior=middle), "", clear, two_sided=False)
 
 
 def build_surface(
