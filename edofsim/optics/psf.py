@@ -150,8 +150,8 @@ def _check_size(shape: tuple[int, ...], dtype: torch.dtype) -> None:
     if size > LARGEST_BYTES:
         raise InputError(
             f"a bank of {shape[0]} depths x {shape[1]} bands x {shape[2]} x {shape[3]} pixels would take"
-            f" {size / 2**30:.3g} GiB, more than {LARGEST_BYTES / 2**30:.3g}; ask for fewer depths or bands at a"
-            " time, or a smaller window"
+            f" {size / 2**30:.3g} GiB, more than {LARGEST_BYTES / 2**30:.3g}; ask for fewer depths or bands"
+            " at a time, or a smaller window"
         )
 
 
