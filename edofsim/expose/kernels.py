@@ -90,16 +90,18 @@ class StreamedKernels:
         return self._rest[node]
 
 
-DEFOCUS_STEP = 1.25
+DEFOCUS_STEP = 2.5
 """Change of the paper's Psi (Eq. `defocus`) at the shortest wavelength from one node to the next, in radians,
-when the number of layers is left to us. Linear interpolation between PSFs errs with its square."""
+for 50 dB when the number of layers is left to us. Linear interpolation between PSFs errs with its square."""
 
 
-def depth_nodes(inverse_depth: Tensor, layers: int | str, defocus_per_dioptre: float) -> Tensor:
+def depth_nodes(
+    inverse_depth: Tensor, layers: int | str, defocus_per_dioptre: float, tolerance_db: float = 50.0
+) -> Tensor:
     """Depth nodes for fragments: [node], ascending, equally spaced in inverse depth over what they span.
 
-    inverse_depth: [fragment] in 1/m; layers: how many, or "auto" for steps of `DEFOCUS_STEP`;
-    defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m.
+    inverse_depth: [fragment] in 1/m; layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a
+    higher tolerance; defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m.
     A scene with no more depths than layers gets exactly its depths: nothing is interpolated then.
     Raises InputError for fewer than one layer.
     """
@@ -110,7 +112,8 @@ def depth_nodes(inverse_depth: Tensor, layers: int | str, defocus_per_dioptre: f
         return values.new_zeros(1)
     low, high = float(values.min()), float(values.max())
     if layers == "auto":
-        layers = 2 + math.floor((high - low) * defocus_per_dioptre / DEFOCUS_STEP)
+        step = DEFOCUS_STEP * 10 ** ((50 - tolerance_db) / 40)
+        layers = 2 + math.floor((high - low) * defocus_per_dioptre / step)
     # a smooth depth map has as many depths as pixels: a few of them tell, without sorting all
     sample = torch.unique(values[: 4 * layers])
     if sample.numel() <= layers:

@@ -101,7 +101,7 @@ def hat_weights(inverse_depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
     if nodes.numel() == 1:
         return torch.zeros_like(inverse_depth, dtype=torch.int64), torch.zeros_like(inverse_depth)
     exact = inverse_depth.double().contiguous()
-    nodes = nodes.to(exact)
+    nodes = nodes.to(exact).contiguous()
     cell = (torch.searchsorted(nodes, exact, right=True) - 1).clamp(0, nodes.numel() - 2)
     share = ((exact - nodes[cell]) / (nodes[cell + 1] - nodes[cell])).clamp(0, 1).to(inverse_depth.dtype)
     share = torch.where(share < 1e-6, torch.zeros_like(share), share)

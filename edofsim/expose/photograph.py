@@ -83,6 +83,7 @@ def expose(
         float(views[0].wavelengths.min()),
         method,
         layers,
+        tolerance_db,
     )
     if method == "auto":
         method = "constant" if nodes.numel() == 1 else "layered"

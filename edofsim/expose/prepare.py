@@ -26,7 +26,13 @@ def blur_per_dioptre(camera: Camera) -> float:
 
 
 def choose_nodes(
-    inverse_depth: Tensor, coverage: Tensor, camera: Camera, shortest: float, method: str, layers: int | str
+    inverse_depth: Tensor,
+    coverage: Tensor,
+    camera: Camera,
+    shortest: float,
+    method: str,
+    layers: int | str,
+    tolerance_db: float = 50.0,
 ) -> Tensor:
     """Depth nodes [node], ascending inverse depths in 1/m, for fragments [fragment].
 
@@ -37,7 +43,7 @@ def choose_nodes(
         return ((inverse_depth.detach().double() @ weight) / weight.sum().clamp_min(1e-300)).reshape(1)
     if method == "brute" and layers == "auto":
         layers = BRUTE_DEPTHS
-    return depth_nodes(inverse_depth, layers, math.pi / shortest * camera.aperture_radius**2)
+    return depth_nodes(inverse_depth, layers, math.pi / shortest * camera.aperture_radius**2, tolerance_db)
 
 
 def kernels_of(

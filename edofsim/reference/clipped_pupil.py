@@ -1,0 +1,252 @@
+"""The clipped pupil: each fragment seen through that part of the pupil to which nothing blocks its light.
+
+A point's photo is |F{Q V}|^2 with Q the generalised pupil function (Akpinar et al., Eq. `Q`) and V the part
+of the pupil that sees the point; the photo of a scene is the sum over points, which are incoherent. That is
+exact but for diffraction at the edges of what blocks the light, far from the pupil. Any mask; slow: one
+transform for each fragment that is seen in part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..expose.blurring import Blurring
+from ..expose.crop import crop as cropped
+from ..expose.kernels import HeldKernels
+from ..expose.methods import METHODS
+from ..expose.prepare import channel_weights
+from ..optics import Camera, defocus, plan_sampling, psf_bank
+from ..optics.grid import PupilGrid
+from ..optics.pupil import Aperture, aperture, pupil_function
+from ..render.engine import use_engine
+from ..render.view import View
+from ..scene.model import SceneModel
+from .pinhole import Crop, pixel_directions
+from .visibility import PLACES, places_of, pupil_points, visible
+
+Progress = Callable[[float, str], None]
+
+RAYS = 48
+"""Pupil points across the pupil's diameter."""
+DEFOCUS_STEP = 1.5
+"""Nodes for the fragments that the whole pupil sees, in radians of Psi: interpolation errs below 60 dB."""
+BATCH = 16
+FULL = 0.999
+"""A fragment of less coverage lies somewhere in its pixel, not all over it."""
+
+
+def clipped_pupil(
+    view: View,
+    model: SceneModel,
+    camera: Camera,
+    where: Crop,
+    *,
+    window_px: int | None = None,
+    rays: int = RAYS,
+    height: Tensor | None = None,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Tensor:
+    """Noise-free, unexposed photo of a part of the frame: [channel, y, x], float64.
+
+    view: of the scene `model`, through a pinhole; where: small, for each fragment within a PSF's reach that
+    is seen in part costs a transform a band. rays: pupil points across the pupil. The light is the view's
+    own, so that its noise is in this image too and what differs in `expose` is blur and occlusion alone.
+    Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
+    """
+    say = progress or (lambda fraction, text: None)
+    _check(view, where)
+    window = window_px or camera.recipe.psf.window_px
+    reach = window // 2
+    part = cropped(view, where.top, where.left, where.height, where.width, reach).to(dtype=torch.float64)
+    weights = channel_weights(camera, part.wavelengths)
+    say(0.0, "loading the scene")
+    seen = _visibility(part, view, model, camera, where, reach, rays, device, say)
+    whole = torch.from_numpy(seen.all((1, 2)))
+    none = torch.from_numpy(~seen.any((1, 2)))
+    say(0.2, "fragments that the whole pupil sees")
+    photo = _unclipped(part, torch.nonzero(whole).squeeze(1), camera, weights, window, height, cache)
+    some = torch.nonzero(~whole & ~none).squeeze(1)
+    clipped = _clipped(part, some, seen, camera, weights, window, height, say)
+    say(1.0, "done")
+    return part.crop_margin(photo + clipped)
+
+
+def _check(view: View, where: Crop) -> None:
+    if not (
+        0 <= where.top < where.top + where.height <= view.height
+        and 0 <= where.left < where.left + where.width <= view.width
+    ):
+        raise InputError(
+            f"the crop of {where.width} x {where.height} pixels at row {where.top}, column {where.left} does "
+            f"not lie in the frame of {view.width} x {view.height}: --crop takes TOP,LEFT,HEIGHT,WIDTH inside"
+        )
+
+
+def _visibility(
+    part: View,
+    view: View,
+    model: SceneModel,
+    camera: Camera,
+    where: Crop,
+    margin: int,
+    rays: int,
+    device: str,
+    say: Progress,
+) -> np.ndarray:
+    """Part of the light from each fragment that each pupil cell lets by: float32 [fragment, y, x] in [0, 1].
+
+    Cells beyond the pupil's rim count as their neighbours do; the aperture itself is the PSF's matter.
+    """
+    mi = use_engine(device)
+    from ..render.translate import build_stage
+
+    scene = build_stage(mi, model).scene
+    points = pupil_points(rays, camera.aperture_radius)
+    pixel, depth = part.pixel.numpy(), part.inverse_depth.numpy()
+
+    def at(which: np.ndarray, down: float = 0.0, right: float = 0.0) -> np.ndarray:
+        return pixel_directions(view, where, margin, pixel[which], (down, right))
+
+    every = np.arange(len(pixel))
+    seen = visible(mi, scene, at(every), depth, points, lambda f: say(0.15 * f, "rays")).astype(np.float32)
+    partial = np.flatnonzero(part.coverage.numpy() < FULL)
+    if partial.size:
+        hidden = part.hidden.numpy()[partial]
+        places = places_of(mi, scene, lambda d, r: at(partial, d, r), depth[partial], hidden)
+        total = np.zeros((partial.size, rays, rays), np.float32)
+        offsets = (np.arange(PLACES) + 0.5) / PLACES - 0.5
+        for i, down in enumerate(offsets):
+            for j, right in enumerate(offsets):
+                here = np.flatnonzero(places[i, j])
+                if here.size:
+                    which = partial[here]
+                    total[here] += visible(mi, scene, at(which, down, right), depth[which], points)
+            say(0.15 + 0.05 * (i + 1) / PLACES, "rays at edges")
+        seen[partial] = total / places.sum((0, 1))[:, None, None]
+    return seen
+
+
+def _unclipped(
+    part: View,
+    which: Tensor,
+    camera: Camera,
+    weights: Tensor,
+    window: int,
+    height: Tensor | None,
+    cache: Path | None,
+) -> Tensor:
+    """Photo of the fragments that the whole pupil sees: linear, with PSFs at close depth nodes."""
+    depth = part.inverse_depth[which]
+    if not depth.numel():
+        return torch.zeros(len(weights), *part.padded_shape, dtype=torch.float64)
+    low, high = float(depth.min()), float(depth.max())
+    per_dioptre = math.pi / float(part.wavelengths.min()) * camera.aperture_radius**2
+    count = 2 + math.floor((high - low) * per_dioptre / DEFOCUS_STEP) if high > low else 1
+    nodes = torch.linspace(low, high, count, dtype=torch.float64)
+    bank = psf_bank(camera, part.wavelengths, nodes, window_px=window, height=height, cache=cache)
+    kernels = HeldKernels(bank.values.double(), nodes, part.wavelengths)
+    return Blurring(kernels, weights, METHODS["layered"]).light(part, which)
+
+
+def _clipped(
+    part: View,
+    which: Tensor,
+    seen: np.ndarray,
+    camera: Camera,
+    weights: Tensor,
+    window: int,
+    height: Tensor | None,
+    say: Progress,
+) -> Tensor:
+    """Photo of the fragments that only a part of the pupil sees, one PSF for each fragment and band."""
+    rows, columns = part.padded_shape
+    reach = window // 2
+    canvas = torch.zeros(len(weights), rows + 2 * reach, columns + 2 * reach, dtype=torch.float64)
+    if not which.numel():
+        return canvas[:, reach : reach + rows, reach : reach + columns]
+    depths = part.inverse_depth[which]
+    grid = plan_sampling(camera, part.wavelengths, depths, window).grid
+    opening = aperture(camera, grid, height)
+    lets_by = torch.from_numpy(np.ascontiguousarray(seen[which.numpy()]))
+    done, total = 0, part.bands * len(which)
+    for band, wavelength in enumerate(part.wavelengths.tolist()):
+        pupil = pupil_function(camera, opening, wavelength)
+        psi = defocus(camera, wavelength, depths)
+        transform = _transform(camera, grid, wavelength, window)
+        for begin in range(0, len(which), BATCH):
+            some = slice(begin, begin + BATCH)
+            psf = clipped_psf(pupil, opening, psi[some], lets_by[some], transform, camera)
+            light = weights[:, band, None] * part.radiance[band, which[some]]
+            for k, pixel in enumerate(part.pixel[which[some]].tolist()):
+                row, column = divmod(pixel, columns)
+                here = canvas[:, row : row + window, column : column + window]
+                here += light[:, k, None, None] * psf[k]
+            done += len(psi[some])
+            say(0.25 + 0.75 * done / total, f"pupils seen in part: {done} of {total}")
+    return canvas[:, reach : reach + rows, reach : reach + columns]
+
+
+def clipped_psf(
+    pupil: Tensor, opening: Aperture, psi: Tensor, lets_by: Tensor, transform: Tensor, camera: Camera
+) -> Tensor:
+    """PSFs [n, y, x] of points with defocus psi [n] whose light passes `lets_by` [n, v, u] of the pupil.
+
+    pupil: complex [s, s]; transform: complex [pixel * oversampling, s] (see `_transform`). Each pixel gets
+    its energy as a fraction of the light through the open pupil. Written for plainness: complex products of
+    whole matrices, independent of the transforms of `optics`.
+    """
+    size = opening.grid.samples
+    rho = opening.grid.radius_squared() / opening.grid.radius**2
+    phase = torch.remainder(psi[:, None, None] * rho, 2 * math.pi).float()
+    # V is a fraction of energy; the root keeps the energy of cells that are half in the shade
+    smooth = torch.nn.functional.interpolate(
+        lets_by[:, None], size=_grid_span(opening.grid), mode="bilinear", align_corners=False
+    )[:, 0]
+    amplitude = _framed(smooth, size).clamp(0, 1).sqrt()
+    field = transform @ (pupil * torch.polar(amplitude, phase)) @ transform.T
+    over = camera.recipe.psf.oversampling
+    pixels = transform.shape[0] // over
+    sub = field.abs().square().double().reshape(-1, pixels, over, pixels, over)
+    return sub.sum((2, 4)) / opening.light
+
+
+def _transform(camera: Camera, grid: PupilGrid, wavelength: float, window: int) -> Tensor:
+    """Matrix from pupil cells to sub-pixels along one axis, complex64, such that energies are kept.
+
+    The sensor's picture is upside down: light of exp(-2 pi j x s / lambda z_i) lands at x there, at -x in the
+    upright picture. The same matrix serves rows: both run downwards, in the pupil and in the picture.
+    """
+    over = camera.recipe.psf.oversampling
+    sub = camera.pixel / over
+    place = (torch.arange(window * over, dtype=torch.float64) + 0.5) * sub - (
+        window // 2 + 0.5
+    ) * camera.pixel
+    s = grid.centres
+    reach = wavelength * camera.sensor_distance
+    angle = 2 * math.pi / reach * torch.outer(place, s)
+    scale = math.sqrt(grid.pitch * sub / reach)
+    return torch.polar(torch.full_like(angle, scale), angle).to(torch.complex64)
+
+
+def _grid_span(grid: PupilGrid) -> int:
+    """Cells of the grid that the pupil's diameter covers, to the nearest of the grid's parity."""
+    across = 2 * grid.radius / grid.pitch
+    return int(round((across - grid.samples % 2) / 2)) * 2 + grid.samples % 2
+
+
+def _framed(smooth: Tensor, size: int) -> Tensor:
+    """Widen or crop maps over the pupil's square to the whole grid, repeating the border."""
+    extra = size - smooth.shape[-1]
+    if extra <= 0:
+        return smooth[..., -extra // 2 : size - extra // 2, -extra // 2 : size - extra // 2]
+    half = extra // 2
+    return torch.nn.functional.pad(smooth[:, None], (half, extra - half) * 2, mode="replicate")[:, 0]

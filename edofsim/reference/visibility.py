@@ -1,0 +1,112 @@
+"""Which part of the pupil sees a fragment: rays from a grid of pupil points through the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+DEPTH_SLACK = 0.01
+"""A surface nearer by less than this, in 1/m, is the fragment's own: a third of a pixel of blur."""
+LAUNCH = 1 << 22
+"""Rays of one launch."""
+PLACES = 4
+"""A fragment that fills a pixel in part is looked at from the pupil at up to 4 x 4 places in the pixel."""
+SURFACES = 6
+"""Surfaces along a pixel's ray that are looked at to find a fragment's own."""
+
+
+def pupil_points(count: int, radius: float) -> np.ndarray:
+    """Centres of count x count cells over the pupil, (s, t) in metres, float64 [y, x, 2]; row 0 the top."""
+    axis = ((np.arange(count) + 0.5) / count * 2 - 1) * radius
+    s, t = np.meshgrid(axis, -axis)
+    return np.stack([s, t], axis=2)
+
+
+def visible(
+    mi: Any,
+    scene: Any,
+    directions: np.ndarray,
+    inverse_depth: np.ndarray,
+    points: np.ndarray,
+    progress: Callable[[float], None] | None = None,
+) -> np.ndarray:
+    """Whether each pupil point sees each fragment: bool [fragment, y, x].
+
+    directions: [fragment, 3] as `pixel_directions`; inverse_depth: [fragment] in 1/m, 0 at infinity; points:
+    from `pupil_points`.
+    """
+    flat = points.reshape(-1, 2)
+    seen = np.empty((len(directions), len(flat)), bool)
+    step = max(1, LAUNCH // len(flat))
+    for start in range(0, len(directions), step):
+        part = slice(start, start + step)
+        # towards the fragment's place if it has one: (P - S) / z, which for z = inf is the direction itself
+        towards = directions[part, None, :2] - flat[None] * inverse_depth[part, None, None]
+        nearest = _first_hit(mi, scene, np.broadcast_to(flat, towards.shape), towards)
+        seen[part] = nearest <= inverse_depth[part, None] + DEPTH_SLACK
+        if progress:
+            progress(min(1.0, (start + step) / len(directions)))
+    return seen.reshape(-1, *points.shape[:2])
+
+
+def places_of(
+    mi: Any,
+    scene: Any,
+    at: Callable[[float, float], np.ndarray],
+    inverse_depth: np.ndarray,
+    hidden: np.ndarray,
+) -> np.ndarray:
+    """Where in their pixels fragments lie: bool [place, place, fragment], all true where that is unclear.
+
+    at(down, right): directions [fragment, 3] at an offset from the pixels' centres. A visible fragment is
+    where the pixel's ray meets its depth first, a hidden one where the ray meets it behind something else.
+    """
+    found = np.zeros((PLACES, PLACES, len(inverse_depth)), bool)
+    offsets = (np.arange(PLACES) + 0.5) / PLACES - 0.5
+    for i, down in enumerate(offsets):
+        for j, right in enumerate(offsets):
+            found[i, j] = _meets(mi, scene, at(down, right), inverse_depth, hidden)
+    found[:, :, ~found.any((0, 1))] = True
+    return found
+
+
+def _meets(
+    mi: Any, scene: Any, directions: np.ndarray, inverse_depth: np.ndarray, hidden: np.ndarray
+) -> np.ndarray:
+    """Whether rays through the pinhole meet a surface at a depth: first (visible), or later (hidden)."""
+    slack = 2 * DEPTH_SLACK
+    origin = np.zeros((len(directions), 3))
+    met = np.zeros(len(directions), bool)
+    for number in range(SURFACES):
+        here = _hits(mi, scene, origin, directions)
+        same = np.abs(here - inverse_depth) <= slack
+        met |= same & (hidden == (number > 0))
+        beyond = here > 0
+        if not beyond.any() or not hidden.any():
+            break
+        depth = np.where(beyond, 1 / np.where(beyond, here, 1.0), origin[:, 2])
+        origin = directions * (depth * (1 + 1e-5) + 1e-6)[:, None]
+    return met
+
+
+def _first_hit(mi: Any, scene: Any, start: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """Inverse depth of what rays from the pupil plane meet first, 0 for nothing: [n, m]."""
+    flat = np.concatenate([start, np.zeros((*start.shape[:-1], 1))], axis=-1).reshape(-1, 3)
+    direction = np.concatenate([towards, np.ones((*towards.shape[:-1], 1))], axis=-1).reshape(-1, 3)
+    return _hits(mi, scene, flat, direction).reshape(towards.shape[:-1])
+
+
+def _hits(mi: Any, scene: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Inverse depth of the first surface along rays whose direction has z = 1, 0 for none: float64 [n]."""
+    length = np.linalg.norm(direction, axis=1)
+    unit = direction / length[:, None]
+    ray = mi.Ray3f(
+        mi.Point3f(*(mi.Float(np.ascontiguousarray(c, np.float32)) for c in origin.T)),
+        mi.Vector3f(*(mi.Float(np.ascontiguousarray(c, np.float32)) for c in unit.T)),
+    )
+    hit = scene.ray_intersect_preliminary(ray)
+    distance = np.array(hit.t, np.float64)
+    depth = origin[:, 2] + distance / length
+    return np.where(np.isfinite(distance), 1 / np.maximum(depth, 1e-9), 0.0)
