@@ -21,7 +21,7 @@ from ..scene import depth_maps, spectra, textures
 from .view import View
 
 
-def read_view(recipe: SceneRecipe, base: Path) -> View:
+def picture_view(recipe: SceneRecipe, base: Path) -> View:
     """The view of a recipe whose source is a picture with depths or a spectral cube.
 
     base: the recipe's folder. Raises InputError for files that cannot be used.

@@ -9,8 +9,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..recipe.sources import DepthMap
-from .files import SKIMAGE
 from .pictures import existing, first_line, read_exr, read_pfm, read_picture
+
+SKIMAGE = "skimage:"
+"""Prefix of pictures and disparities that come inside scikit-image."""
 
 
 def read_inverse_depth(source: DepthMap, base: Path) -> np.ndarray:

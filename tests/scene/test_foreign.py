@@ -13,7 +13,6 @@ from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
 from edofsim.recipe.sources import MitsubaSource
 from edofsim.scene import build_scene
-from edofsim.scene.files import files_of
 from edofsim.scene.foreign import NotCarried, read_scene
 from edofsim.scene.foreign.nodes import look_at
 from edofsim.scene.model import TriangleMesh
@@ -256,9 +255,3 @@ def test_a_bomb_of_entities_is_refused(tmp_path: Path):
     )
     with pytest.raises(InputError, match="not valid XML|entities"):
         read_scene(MitsubaSource(kind="mitsuba", path="s.xml"), tmp_path, BANDS, "x")
-
-
-def test_all_files_of_a_scene_are_known_to_the_cache(tmp_path: Path):
-    source = write(tmp_path, shape("obj", SHAPES["obj"]) + '<emitter type="constant"/>')
-    recipe = SceneRecipe.model_validate({"name": "own", "source": source.model_dump()})
-    assert {p.name for p in files_of(recipe, tmp_path)} == {"s.xml", "quad.obj", "t.png"}

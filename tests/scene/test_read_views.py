@@ -14,7 +14,7 @@ from skimage.io import imsave
 from edofsim.errors import InputError
 from edofsim.recipe import load_scene
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.rgbd import mirrored, read_view
+from edofsim.render.rgbd import mirrored, picture_view
 from edofsim.scene.spectra import illuminant
 
 FRAME = {"width_px": 6, "height_px": 4, "margin_px": 2}
@@ -36,14 +36,14 @@ def save_rgbd(folder: Path, rows: int = 8, columns: int = 10) -> dict:
 
 def test_a_white_pixel_shines_as_the_illuminant(tmp_path: Path):
     source = save_rgbd(tmp_path)
-    view = read_view(recipe(source), tmp_path)
+    view = picture_view(recipe(source), tmp_path)
     white = view.all_in_focus()[:, 0]
     want = torch.from_numpy(illuminant("D65", view.wavelengths.numpy())).float()[:, None]
     torch.testing.assert_close(white, want.expand(-1, 10), rtol=1e-5, atol=1e-6)
 
 
 def test_each_pixel_is_one_fragment_at_its_depth_and_the_holes_are_told(tmp_path: Path):
-    view = read_view(recipe(save_rgbd(tmp_path)), tmp_path)
+    view = picture_view(recipe(save_rgbd(tmp_path)), tmp_path)
     assert view.padded_shape == (8, 10) and view.bands == 31
     assert (view.coverage == 1).all() and not view.hidden.any()
     got = view.mean_inverse_depth().numpy()
@@ -58,7 +58,7 @@ def test_each_pixel_is_one_fragment_at_its_depth_and_the_holes_are_told(tmp_path
 def test_a_frame_in_the_middle_and_its_mirrored_border(tmp_path: Path):
     """A picture of the frame's own size: the margin is its mirror image, and the view says how much."""
     source = save_rgbd(tmp_path, 4, 6)
-    view = read_view(recipe({**source}), tmp_path)
+    view = picture_view(recipe({**source}), tmp_path)
     image = view.all_in_focus()
     torch.testing.assert_close(image[:, 1], image[:, 2])
     torch.testing.assert_close(image[:, :, 0], image[:, :, 3])
@@ -72,14 +72,14 @@ def test_mirrored_indices_go_to_and_fro():
 def test_a_frame_larger_than_the_picture_is_refused(tmp_path: Path):
     source = save_rgbd(tmp_path, 3, 6)
     with pytest.raises(InputError, match="6 x 4 pixels, the picture only 6 x 3"):
-        read_view(recipe(source), tmp_path)
+        picture_view(recipe(source), tmp_path)
 
 
 def test_a_depth_map_of_another_size_is_refused(tmp_path: Path):
     source = save_rgbd(tmp_path)
     np.save(tmp_path / "z.npy", np.ones((4, 5)))
     with pytest.raises(InputError, match="5 x 4 pixels, the picture 10 x 8"):
-        read_view(recipe(source), tmp_path)
+        picture_view(recipe(source), tmp_path)
 
 
 BANDS = {"start_nm": 450, "stop_nm": 650, "count": 5}
@@ -110,7 +110,7 @@ def write_cube(folder: Path, kind: str) -> dict:
 def test_cubes_of_every_format_are_interpolated_to_the_bands(tmp_path: Path, kind: str):
     """450 nm lies midway between 400 and 500, and so on."""
     source = {"kind": "cube", "depth_m": 0.8, "scale": 1.0, **write_cube(tmp_path, kind)}
-    view = read_view(recipe(source, bands=BANDS), tmp_path)
+    view = picture_view(recipe(source, bands=BANDS), tmp_path)
     image = view.all_in_focus().numpy()
     want = np.stack([CUBE[:2].mean(0), CUBE[1], CUBE[1:3].mean(0), CUBE[2], CUBE[2:].mean(0)])
     np.testing.assert_allclose(image, want, atol=2e-5)
@@ -123,7 +123,7 @@ def test_packed_photons_are_unpacked(tmp_path: Path):
     packed = np.full((8, 10, 4), 13107, np.uint16)  # a fifth of full scale
     savemat(tmp_path / "c.mat", {"data": {"photons": packed, "dmin": 2.0, "dmax": 7.0}, "wave": NM})
     source = {"kind": "cube", "path": "c.mat", "key": "data.photons", "depth_m": 1.0, "scale": 1.0}
-    view = read_view(recipe(source, bands=BANDS), tmp_path)
+    view = picture_view(recipe(source, bands=BANDS), tmp_path)
     np.testing.assert_allclose(view.radiance.numpy(), 3.0, rtol=1e-5)
 
 
@@ -132,7 +132,7 @@ def test_a_cropped_cube_takes_its_depths_along(tmp_path: Path):
     np.save(tmp_path / "z.npy", depth)
     source = {"kind": "cube", "crop": [2, 2, 2, 2], "depth": {"path": "z.npy"}, **write_cube(tmp_path, "mat")}
     frame = {"width_px": 6, "height_px": 4, "margin_px": 0}
-    view = read_view(recipe(source, bands=BANDS, frame=frame), tmp_path)
+    view = picture_view(recipe(source, bands=BANDS, frame=frame), tmp_path)
     np.testing.assert_allclose(view.mean_inverse_depth().numpy(), 1 / depth[2:-2, 2:-2], rtol=1e-6)
 
 
@@ -148,19 +148,19 @@ def test_a_cropped_cube_takes_its_depths_along(tmp_path: Path):
 def test_cubes_that_cannot_be_used_are_refused(tmp_path: Path, change: dict, complaint: str):
     source = {"kind": "cube", "depth_m": 0.8, **write_cube(tmp_path, "mat"), **change}
     with pytest.raises(InputError, match=complaint):
-        read_view(recipe(source, bands=BANDS), tmp_path)
+        picture_view(recipe(source, bands=BANDS), tmp_path)
 
 
 def test_a_folder_without_wavelengths_is_asked_for_them(tmp_path: Path):
     source = {"kind": "cube", "depth_m": 0.8, "path": write_cube(tmp_path, "folder")["path"]}
     with pytest.raises(InputError, match="give start_nm and step_nm"):
-        read_view(recipe(source, bands=BANDS), tmp_path)
+        picture_view(recipe(source, bands=BANDS), tmp_path)
 
 
 def test_the_motorcycle_has_its_published_geometry():
     """Middlebury 2014, calibration in skimage's docstring: depths 2.1 to 5.1 m, times 0.3; 7.3 % holes."""
     loaded = load_scene("motorcycle")
-    view = read_view(loaded.recipe, loaded.base)
+    view = picture_view(loaded.recipe, loaded.base)
     z = 1 / view.inverse_depth.numpy()
     assert z.min() >= 0.3 * 193.001e-3 * 994.978 / (59.91 + 31.086) and z.max() <= 0.3 * 5.1
     assert view.metadata["holes"] == pytest.approx(0.0735, abs=1e-3)

@@ -6,7 +6,6 @@ named, every part of it: `NotCarried`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from ..pictures import read_hdr
 from ..surfaces import matt
 from ..textures import flat
 from .nodes import Colour, Node, read_nodes
-from .parts import NotCarried, Reader, emission, resolved, shape_mesh, spectrum, surface
+from .parts import NotCarried, Reader, emission, shape_mesh, spectrum, surface
 
 
 def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
@@ -123,21 +122,4 @@ def _resampled(image: np.ndarray, to_camera: np.ndarray) -> np.ndarray:
     return np.stack(channels, axis=-1).astype(np.float32)
 
 
-def files_of_scene(source: MitsubaSource, base: Path) -> tuple[Path, ...]:
-    """The scene's file and every file that it names. Raises as `read_scene` does."""
-    path = Path(base) / source.path
-    found = {path}
-    for node in _all_nodes(read_nodes(path)):
-        if "filename" in node.values:
-            name = str(node.values["filename"])
-            found.add(resolved(path.parent, name, source.allow_outside, f"{path.name}: {node.type}"))
-    return tuple(sorted(found))
-
-
-def _all_nodes(node: Node) -> Iterator[Node]:
-    yield node
-    for _, part in node.parts:
-        yield from _all_nodes(part)
-
-
-__all__ = ["NotCarried", "files_of_scene", "read_scene"]
+__all__ = ["NotCarried", "read_scene"]
