@@ -29,7 +29,7 @@ def plan_photo(view: View, camera: Camera, overrule: Mapping[str, Any] | None = 
     decisions = [
         _bands(view),
         _layers(view, camera, insisted),
-        _occlusion(view, insisted),
+        _occlusion(view, camera, insisted),
         _exact_lens(view, camera),
         _outside(view, camera),
         _noise(camera),
@@ -50,8 +50,7 @@ def _bands(view: View) -> Choice:
 
 def _layers(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
     near, far = float(view.inverse_depth.max()), float(view.inverse_depth.min())
-    blur_per_dioptre = 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
-    spread = (near - far) * blur_per_dioptre
+    spread = (near - far) * _blur_per_dioptre(camera)
     layers = 1 if spread < 1e-3 else 2 + math.floor(spread / LAYER_STEP_PX)
     why = (
         "everything lies at one depth: one convolution a band is exact"
@@ -65,25 +64,34 @@ def _layers(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
     return decision, {"layers": layers}
 
 
-def _occlusion(view: View, insisted: Mapping[str, Any]) -> Choice:
-    seen = view.pixel[~view.hidden]
-    shared = int((torch.bincount(seen, minlength=1) > 1).sum()) if seen.numel() else 0
+def _occlusion(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
+    edges = _edge_pixels(view, 1 / _blur_per_dioptre(camera))
     hidden = int(view.hidden.sum())
-    chosen = "none" if not shared else ("hidden" if hidden else "normalised")
+    chosen = "none" if not edges else ("hidden" if hidden else "normalised")
+    known = (
+        f"{hidden} hidden fragments are known behind them"
+        if hidden
+        else f"what they hide is not known ({view.metadata.get('hidden', 'no hidden fragments in the view')})"
+    )
     why = (
-        "no pixel sees two surfaces: nothing covers anything"
-        if not shared
-        else f"{shared} pixels lie on depth edges"
-        + (
-            f"; {hidden} hidden fragments were rendered behind them"
-            if hidden
-            else "; nothing is known of what they hide"
-        )
+        f"{edges} pixels lie on depth edges; {known}" if edges else "no depth edges: nothing covers anything"
     )
     decision = Decision(
-        "occlusion", bool(shared), insisted.get("occlusion", chosen), why, "occlusion" in insisted
+        "occlusion", edges > 0, insisted.get("occlusion", chosen), why, "occlusion" in insisted
     )
     return decision, {"occlusion": chosen}
+
+
+def _edge_pixels(view: View, gap: float) -> int:
+    """Pixels that see two surfaces, or whose neighbour below or to the right is nearer or farther by `gap`
+    (1/m), where blurs begin to differ."""
+    rows, columns = view.padded_shape
+    seen = torch.bincount(view.pixel[~view.hidden], minlength=rows * columns).reshape(rows, columns)
+    edge = seen > 1
+    depth = view.mean_inverse_depth()
+    edge[1:] |= (depth[1:] - depth[:-1]).abs() > gap
+    edge[:, 1:] |= (depth[:, 1:] - depth[:, :-1]).abs() > gap
+    return int(edge.sum())
 
 
 def _exact_lens(view: View, camera: Camera) -> Choice:
@@ -114,6 +122,11 @@ def _noise(camera: Camera) -> Choice:
         else "the recipe asks for none"
     )
     return Decision("sensor noise", sigma > 0, "Gaussian" if sigma else "none", why), {}
+
+
+def _blur_per_dioptre(camera: Camera) -> float:
+    """Change of the geometric blur's diameter with inverse depth, in pixels a dioptre."""
+    return 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
 
 
 def _metres(inverse_depth: float) -> str:

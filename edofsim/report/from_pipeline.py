@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -56,7 +57,7 @@ def write_run_report(path: Path, result: Run) -> Path:
         facts=_facts(result),
         versions=versions(),
         machine=machine(),
-        notes=tuple(result.view.metadata.get("notes", ())),
+        notes=_notes(result.view.metadata),
         restored_label=f"Restored ({result.restored_by})",
     )
     return write_report(path, report)
@@ -70,6 +71,12 @@ def _relief(camera: Camera, trained: Tensor | None) -> tuple[Tensor | None, floa
     if height is None:
         return None, None
     return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
+
+
+def _notes(metadata: Mapping[str, Any]) -> tuple[str, ...]:
+    """What was guessed where the view does not know."""
+    guesses = {"holes filled": "Holes of the depth map", "beyond the border": "Beyond the border"}
+    return tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))
 
 
 def _facts(result: Run) -> dict[str, str]:
