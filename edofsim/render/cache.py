@@ -9,9 +9,11 @@ keeps two processes from rendering one view at the same time.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -26,6 +28,9 @@ from ..errors import EdofsimError, InputError
 from .exr import read_view, write_view
 from .view import View
 
+FULL = 1 << 20
+"""A disk with less room than this is full, whatever the system says about a write that failed."""
+
 SHOWN = 24
 """Digits of the key in file names; the JSON has all 64."""
 
@@ -39,6 +44,10 @@ def default_folder() -> Path:
     if (checkout / "render_cache").is_dir() and (checkout / "pyproject.toml").is_file():
         return checkout / "render_cache"
     return Path(platformdirs.user_cache_dir("edofsim", appauthor=False)) / "views"
+
+
+class DiskFullError(EdofsimError):
+    """There is no room for a view: no other one of the batch will fare better."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +164,7 @@ def set_aside(path: Path) -> Path:
 def store(place: Place, view: View, recipe: dict[str, Any], record: dict[str, Any]) -> View:
     """Write an entry and return the view as it will be read: the same the first time and from the cache.
 
-    Raises EdofsimError if the disk is full or fails.
+    Raises DiskFullError, or EdofsimError if the disk fails otherwise.
     """
     final = place.file("exr")
     temporary = final.with_name(f".{final.name}.{os.getpid()}.tmp")
@@ -177,10 +186,11 @@ def store(place: Place, view: View, recipe: dict[str, Any], record: dict[str, An
         os.replace(temporary, final)
         _sync(place.folder)
     except OSError as error:
-        raise EdofsimError(
-            f"The view of {place.name} could not be written to {place.folder}: {error.strerror or error}; "
-            f"free "
-            "some space, or choose another folder with --cache, and start again: finished work is kept"
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT) or shutil.disk_usage(place.folder).free < FULL
+        raise (DiskFullError if full else EdofsimError)(
+            f"The view of {place.name} could not be written to {place.folder}"
+            f"{': the disk is full' if full else ''} ({error.strerror or error}); free some space, or choose "
+            "another folder with --cache, and start again: finished work is kept"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)

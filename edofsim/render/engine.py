@@ -280,15 +280,27 @@ def hint(probes: Sequence[EngineProbe], chosen: EngineProbe) -> str:
     return "Rendering runs on the CPU. An NVIDIA card with its driver (CUDA and OptiX) would be faster."
 
 
+_threads: int | None = None
+
+
+def set_threads(count: int | None) -> None:
+    """Render with so many threads in this process; None for as many as it may use."""
+    global _threads
+    _threads = count
+
+
 def thread_count() -> int:
-    """Processors that this process may use (not those of the machine: batch systems give fewer)."""
+    """Threads to render with: what was set, or the processors that this process may use (not those of the
+    machine: batch systems give fewer)."""
+    if _threads is not None:
+        return _threads
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:
         return os.cpu_count() or 1
 
 
-def use_engine(device: str = "auto", *, threads: int | None = None, colours: str = "rgb") -> ModuleType:
+def use_engine(device: str = "auto", *, colours: str = "rgb") -> ModuleType:
     """Switch Mitsuba to the chosen engine and return the module.
 
     colours: `rgb`, or `spectral` for what the many-band integrator cannot carry. Only the ad variants of both
@@ -305,6 +317,6 @@ def use_engine(device: str = "auto", *, threads: int | None = None, colours: str
     if mitsuba.variant() != wanted:
         mitsuba.set_variant(wanted)
     if probe.device == "cpu":
-        drjit.set_thread_count(threads or thread_count())
+        drjit.set_thread_count(thread_count())
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     return mitsuba

@@ -1,0 +1,92 @@
+"""From a recipe to its view: out of the cache, or rendered and stored there."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..recipe.scene import SceneRecipe
+from ..recipe.sources import CubeSource, RgbdSource
+from . import cache as store
+from .keys import canonical, view_key
+from .settings import RenderSettings
+from .view import View
+
+LOG = logging.getLogger(__name__)
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A view, where it lives, and how long this call rendered (0 if it came from the cache)."""
+
+    view: View
+    place: store.Place
+    seconds: float
+
+
+def place_of(recipe: SceneRecipe, base: Path, cache: Path | None, noise: float | None) -> store.Place:
+    """Where the view of a recipe lives, whether or not it is there yet."""
+    return store.Place(cache or store.default_folder(), recipe.name, view_key(recipe, base, noise))
+
+
+def fetch(
+    recipe: SceneRecipe,
+    base: Path,
+    cache: Path | None,
+    noise: float | None,
+    device: str,
+    progress: Progress | None,
+) -> Fetched:
+    """See `edofsim.render.render`."""
+    say = progress or (lambda fraction, message: None)
+    place = place_of(recipe, base, cache, noise)
+    if isinstance(recipe.source, RgbdSource | CubeSource):
+        from .rgbd import picture_view
+
+        # Read faster than the cache could be.
+        return Fetched(picture_view(recipe, base), place, 0.0)
+    store.open_folder(place.folder)
+    # Without the lock first: readers of a finished view never wait for each other.
+    view, _ = store.load(place, aside=False)
+    if view is not None:
+        return Fetched(view, place, 0.0)
+    with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
+        view, message = store.load(place, aside=True)
+        if view is not None:
+            return Fetched(view, place, 0.0)
+        if message:
+            LOG.warning(message)
+        start = time.perf_counter()
+        view = _rendered(recipe, base, place, noise, device, say)
+        return Fetched(view, place, time.perf_counter() - start)
+
+
+def _rendered(
+    recipe: SceneRecipe, base: Path, place: store.Place, noise: float | None, device: str, say: Progress
+) -> View:
+    from ..scene import build_scene
+    from .rendering import render_model
+
+    start = time.perf_counter()
+    say(0.0, "building the scene")
+    settings = RenderSettings.from_recipe(recipe, noise)
+    partial = place.file("partial")
+    view = render_model(build_scene(recipe, base), settings, device=device, progress=say, partial=partial)
+    run = {**view.metadata["run"], "host": platform.node(), "total_seconds": time.perf_counter() - start}
+    rows, columns = settings.padded_shape
+    record = {
+        "samples": view.metadata["samples"],
+        "noise": view.noise,
+        "pixels": rows * columns,
+        "bands": view.bands,
+        "run": run,
+    }
+    stored = store.store(place, view, canonical(recipe), record)
+    partial.unlink(missing_ok=True)
+    return stored
