@@ -23,11 +23,11 @@ from ..expose.kernels import HeldKernels
 from ..expose.methods import METHODS
 from ..expose.prepare import channel_weights
 from ..optics import Camera, defocus, plan_sampling, psf_bank
-from ..optics.grid import PupilGrid
-from ..optics.pupil import Aperture, aperture, pupil_function
+from ..optics.pupil import aperture, pupil_function
 from ..render.engine import use_engine
 from ..render.view import View
 from ..scene.model import SceneModel
+from .clipped_psf import clipped_psf, make_transform
 from .pinhole import Crop, pixel_directions
 from .visibility import PLACES, places_of, pupil_points, visible
 
@@ -181,10 +181,10 @@ def _clipped(
     for band, wavelength in enumerate(part.wavelengths.tolist()):
         pupil = pupil_function(camera, opening, wavelength)
         psi = defocus(camera, wavelength, depths)
-        transform = _transform(camera, grid, wavelength, window)
+        transform = make_transform(camera, grid, wavelength, window)
         for begin in range(0, len(which), BATCH):
             some = slice(begin, begin + BATCH)
-            psf = clipped_psf(pupil, opening, psi[some], lets_by[some], transform, camera)
+            psf = clipped_psf(pupil, opening, psi[some], lets_by[some], transform)
             light = weights[:, band, None] * part.radiance[band, which[some]]
             for k, pixel in enumerate(part.pixel[which[some]].tolist()):
                 row, column = divmod(pixel, columns)
@@ -193,60 +193,3 @@ def _clipped(
             done += len(psi[some])
             say(0.25 + 0.75 * done / total, f"pupils seen in part: {done} of {total}")
     return canvas[:, reach : reach + rows, reach : reach + columns]
-
-
-def clipped_psf(
-    pupil: Tensor, opening: Aperture, psi: Tensor, lets_by: Tensor, transform: Tensor, camera: Camera
-) -> Tensor:
-    """PSFs [n, y, x] of points with defocus psi [n] whose light passes `lets_by` [n, v, u] of the pupil.
-
-    pupil: complex [s, s]; transform: complex [pixel * oversampling, s] (see `_transform`). Each pixel gets
-    its energy as a fraction of the light through the open pupil. Written for plainness: complex products of
-    whole matrices, independent of the transforms of `optics`.
-    """
-    size = opening.grid.samples
-    rho = opening.grid.radius_squared() / opening.grid.radius**2
-    phase = torch.remainder(psi[:, None, None] * rho, 2 * math.pi).float()
-    # V is a fraction of energy; the root keeps the energy of cells that are half in the shade
-    smooth = torch.nn.functional.interpolate(
-        lets_by[:, None], size=_grid_span(opening.grid), mode="bilinear", align_corners=False
-    )[:, 0]
-    amplitude = _framed(smooth, size).clamp(0, 1).sqrt()
-    field = transform @ (pupil * torch.polar(amplitude, phase)) @ transform.T
-    over = camera.recipe.psf.oversampling
-    pixels = transform.shape[0] // over
-    sub = field.abs().square().double().reshape(-1, pixels, over, pixels, over)
-    return sub.sum((2, 4)) / opening.light
-
-
-def _transform(camera: Camera, grid: PupilGrid, wavelength: float, window: int) -> Tensor:
-    """Matrix from pupil cells to sub-pixels along one axis, complex64, such that energies are kept.
-
-    The sensor's picture is upside down: light of exp(-2 pi j x s / lambda z_i) lands at x there, at -x in the
-    upright picture. The same matrix serves rows: both run downwards, in the pupil and in the picture.
-    """
-    over = camera.recipe.psf.oversampling
-    sub = camera.pixel / over
-    place = (torch.arange(window * over, dtype=torch.float64) + 0.5) * sub - (
-        window // 2 + 0.5
-    ) * camera.pixel
-    s = grid.centres
-    reach = wavelength * camera.sensor_distance
-    angle = 2 * math.pi / reach * torch.outer(place, s)
-    scale = math.sqrt(grid.pitch * sub / reach)
-    return torch.polar(torch.full_like(angle, scale), angle).to(torch.complex64)
-
-
-def _grid_span(grid: PupilGrid) -> int:
-    """Cells of the grid that the pupil's diameter covers, to the nearest of the grid's parity."""
-    across = 2 * grid.radius / grid.pitch
-    return int(round((across - grid.samples % 2) / 2)) * 2 + grid.samples % 2
-
-
-def _framed(smooth: Tensor, size: int) -> Tensor:
-    """Widen or crop maps over the pupil's square to the whole grid, repeating the border."""
-    extra = size - smooth.shape[-1]
-    if extra <= 0:
-        return smooth[..., -extra // 2 : size - extra // 2, -extra // 2 : size - extra // 2]
-    half = extra // 2
-    return torch.nn.functional.pad(smooth[:, None], (half, extra - half) * 2, mode="replicate")[:, 0]
