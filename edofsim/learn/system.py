@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -34,28 +34,46 @@ class Optics:
         return bank.values.to(torch.float32)
 
 
+@dataclass(frozen=True)
+class Captured:
+    """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; lost: scalar, the
+    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one."""
+
+    clean: Tensor
+    ideal: Tensor
+    lost: Tensor
+    psf: Tensor | None = None
+
+
 class Scenes(Protocol):
     """A batch that can be photographed."""
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """(photo without noise, ideal image), each [batch, 3, y, x], and the fraction of light that left the
-        PSFs' window, a scalar."""
+    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+        """The photo without noise, by the made mask `height` [n, n]."""
+
+    def reusing(self, psf: Tensor | None) -> Scenes:
+        """The same scenes with the PSFs of an earlier photo, where they can be used again."""
 
 
 @dataclass(frozen=True)
 class Planes:
-    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]."""
+    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
+    of an earlier photo, [batch, 3, window, window], in place of the depths."""
 
     sharp: Tensor
     inverse_depths: Tensor
+    psf: Tensor | None = None
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
         sharp = self.sharp.to(optics.device)
-        psf = optics.psfs(self.inverse_depths, height)
+        psf = optics.psfs(self.inverse_depths, height) if self.psf is None else self.psf
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
-        return photograph(sharp, psf), ideal, 1 - psf.sum((-1, -2)).mean()
+        return Captured(photograph(sharp, psf), ideal, 1 - psf.sum((-1, -2)).mean(), psf)
+
+    def reusing(self, psf: Tensor | None) -> Scenes:
+        return replace(self, psf=psf)
 
 
 @dataclass(frozen=True)
@@ -70,12 +88,13 @@ class Draw:
 
 @dataclass(frozen=True)
 class Outcome:
-    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]."""
+    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]; psf: see `Captured`."""
 
     loss: Tensor
     photo: Tensor
     restored: Tensor
     ideal: Tensor
+    psf: Tensor | None
 
 
 class System(nn.Module):
@@ -106,19 +125,19 @@ class System(nn.Module):
     def forward(self, draw: Draw) -> Outcome:
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
-        photo, ideal, lost = self.capture(draw, height)
+        captured = self.capture(draw, height)
+        noise = draw.read_noise.to(captured.clean)[:, None, None, None]
+        photo = captured.clean + noise * _normal(captured.clean, draw.generator)
         restored = self.restore(photo, height)
-        loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * lost
-        return Outcome(loss, photo, restored, ideal)
+        loss = restoration_loss(restored, captured.ideal, self.loss_weights) + self.stray * captured.lost
+        psf = None if captured.psf is None else captured.psf.detach()
+        return Outcome(loss, photo, restored, captured.ideal, psf)
 
-    def capture(self, draw: Draw, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """(photo with noise, ideal image), each [batch, 3, y, x], and the fraction of light lost, by the
-        designed mask `height` [n, n]."""
+    def capture(self, draw: Draw, height: Tensor | None) -> Captured:
+        """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication."""
         if height is not None and self.height_noise > 0:
             height = height + self.height_noise * _normal(height, draw.generator)
-        clean, ideal, lost = draw.scenes.photograph(self.optics, height)
-        noise = draw.read_noise.to(clean)[:, None, None, None]
-        return clean + noise * _normal(clean, draw.generator), ideal, lost
+        return draw.scenes.photograph(self.optics, height)
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
         """[batch, 3, y, x] to the same, float32. A filter is computed from the designed mask."""

@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -114,22 +114,23 @@ def _train(
     elif recipe.doe.design_steps and recipe.doe.learn:
         _design(setup, progress)
     limit = max_minutes * 60 if max_minutes else None
-    wrapped = workers.wrap(setup.system)
+    wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)
     loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
     board = recipe.journal.tensorboard
     opened = Journal(out, position.step, tensorboard=board) if workers.first else nullcontext()
+    figures: dict[str, float] = {}
+    path = out / f"{recipe.name}.safetensors"
     with opened as journal, _stoppable() as stop:
         try:
             finished = _steps(loop, journal, stop, progress)
         except torch.OutOfMemoryError:
             raise EdofsimError("the GPU's memory is too small; use a smaller batch or patch") from None
-        figures = validate(setup, journal, position.step) if workers.first else {}
-    figures |= {"steps": float(position.step), "seconds.training": loop.seconds()}
-    path = out / f"{recipe.name}.safetensors"
-    if workers.first:
         position.seconds = loop.seconds()
-        _save(loop)
-        save_result(setup, path, position.step, figures)
+        if workers.first:
+            _save(loop)  # first of all: who stops a training may not wait for more
+            figures |= validate(setup, journal, position.step)
+            save_result(setup, path, position.step, figures)
+    figures |= {"steps": float(position.step), "seconds.training": position.seconds}
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
     return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)
 
@@ -184,12 +185,23 @@ def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Prog
 
 
 def _step(loop: _Loop, fraction: float) -> Outcome:
-    """One update of mask and network."""
-    setup, settings = loop.setup, loop.setup.recipe.optimiser
+    """One update of the mask, and as many of the network as the recipe says."""
+    settings = loop.setup.recipe.optimiser
     factor = rate_factor(fraction, settings.decay, settings.warmup, settings.final_rate)
     for group in loop.optimiser.param_groups:
         group["lr"] = group["full_rate"] * factor
-    draw = draw_batch(setup, loop.position.step, loop.workers)
+    first = _update(loop, draw_batch(loop.setup, loop.position.step, loop.workers))
+    for part in range(1, settings.network_steps):
+        draw = draw_batch(loop.setup, loop.position.step, loop.workers, part)
+        if first.psf is not None:
+            draw = replace(draw, scenes=draw.scenes.reusing(first.psf))
+        _update(loop, draw)
+    return first
+
+
+def _update(loop: _Loop, draw: Draw) -> Outcome:
+    """One step of the optimiser for all that the loss depends on."""
+    setup = loop.setup
     loop.wrapped.train()
     # a batch that is not finite spoils the running means before its loss is known
     means = [buffer.clone() for buffer in setup.system.network.buffers()]
@@ -208,15 +220,15 @@ def _step(loop: _Loop, fraction: float) -> Outcome:
     return outcome
 
 
-def draw_batch(setup: Setup, step: int, workers: Workers) -> Draw:
-    """What a step photographs: the same for the same seed, step and worker."""
-    recipe = setup.recipe
-    generator = generator_of(recipe.seed, DRAWS, step, workers.rank)
+def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw:
+    """What a step photographs, in each of its parts: the same for the same seed, step and worker."""
+    recipe, where = setup.recipe, workers.rank + (part << 16)
+    generator = generator_of(recipe.seed, DRAWS, step, where)
     count = workers.share(recipe.optimiser.batch)
     scenes = setup.material.draw(count, generator)
     low, high = recipe.capture.read_noise
     read_noise = low + (high - low) * torch.rand(count, generator=generator)
-    return Draw(scenes, read_noise, generator_of(recipe.seed, NOISE, step, workers.rank, setup.device))
+    return Draw(scenes, read_noise, generator_of(recipe.seed, NOISE, step, where, setup.device))
 
 
 @torch.no_grad()

@@ -19,7 +19,7 @@ from ..optics import Camera
 from ..recipe.load import load_scene
 from ..recipe.train import Views
 from ..render.view import View
-from .system import COLOURS, Optics, Scenes
+from .system import COLOURS, Captured, Optics, Scenes
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,8 @@ class ViewParts:
     exposures: tuple[float, ...]
     table: Views
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """(photo without noise, ideal image), each [batch, 3, y, x]: layers, occlusion, hidden surfaces; and
-        the fraction of light lost, from which no gradient comes."""
+    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+        """With layers, occlusion and hidden surfaces; no gradient comes from the light lost."""
         camera = _camera(optics.camera, self.table.bands)
         photos = [
             expose(
@@ -52,7 +51,10 @@ class ViewParts:
         # the sensor saturates; what lies beyond full scale is not asked of the network
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
         lost = torch.stack([photo.lost for photo in photos]).mean()
-        return clean.clamp_max(1), ideal.clamp_max(1), lost
+        return Captured(clean.clamp_max(1), ideal.clamp_max(1), lost)
+
+    def reusing(self, psf: Tensor | None) -> Scenes:
+        return self
 
 
 @dataclass(frozen=True)

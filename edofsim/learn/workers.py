@@ -34,12 +34,13 @@ class Workers:
             )
         return batch // self.count
 
-    def wrap(self, system: nn.Module) -> nn.Module:
-        """The system with its gradients averaged over the processes."""
+    def wrap(self, system: nn.Module, *, partly: bool = False) -> nn.Module:
+        """The system with its gradients averaged over the processes. partly: not every value has a gradient
+        in every update."""
         if self.count == 1:
             return system
         ids = [self.device.index] if self.device.type == "cuda" else None
-        return DistributedDataParallel(system, device_ids=ids)
+        return DistributedDataParallel(system, device_ids=ids, find_unused_parameters=partly)
 
     def agree(self, value: float) -> float:
         """The same number in every process: the largest, and not a number where it is so in any."""

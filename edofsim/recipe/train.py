@@ -116,7 +116,9 @@ class CaptureTable(RecipeModel):
 class OptimiserTable(RecipeModel):
     """Adam as in the paper, for `steps` steps of `batch` patches. decay: the rate of network and mask falls
     along half a cosine to `final_rate` of itself, or stays, as in the paper. warmup: this share of the steps
-    comes first, with the rate rising."""
+    comes first, with the rate rising. network_steps: updates of the network in a step. The PSFs are
+    computed, and the mask learns, in the first; in the others the same PSFs meet new patches and new noise,
+    which saves the time of the optics."""
 
     steps: Count = 100_000
     batch: Count = 4
@@ -126,6 +128,7 @@ class OptimiserTable(RecipeModel):
     decay: Literal["cosine", "none"] = "cosine"
     final_rate: Fraction = 0.01
     warmup: Fraction = 0.0
+    network_steps: Count = 1
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
 
 
@@ -142,7 +145,6 @@ class JournalTable(RecipeModel):
 class TrainRecipe(RecipeModel):
     """A training recipe. `camera` is a file or a shipped name; `mask`, `psf` replace the camera's own."""
 
-    schema_: Annotated[str | None, Field(alias="$schema")] = None
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
     purpose: str = ""
     camera: str

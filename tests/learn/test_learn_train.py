@@ -166,8 +166,8 @@ def test_a_loss_that_is_not_finite_stops_with_state_and_batch(
 ) -> None:
     real = trainer.draw_batch
 
-    def poisoned(setup: object, step: int, workers: object) -> object:
-        draw = real(setup, step, workers)
+    def poisoned(setup: object, step: int, workers: object, part: int = 0) -> object:
+        draw = real(setup, step, workers, part)
         if step == 2:
             draw.scenes.sharp[0, 0, 10, 10] = torch.nan
         return draw

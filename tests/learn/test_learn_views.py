@@ -1,0 +1,122 @@
+"""Scenes with depth as training data, on views made by hand: no renderer is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.learn import views
+from edofsim.learn.system import COLOURS, Optics, Planes
+from edofsim.learn.views import ViewParts, ViewSource, in_colours, open_views, training_rows
+from edofsim.optics import Camera
+from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.train import Views
+from edofsim.render.view import View
+
+WINDOW = 16
+PSF = {"window_px": WINDOW, "oversampling": 1, "pupil_sampling_um": 21.0}
+CAMERA = CameraRecipe(name="c", mask={"kind": "height-map"}, psf=PSF, sensor={"exposure": 1.0})
+
+
+def _optics() -> Optics:
+    return Optics(Camera.from_recipe(CAMERA), WINDOW, torch.device("cpu"))
+
+
+def _view(
+    height: int, width: int, margin: int, wavelengths: torch.Tensor, inverse_depth: float = 0.8
+) -> View:
+    """A plane with a random picture."""
+    count = (height + 2 * margin) * (width + 2 * margin)
+    generator = torch.Generator().manual_seed(7)
+    return View(
+        height=height,
+        width=width,
+        margin=margin,
+        pixel=torch.arange(count),
+        coverage=torch.ones(count),
+        inverse_depth=torch.full((count,), inverse_depth),
+        radiance=torch.rand(len(wavelengths), count, generator=generator),
+        hidden=torch.zeros(count, dtype=torch.bool),
+        wavelengths=wavelengths,
+        pixel_angle=_optics().camera.pixel_angle,
+    )
+
+
+def _source(table: Views) -> ViewSource:
+    view = _view(40, 30, 4, COLOURS)
+    return ViewSource((view,), table, 12, WINDOW // 2, 0.3, {}, "")
+
+
+def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> None:
+    """One surface at one depth: `Planes`, the paper's own model, is the reference."""
+    optics, height = _optics(), 0.3e-6 * torch.rand(239, 239, generator=torch.Generator().manual_seed(1))
+    view = _view(12, 10, WINDOW, COLOURS)
+    table = Views(scenes=("s",), layers=2)
+    found = ViewParts((view,), (1.0,), table).photograph(optics, height)
+    picture = view.radiance.reshape(1, 3, 12 + 2 * WINDOW, 10 + 2 * WINDOW)
+    before, after = WINDOW - 1 - WINDOW // 2, WINDOW // 2
+    cut = picture[..., WINDOW - before : WINDOW + 12 + after, WINDOW - before : WINDOW + 10 + after]
+    plane = Planes(cut, torch.tensor([0.8])).photograph(optics, height)
+    assert torch.allclose(found.ideal, plane.ideal, atol=1e-6)
+    assert torch.allclose(found.clean, plane.clean, atol=2e-5)
+    assert float(found.lost) == pytest.approx(float(plane.lost), abs=0.02)
+
+
+def test_gradients_of_a_scene_reach_the_mask() -> None:
+    height = torch.full((239, 239), 0.6e-6, requires_grad=True)
+    draw = _source(Views(scenes=("s",))).draw(2, torch.Generator().manual_seed(1))
+    found = draw.photograph(_optics(), height)
+    (found.clean - found.ideal).square().sum().backward()
+    assert found.clean.shape == (2, 3, 12, 12)
+    assert torch.isfinite(height.grad).all() and (height.grad != 0).any()
+
+
+def test_exposures_vary_and_saturate() -> None:
+    table = Views(scenes=("s",), exposure=(0.25, 2.5))
+    draw = _source(table).draw(8, torch.Generator().manual_seed(2))
+    assert all(0.25 <= factor <= 2.5 for factor in draw.exposures)
+    assert max(draw.exposures) > 1.2
+    found = draw.photograph(_optics(), None)
+    assert found.ideal.max() <= 1 and found.clean.max() <= 1
+
+
+def test_the_rows_kept_for_validation_are_never_drawn() -> None:
+    source = _source(Views(scenes=("s",)))
+    last = training_rows(40, 12, 0.3)
+    assert last == 28
+    row = torch.arange(48)[:, None].expand(48, 38).reshape(-1).to(torch.float32)
+    marked = View(**{**source.views[0].__dict__, "inverse_depth": row})
+    parts = ViewSource((marked,), source.table, 12, 0, 0.3, {}, "").draw(
+        200, torch.Generator().manual_seed(3)
+    )
+    rows = torch.cat([part.inverse_depth for part in parts.parts]) - 4  # the margin
+    assert rows.min() == 0 and rows.max() == last - 1
+    kept = ViewSource((marked,), source.table, 12, 0, 0.3, {}, "").validation(3)
+    assert min(float(batch.parts[0].inverse_depth.min()) - 4 for batch in kept) >= last
+
+
+def test_bands_are_interpolated_to_the_papers_colours() -> None:
+    """A spectrum linear in wavelength is met exactly."""
+    bands = torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64)
+    view = _view(2, 2, 0, bands)
+    linear = (bands * 1e6).to(torch.float32)[:, None].expand(31, 4)
+    colours = in_colours(View(**{**view.__dict__, "radiance": linear}))
+    assert torch.allclose(
+        colours.radiance, (COLOURS * 1e6).to(torch.float32)[:, None].expand(3, 4), atol=1e-6
+    )
+    with pytest.raises(InputError, match="482 to 611 nm"):
+        in_colours(_view(2, 2, 0, bands[10:]))
+
+
+def test_a_view_too_small_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Loaded:
+        recipe = CAMERA
+        base = tmp_path
+
+    monkeypatch.setattr(views, "load_scene", lambda source: Loaded)
+    monkeypatch.setattr("edofsim.render.render", lambda *arguments, **options: _view(20, 30, 4, COLOURS))
+    with pytest.raises(InputError, match="'tiny'.*30 x 20"):
+        open_views(Views(scenes=("tiny",)), 12, 0.5, _optics(), tmp_path, None, None)
