@@ -125,20 +125,38 @@ def run(
 @app.command()
 def render(
     scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Scene recipes or shipped names.")],
+    members: Annotated[
+        int | None, typer.Option("--members", min=1, help="So many different scenes of each family.")
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option("--noise", metavar="1%", help="Stop at this noise, not at a sample count.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Worker processes on this machine.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786."),
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option("--shard", metavar="I/N", help="Only the I-th of N shares of the work.")
+    ] = None,
     out: OutOption = None,
     json: JsonOption = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> None:
-    """Views into the cache; with --out a picture and a depth picture of each too.
+    """Views into the cache; with --out a picture and a depth picture of each too. Interrupt it at any time:
+    the same command goes on from there.
 
-    Figures: seconds.SCENE, render_noise.SCENE, fragments.SCENE, peak_memory_mib.
+    Figures: views, views.rendered, seconds.{forecast,render}, seconds.SCENE, render_noise.SCENE,
+    peak_memory_mib.
     """
     from .commands import render_scenes
 
     with console.progress("render", quiet=quiet) as progress:
-        done = render_scenes(scenes, out, json, cache, device.value, progress)
+        done = render_scenes(
+            scenes, members, noise, jobs, cluster, shard, out, json, cache, device.value, progress
+        )
     done.show()
 
 

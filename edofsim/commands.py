@@ -13,7 +13,7 @@ from typing import Any
 from rich.table import Table
 
 from . import console
-from .errors import InputError
+from .errors import EdofsimError, InputError
 from .recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from .record import peak_memory_mib, record, writable_folder, write_record
 
@@ -93,6 +93,11 @@ def run_scene(
 
 def render_scenes(
     scenes: Sequence[str],
+    members: int | None,
+    noise: str | None,
+    jobs: int,
+    cluster: str | None,
+    shard: str | None,
     out: Path | None,
     json: Path | None,
     cache: Path | None,
@@ -100,40 +105,114 @@ def render_scenes(
     progress: Progress,
 ) -> Done:
     """`edofsim render`."""
-    loaded = [load_scene(scene) for scene in scenes]  # every recipe is checked before any time is spent
+    target = _fraction(noise, "--noise") if noise else None
+    part = _shard(shard) if shard else None
+    loaded = _all_scenes(scenes)  # every recipe is checked before any time is spent
     folder = writable_folder(out) if out else None
-    from .render import render
+    from .render.jobs import MANIFEST, Task, forecast, render_many, render_one
+    from .scene.family import members as family_members
+
+    tasks = [
+        Task(recipe, item.base)
+        for item in loaded
+        for recipe in (family_members(item.recipe, members) if members else [item.recipe])
+    ]
+    expected = forecast(tasks, cache=cache, jobs=jobs, noise=target)
+    console.err.print(str(expected), markup=False)
+    if len(tasks) == 1 and not cluster and part is None:  # no worker needs starting for one view
+        outcomes = [render_one(tasks[0], cache=cache, noise=target, device=device, progress=progress)]
+    else:
+        outcomes = render_many(
+            tasks,
+            cache=cache,
+            jobs=jobs,
+            cluster=cluster,
+            shard=part,
+            noise=target,
+            device=device,
+            progress=progress,
+        )
+    failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
+    if failed:
+        raise EdofsimError("\n".join(failed))
+    fresh = sum(outcome.fresh for outcome in outcomes)
+    numbers: dict[str, float] = {
+        "views": len(outcomes),
+        "views.rendered": fresh,
+        "seconds.forecast": expected.seconds,
+        "seconds.render": sum(outcome.seconds for outcome in outcomes),
+    }
+    table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
+    for outcome in outcomes:
+        origin = "rendered" if outcome.fresh else "cache"
+        table.add_row(
+            outcome.name,
+            f"{outcome.seconds:.1f}",
+            str(outcome.samples),
+            f"{outcome.noise:.2%}",
+            outcome.host,
+            origin,
+        )
+        numbers[f"seconds.{outcome.name}"] = outcome.seconds
+        numbers[f"render_noise.{outcome.name}"] = outcome.noise
+    from .render import cache as store
+
+    outputs = {"manifest": (cache or store.default_folder()) / MANIFEST} if fresh else {}
+    if folder:
+        outputs |= _view_pictures(tasks, folder, target, cache)
+    numbers["peak_memory_mib"] = peak_memory_mib()
+    inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": target}
+    return _finish("render", [table], numbers, outputs, json, inputs=inputs)
+
+
+def _view_pictures(
+    tasks: Sequence[Any], folder: Path, noise: float | None, cache: Path | None
+) -> dict[str, Path]:
+    from .expose import ideal_image
+    from .render import cached
     from .report import depth_plot, save_srgb
 
-    numbers: dict[str, float] = {}
     outputs: dict[str, Path] = {}
-    for index, item in enumerate(loaded):
-        name = item.recipe.name
-        started = time.perf_counter()
+    for task in tasks:
+        view = cached(task.recipe, task.base, cache=cache, noise=noise)
+        if view is None:  # of another shard
+            continue
+        name = task.recipe.name
+        outputs[f"{name} picture"] = save_srgb(folder / f"{name}.png", view.crop_margin(ideal_image(view)))
+        depth = view.crop_margin(view.mean_inverse_depth())
+        outputs[f"{name} depth"] = depth_plot(depth).save(folder / f"{name}-depth.png")
+    return outputs
 
-        def part(done: float, text: str, index: int = index, name: str = name) -> None:
-            progress((index + done) / len(loaded), f"{name}: {text}")
 
-        view = render(item.recipe, item.base, cache=cache, device=device, progress=part)
-        numbers[f"seconds.{name}"] = time.perf_counter() - started
-        numbers[f"render_noise.{name}"] = view.noise
-        numbers[f"fragments.{name}"] = int(view.pixel.numel())
-        if folder:
-            from .expose import ideal_image
+def _all_scenes(scenes: Sequence[str]) -> list[Loaded[SceneRecipe]]:
+    """All recipes, or all that is wrong with any of them."""
+    loaded, problems = [], []
+    for scene in scenes:
+        try:
+            loaded.append(load_scene(scene))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return loaded
 
-            outputs[f"{name} picture"] = save_srgb(
-                folder / f"{name}.png", view.crop_margin(ideal_image(view))
-            )
-            depth = view.crop_margin(view.mean_inverse_depth())
-            outputs[f"{name} depth"] = depth_plot(depth).save(folder / f"{name}-depth.png")
-    numbers["peak_memory_mib"] = peak_memory_mib()
-    lines = [
-        f"{name}: {numbers[f'seconds.{name}']:.1f} s, {numbers[f'fragments.{name}']} fragments, "
-        f"noise {numbers[f'render_noise.{name}']:.2%}"
-        for name in (item.recipe.name for item in loaded)
-    ]
-    inputs = {"scenes": [str(item.path) for item in loaded]}
-    return _finish("render", lines, numbers, outputs, json, inputs=inputs, seed=None)
+
+def _fraction(text: str, option: str) -> float:
+    """`1%` or `0.01` as 0.01."""
+    try:
+        value = float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise InputError(f"{option} {text}: give a fraction above 0 and below 1, such as 1% or 0.01")
+    return value
+
+
+def _shard(text: str) -> tuple[int, int]:
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdigit() and count.isdigit()):
+        raise InputError(f"--shard {text}: give I/N, such as 1/4 for the first of four")
+    return int(number), int(count)
 
 
 def expose_scene(

@@ -194,6 +194,27 @@ def render_many(
     return [batch.outcomes[number] for number in range(len(tasks))]
 
 
+def render_one(
+    task: Task,
+    *,
+    cache: Path | None = None,
+    noise: float | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Outcome:
+    """One task in this process: no worker is started. Raises what `edofsim.render.render` raises."""
+    outcome = _rendered(task, cache, noise, device, progress)
+    _note((cache or store.default_folder()) / MANIFEST, outcome)
+    return outcome
+
+
+def _note(manifest: Path, outcome: Outcome) -> None:
+    line = json.dumps({"time": time.time(), **asdict(outcome)}, sort_keys=True) + "\n"
+    manifest.parent.mkdir(parents=True, exist_ok=True)  # a picture with depths needs no cache folder
+    with manifest.open("a", encoding="utf-8") as file:
+        file.write(line)
+
+
 class _Batch:
     """Tasks in flight and their outcomes."""
 
@@ -250,9 +271,7 @@ class _Batch:
             outcome = self._failed(task, str(error))
         self.outcomes[number] = outcome
         self.parts[number] = 1.0
-        line = json.dumps({"time": time.time(), **asdict(outcome)}, sort_keys=True) + "\n"
-        with self.manifest.open("a", encoding="utf-8") as file:
-            file.write(line)
+        _note(self.manifest, outcome)
 
     def _failed(self, task: Task, error: str) -> Outcome:
         key = place_of(task.recipe, task.base, self.folder, self.noise).key
@@ -331,7 +350,13 @@ def _work(number: int, task: Task, folder: Path, noise: float | None, device: st
 
     # A Dask worker has several threads, and an engine is one for the whole process.
     with _one_at_a_time:
-        found = fetch(task.recipe, task.base, folder, noise, device, tell)
+        return _rendered(task, folder, noise, device, tell)
+
+
+def _rendered(
+    task: Task, folder: Path | None, noise: float | None, device: str, progress: Progress | None
+) -> Outcome:
+    found = fetch(task.recipe, task.base, folder, noise, device, progress)
     samples = int(found.view.metadata.get("samples", 0))
     return Outcome(
         task.recipe.name,

@@ -44,12 +44,12 @@ Run = Callable[..., tuple[int, str]]
 
 
 @pytest.fixture
-def edofsim(capsys: pytest.CaptureFixture[str]) -> Run:
+def edofsim(capfd: pytest.CaptureFixture[str]) -> Run:
     """Run a command in this process: (exit status, what it said on the error channel)."""
 
     def run(*arguments: str | Path) -> tuple[int, str]:
         status = console.exit_status(lambda: app([str(a) for a in arguments], standalone_mode=False))
-        return status, capsys.readouterr().err
+        return status, capfd.readouterr().err
 
     return run
 
