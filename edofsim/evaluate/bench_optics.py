@@ -26,7 +26,7 @@ from torch import Tensor
 from ..optics import Camera, defocus, psf_bank
 from ..optics import cache as bank_cache
 from ..optics.grid import PupilGrid
-from ..optics.propagation import BLOCK_BYTES, propagate
+from ..optics.propagation import BLOCK_BYTES, Wave, propagate
 from ..optics.pupil import aperture, chirp, pupil_function
 from ..optics.transform import SensorWindow, make_bases
 from ..recipe.camera import CameraRecipe, PsfSettings
@@ -183,16 +183,15 @@ def backward() -> dict[str, float]:
         bases = make_bases(grid, window, reach, opening.light, torch.float32, torch.device("cpu"))
         chirps = chirp(grid, defocus(camera, wavelength, inverse_depths))
         pupil = pupil_function(camera, opening, wavelength).requires_grad_()
-        waves.append((pupil, chirps, bases, _complex_basis(grid, window, reach)))
+        waves.append((Wave(pupil, chirps, bases), _complex_basis(grid, window, reach)))
 
     def by_hand() -> None:
-        for pupil, chirps, bases, _ in waves:
-            propagate(pupil, chirps, bases).square().sum().backward()
+        propagate([wave for wave, _ in waves]).square().sum().backward()
 
     def automatic() -> None:
-        for pupil, chirps, _, basis in waves:
-            whole = torch.cat([chirps.flip(1), chirps], 1)
-            field = basis @ (pupil * whole[:, :, None] * whole[:, None, :]) @ basis.T
+        for wave, basis in waves:
+            whole = torch.cat([wave.chirps.flip(1), wave.chirps], 1)
+            field = basis @ (wave.pupil * whole[:, :, None] * whole[:, None, :]) @ basis.T
             energy = field.real.square() + field.imag.square()
             count = window.sub_pixels // OVERSAMPLING
             energy.view(-1, count, OVERSAMPLING, count, OVERSAMPLING).sum((2, 4)).square().sum().backward()
@@ -219,8 +218,8 @@ def _complex_basis(grid: PupilGrid, window: SensorWindow, reach: float) -> Tenso
 
 
 def _kept_bytes(work: Callable[[], None]) -> int:
-    """Bytes that automatic differentiation keeps between the passes."""
-    kept = []
+    """Bytes that PyTorch keeps between the passes, by its count of saved tensors."""
+    kept: list[int] = []
 
     def keep(tensor: Tensor) -> Tensor:
         kept.append(tensor.nbytes)

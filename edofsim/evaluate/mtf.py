@@ -96,12 +96,12 @@ def _draw(curves: list[Curve], camera: Camera, path: Path) -> None:
     panels = list(dict.fromkeys(curve.panel for curve in curves))
     figure, axes = new_figure(2, 3)
     nyquist = 0.5e-3 / camera.pixel
+    frequencies = FREQUENCIES_PER_MM.numpy()
     for axis, panel in zip([axis for row in axes for axis in row], panels, strict=True):
         for index, curve in enumerate(c for c in curves if c.panel == panel):
             label = curve.label.replace("psi_", "Psi = ").replace("_", " ")
-            axis.plot(
-                FREQUENCIES_PER_MM, curve.values, DASHES[index], color=OKABE_ITO[index], lw=1.2, label=label
-            )
+            look = {"linestyle": DASHES[index], "color": OKABE_ITO[index], "linewidth": 1.2}
+            axis.plot(frequencies, curve.values.numpy(), label=label, **look)
         axis.axvline(nyquist, color="0.6", linewidth=0.8)
         axis.text(nyquist, 0.98, " sensor's Nyquist", fontsize=6, color="0.4", va="top")
         own = panel.endswith("_nm")

@@ -90,12 +90,12 @@ def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
     without_grid(axis)
     if isinstance(relief, Tensor) and float(relief.abs().max()) > 0:
         shown = torch.where(light > 0.5, relief - relief[light > 0.5].min(), torch.nan)
-        image = axis.imshow(shown * 1e6, cmap="viridis")
+        image = axis.imshow((shown * 1e6).numpy(), cmap="viridis")
         bar = axis.figure.colorbar(image, ax=axis, shrink=0.8)
         bar.ax.tick_params(labelsize=6)
         bar.ax.set_title("um", fontsize=6)
     else:
-        axis.imshow(amplitude, cmap="gray", vmin=0, vmax=1)
+        axis.imshow(amplitude.numpy(), cmap="gray", vmin=0, vmax=1)
 
 
 def _draw(
@@ -127,7 +127,8 @@ def _draw(
         curves = mtf(camera, middle * 1e-9, bank.inverse_depths, frequencies, angle_deg=direction)
         for index, (depth, curve) in enumerate(zip(depths_m, curves, strict=True)):
             colour, dash = OKABE_ITO[index % len(OKABE_ITO)], DASHES[index % len(DASHES)]
-            axis.plot(frequencies * 1e-3, curve, dash, color=colour, linewidth=1, label=_metres(depth))
+            at = (frequencies * 1e-3).numpy()
+            axis.plot(at, curve.numpy(), dash, color=colour, linewidth=1, label=_metres(depth))
         axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
         axis.set(ylim=(0, 1), xlim=(0, float(frequencies[-1]) * 1e-3))
         axis.set_xlabel("cycles/mm", fontsize=7)
@@ -139,7 +140,8 @@ def _draw(
 
 def _picture(axis: Axes, psf: Tensor) -> None:
     without_grid(axis)
-    axis.imshow((psf / psf.max()).clamp_min(DARKEST).sqrt(), cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
+    shown = (psf / psf.max()).clamp_min(DARKEST).sqrt().numpy()
+    axis.imshow(shown, cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
 
 
 def _metres(depth: float) -> str:

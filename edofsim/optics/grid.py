@@ -52,7 +52,7 @@ def disc_coverage(grid: PupilGrid, radius: float) -> Tensor:
         height = left + (line + 0.5) / LINES * grid.pitch
         half_chord = (radius**2 - height**2).clamp_min(0).sqrt()[:, None]
         covered += torch.clamp(right, -half_chord, half_chord) - torch.clamp(left, -half_chord, half_chord)
-    return covered / (LINES * grid.pitch)
+    return (covered + covered.T) / (2 * LINES * grid.pitch)  # as exact down as across
 
 
 @lru_cache(maxsize=8)

@@ -35,7 +35,7 @@ class Material:
     def index(self, wavelengths: Tensor | float) -> Tensor:
         """Refractive index, float64, same shape as `wavelengths` [m]. Raises InputError outside the range."""
         wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)
-        outside = (wavelengths < self.shortest - 1e-15) | (wavelengths > self.longest + 1e-15)
+        outside = (wavelengths < self.shortest - 1e-12) | (wavelengths > self.longest + 1e-12)
         if not bool(torch.isfinite(wavelengths).all()) or bool(outside.any()):
             wrong = wavelengths.flatten()[(outside | ~torch.isfinite(wavelengths)).flatten()][0]
             raise InputError(

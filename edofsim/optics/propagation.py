@@ -1,59 +1,95 @@
-"""From the pupil function of one wavelength to its PSFs at all depths, in blocks, with its own adjoint."""
+"""From pupil functions to PSFs, in blocks of depths, with its own adjoint."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from .threads import in_threads
 from .transform import Bases, fold, intensity, intensity_gradient, unfold, waves, waves_gradient
 
 BLOCK_BYTES = 16 << 20
-"""Working memory of one block on a CPU: a few PSFs at a time stay near its cores."""
+"""Working memory of one block of depths on a core of a CPU: a few PSFs at a time stay near it."""
 DEVICE_BLOCK_BYTES = 1 << 30
 """The same on an accelerator, where large blocks keep it busy."""
-KEPT_BYTES = 64 << 20
-"""Fields of one wavelength that are kept for the backward pass; larger ones are computed again."""
+KEPT_BYTES = 256 << 20
+"""Fields that are kept for the backward pass; more are computed again."""
+
+Fields = tuple[Tensor, Tensor]
 
 
-def propagate(pupil: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-    """Energy in each pixel of the symmetric window, [depth, pixel, pixel], from a complex pupil [s, s].
-
-    chirps: complex [depth, half], the defocus of each depth along one axis of the pupil, from its centre
-    outwards. Differentiable by the pupil, through an adjoint written by hand: it keeps the field on the
-    sensor, or where that is large the pupil alone, and nothing in between, so that it takes less memory than
-    automatic differentiation, and less time (`make bench` measures both).
+@dataclass(frozen=True)
+class Wave:
+    """One wavelength: pupil function without defocus, complex [s, s]; the defocus of each depth along half an
+    axis of the pupil, complex [depth, half]; and what turns them into pixels.
     """
-    return _Propagation.apply(pupil, chirps, bases)
+
+    pupil: Tensor
+    chirps: Tensor
+    bases: Bases
+
+
+def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
+    """Energy in each pixel of the symmetric window, [depth, pixel, pixel]. keep: gets the fields of each
+    block.
+    """
+    parts, size = fold(wave.pupil), 2 * len(wave.bases.pixels) - 1
+    energy = torch.empty(len(wave.chirps), size, size, dtype=parts.dtype, device=parts.device)
+    at_once = depths_at_once(wave.bases)
+    for block, out in zip(wave.chirps.split(at_once), energy.split(at_once), strict=True):
+        fields = waves(parts, block, wave.bases.fourier)
+        out.copy_(intensity(*fields, wave.bases))
+        if keep is not None:
+            keep.append(fields)
+    return energy
+
+
+def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:
+    """Adjoint of `energies`: gradient of a loss by the pupil, complex [s, s], from that by the energies."""
+    parts = fold(wave.pupil)
+    total = torch.zeros_like(parts)
+    at_once = depths_at_once(wave.bases)
+    blocks = zip(wave.chirps.split(at_once), upstream.split(at_once), strict=True)
+    for index, (block, given) in enumerate(blocks):
+        fields = kept[index] if kept else waves(parts, block, wave.bases.fourier)
+        gradients = intensity_gradient(given, *fields, wave.bases)
+        total += waves_gradient(*gradients, block, wave.bases.fourier)
+    return unfold(total, wave.pupil.shape[-1])
+
+
+def propagate(wave_of_band: Sequence[Wave]) -> Tensor:
+    """`energies` of several wavelengths, [depth, band, pixel, pixel], differentiable by their pupil
+    functions.
+
+    The adjoint is written by hand: between the passes it keeps the fields on the sensor, or where they are
+    large the pupil alone, and nothing else, so that it takes less memory than automatic differentiation and
+    less time (`make bench` measures both).
+    """
+    return _Propagation.apply(list(wave_of_band), *(wave.pupil for wave in wave_of_band))
 
 
 class _Propagation(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, pupil: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-        parts, size = fold(pupil), 2 * len(bases.pixels) - 1
-        energy = torch.empty(len(chirps), size, size, dtype=parts.dtype, device=parts.device)
-        keep = ctx.needs_input_grad[0] and _field_bytes(chirps, bases) <= KEPT_BYTES
-        fields: list[Tensor] = []
-        for block, out in zip(*(x.split(depths_at_once(bases)) for x in (chirps, energy)), strict=True):
-            even, odd = waves(parts, block, bases.fourier)
-            out.copy_(intensity(even, odd, bases))
-            fields += [even, odd] if keep else []
-        ctx.bases = bases
-        ctx.save_for_backward(pupil, chirps, *fields)
-        return energy
+    def forward(ctx, wave_of_band: list[Wave], *pupils: Tensor) -> Tensor:
+        size = sum(_field_bytes(wave) for wave in wave_of_band)
+        keep = any(ctx.needs_input_grad) and size <= KEPT_BYTES
+        kept: list[list[Fields]] = [[] for _ in wave_of_band]
+        work = list(zip(wave_of_band, kept if keep else [None] * len(kept), strict=True))
+        energy = in_threads(lambda item: energies(*item), work, pupils[0].device)
+        ctx.bands, ctx.blocks = wave_of_band, [len(fields) for fields in kept]
+        ctx.save_for_backward(*(tensor for fields in kept for pair in fields for tensor in pair))
+        return torch.stack(energy, dim=1)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, upstream: Tensor) -> tuple[Tensor | None, ...]:
-        pupil, chirps, *fields = ctx.saved_tensors
-        bases = ctx.bases
-        parts = fold(pupil)
-        total = torch.zeros_like(parts)
-        blocks = zip(*(x.split(depths_at_once(bases)) for x in (chirps, upstream)), strict=True)
-        for index, (block, given) in enumerate(blocks):
-            even, odd = fields[2 * index : 2 * index + 2] or waves(parts, block, bases.fourier)
-            gradients = intensity_gradient(given, even, odd, bases)
-            total += waves_gradient(*gradients, block, bases.fourier)
-        return unfold(total, pupil.shape[-1]), None, None
+        saved = iter(ctx.saved_tensors)
+        kept = [[(next(saved), next(saved)) for _ in range(count)] for count in ctx.blocks]
+        work = list(zip(ctx.bands, upstream.unbind(1), kept, strict=True))
+        return None, *in_threads(lambda item: pupil_gradient(*item), work, upstream.device)
 
 
 def depths_at_once(bases: Bases) -> int:
@@ -64,5 +100,5 @@ def depths_at_once(bases: Bases) -> int:
     return max(1, limit // (numbers * bases.fourier.element_size()))
 
 
-def _field_bytes(chirps: Tensor, bases: Bases) -> int:
-    return 8 * len(chirps) * bases.halves[0] ** 2 * bases.fourier.element_size()
+def _field_bytes(wave: Wave) -> int:
+    return 8 * len(wave.chirps) * wave.bases.halves[0] ** 2 * wave.bases.fourier.element_size()

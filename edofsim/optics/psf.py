@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -14,9 +14,10 @@ from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
 from .height import trained_pitch
-from .propagation import propagate
+from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
+from .threads import in_threads
 from .transform import SensorWindow, make_bases
 
 LARGEST_BYTES = 8 << 30
@@ -79,19 +80,29 @@ def psf_bank(
         key = bank_cache.key(camera, wavelengths, inverse_depths, pixels, height, seed, dtype)
         known = bank_cache.find(key, cache)
         if known is not None:
-            return known if str(device) == "cpu" else _moved(known, device)
+            return _moved(known, device)
     shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
     _check_size(shape, dtype)
     pitch = None if height is None else trained_pitch(camera, height.shape[-1])
     sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
     opening = aperture(camera, sampling.grid, height, seed)
-    bands = _bands(camera, opening, wavelengths, inverse_depths, pixels, dtype, torch.device(device))
+    where = torch.device(device)
+
+    def wave_of(band: int) -> Wave:
+        return _wave(camera, opening, float(wavelengths[band]), inverse_depths, pixels, dtype, where)
+
     if trainable:
-        values = torch.stack(list(bands), dim=1)
+        values = propagate([wave_of(band) for band in range(len(wavelengths))])[..., :pixels, :pixels]
     else:
-        values = torch.empty(shape, dtype=dtype, device=device)
-        for into, band in zip(values.unbind(1), bands, strict=True):
-            into.copy_(band)
+        values = torch.empty(shape, dtype=dtype, device=where)
+
+        def fill(piece: tuple[int, slice]) -> None:
+            band, depths = piece
+            wave = wave_of(band)
+            energy = energies(replace(wave, chirps=wave.chirps[depths]))
+            values[depths, band] = energy[:, :pixels, :pixels]
+
+        in_threads(fill, _pieces(*shape[:2]), where)
     rest = 1 - values.sum((-1, -2))
     bank = PsfBank(values, rest, wavelengths, inverse_depths, opening.transmission, sampling)
     if key is not None:
@@ -99,24 +110,29 @@ def psf_bank(
     return bank
 
 
-def _bands(
+def _wave(
     camera: Camera,
     opening: Aperture,
-    wavelengths: Tensor,
+    wavelength: float,
     inverse_depths: Tensor,
     pixels: int,
     dtype: torch.dtype,
     device: torch.device,
-) -> Iterator[Tensor]:
-    """The PSFs of each wavelength in turn, [depth, y, x]."""
+) -> Wave:
     window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
-    for wavelength in wavelengths.tolist():
-        pupil = pupil_function(camera, opening, wavelength, dtype=dtype, device=device)
-        psi = defocus(camera, wavelength, inverse_depths)
-        chirps = chirp(opening.grid, psi, dtype=dtype, device=device)
-        reach = wavelength * camera.sensor_distance
-        bases = make_bases(opening.grid, window, reach, opening.light, dtype, device)
-        yield propagate(pupil, chirps, bases)[:, :pixels, :pixels]
+    reach = wavelength * camera.sensor_distance
+    return Wave(
+        pupil_function(camera, opening, wavelength, dtype=dtype, device=device),
+        chirp(opening.grid, defocus(camera, wavelength, inverse_depths), dtype=dtype, device=device),
+        make_bases(opening.grid, window, reach, opening.light, dtype, device),
+    )
+
+
+def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:
+    """Bands, and where they are fewer than the threads, parts of their depths: enough pieces to share out."""
+    parts = min(depths, math.ceil(torch.get_num_threads() / bands))
+    size = math.ceil(depths / parts)
+    return [(band, slice(start, start + size)) for band in range(bands) for start in range(0, depths, size)]
 
 
 def _axes(
@@ -163,5 +179,7 @@ def _check_height(height: Tensor) -> None:
 
 
 def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:
+    if bank.values.device == torch.device(device):
+        return bank
     values, rest = bank.values.to(device), bank.rest.to(device)
     return PsfBank(values, rest, bank.wavelengths, bank.inverse_depths, bank.transmission, bank.sampling)

@@ -16,7 +16,7 @@ from .height import natural_samples
 from .lens import spherical_slope
 from .masks import mask_slope
 
-FEWEST_SAMPLES = 64
+FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
 """Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
@@ -98,8 +98,8 @@ def _automatic(
     designed = map_pitch or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
     if designed is not None and designed <= needed:
         return natural_samples(camera, designed), designed
-    samples = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
-    return samples, 2 * camera.aperture_radius / samples
+    across = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
+    return across + 2, 2 * camera.aperture_radius / across  # the samples of an edge reach a cell beyond it
 
 
 def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool) -> Tensor:

@@ -36,7 +36,7 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
         return _lines(wavelengths)
     table_nm, curves, source = _table(name, camera.base)
     nm = (wavelengths * 1e9).numpy()
-    outside = nm[(nm < table_nm[0] - 1e-6) | (nm > table_nm[-1] + 1e-6)]
+    outside = nm[(nm < table_nm[0] - 1e-3) | (nm > table_nm[-1] + 1e-3)]
     if outside.size:
         raise InputError(
             f"sensor.response {name!r} ({source}) covers {table_nm[0]:g} to {table_nm[-1]:g} nm and lacks"

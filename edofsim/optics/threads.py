@@ -1,0 +1,61 @@
+"""Independent pieces of work on the cores of a CPU, one thread each.
+
+The pieces are many small tensor operations. PyTorch would split each of them over all cores and wait for the
+slowest, every time; on a machine that others use too that costs more than it gains.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TypeVar
+
+import torch
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_lock = threading.Lock()
+_users = 0
+_threads = 1
+
+
+def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: torch.device) -> list[Result]:
+    """work(item) for each item, without gradients, in the order of the items.
+
+    On a CPU as many at a time as PyTorch may use threads, each operation on one of them; elsewhere one after
+    another. An exception of one item is raised here.
+    """
+    count = min(torch.get_num_threads(), len(items))
+    inference = torch.is_inference_mode_enabled()
+
+    def alone(item: Item) -> Result:
+        with torch.inference_mode(inference), torch.no_grad():
+            return work(item)
+
+    if count <= 1 or device.type != "cpu":
+        return [alone(item) for item in items]
+    with _one_thread_an_operation(), ThreadPoolExecutor(count) as pool:
+        return list(pool.map(alone, items))
+
+
+@contextmanager
+def _one_thread_an_operation() -> Iterator[None]:
+    """PyTorch's number of threads is of the whole process: the first user sets it, the last one sets it
+    back.
+    """
+    global _users, _threads
+    with _lock:
+        if _users == 0:
+            _threads = torch.get_num_threads()
+            torch.set_num_threads(1)
+        _users += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _users -= 1
+            if _users == 0:
+                torch.set_num_threads(_threads)

@@ -1,0 +1,157 @@
+"""From design to device: upsampling, wrapping, levels, errors."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.optics import Camera, material, psf_bank
+from edofsim.optics.fabrication import make, wave_height
+from edofsim.optics.grid import PupilGrid, bicubic_matrix, resample
+from edofsim.optics.height import load_height_map, natural_samples, save_height_map, surface
+from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.fabrication import Fabrication
+
+RESIST = material("S1813")
+GREEN = 543e-9
+
+
+def camera(**recipe) -> Camera:
+    return Camera.from_recipe(CameraRecipe(name="made", **recipe))
+
+
+def ramp(deepest_um: float, samples: int = 64) -> torch.Tensor:
+    return torch.linspace(0, deepest_um * 1e-6, samples, dtype=torch.float64).expand(samples, samples)
+
+
+def test_upsampling_reproduces_parabolas():
+    # Keys' kernel is exact for quadratics, away from the edge
+    samples = 21
+    axis = (torch.arange(samples, dtype=torch.float64) - 10) * 21e-6
+    coarse = axis[:, None] ** 2 + 0.5 * axis[None, :] ** 2 + axis[:, None] * 1e-5
+    grid = PupilGrid(147, 3e-6, 1.0)
+    fine = resample(coarse, 21e-6, grid)
+    there = grid.centres
+    expected = there[:, None] ** 2 + 0.5 * there[None, :] ** 2 + there[:, None] * 1e-5
+    inner = slice(14, -14)
+    assert torch.allclose(fine[inner, inner], expected[inner, inner], atol=1e-18)
+
+
+def test_upsampling_keeps_samples_and_constants():
+    matrix = bicubic_matrix(63, 3e-6, 9, 21e-6)
+    assert torch.allclose(matrix.sum(1), torch.ones(63, dtype=torch.float64))
+    assert torch.allclose(matrix[3::7], torch.eye(9, dtype=torch.float64), atol=1e-12)
+
+
+def test_wrapping_takes_whole_waves_and_leaves_the_psf_at_its_wavelength():
+    wave = wave_height(GREEN, RESIST)
+    assert wave == pytest.approx(543e-9 / 0.6576, rel=0.01)  # n of S1813 at 543 nm is 1.657
+    made = make(ramp(5.0), Fabrication(height_limit_um=1.2, wrap_wavelength_nm=543.0), RESIST, 0)
+    assert float(made.max()) < 1.2e-6 and float(made.min()) >= 0
+    waves = (ramp(5.0) - made) / wave
+    assert torch.allclose(waves, waves.round(), atol=1e-9)
+    smooth = {"mask": {"kind": "cubic"}, "psf": {"window_px": 32, "pupil_sampling_um": 5.0}}
+    plain = psf_bank(camera(**smooth), [GREEN, 620e-9], [0.5]).values[0]
+    wrapping = {"pitch_um": 5.0, "height_limit_um": 1.2, "wrap_wavelength_nm": 543.0}
+    wrapped = psf_bank(camera(**smooth, fabrication=wrapping), [GREEN, 620e-9], [0.5]).values[0]
+    change = (wrapped - plain).flatten(1).norm(dim=1) / plain.flatten(1).norm(dim=1)
+    assert float(change[0]) < 1e-3  # nothing at the wavelength it is wrapped for
+    assert float(change[1]) > 0.1  # much at another
+
+
+def test_levels():
+    made = make(ramp(1.2, 1000), Fabrication(levels=98, height_limit_um=1.2), RESIST, 0)
+    assert len(made.unique()) == 98
+    assert float((made - ramp(1.2, 1000)).abs().max()) <= 1.2e-6 / 97 / 2 * 1.0001
+    coarse = make(ramp(1.0), Fabrication(levels=5, level_nm=100.0), RESIST, 0)
+    assert float(coarse.max()) == pytest.approx(400e-9)
+
+
+def test_height_error_has_its_mean_and_spread_and_follows_the_seed():
+    fabrication = Fabrication(preset="paper-device", levels=None)
+    flat = torch.zeros(400, 400, dtype=torch.float64)
+    first, again, other = (make(flat, fabrication, RESIST, seed) for seed in (1, 1, 2))
+    assert torch.equal(first, again) and not torch.equal(first, other)
+    assert float(first.mean()) == pytest.approx(
+        44e-9, abs=0.5e-9
+    )  # Akpinar et al.: mean 44 nm, sigma 49.5 nm
+    assert float(first.std()) == pytest.approx(49.5e-9, rel=0.01)
+    single = make(flat.float(), fabrication, RESIST, 1)
+    assert torch.allclose(single.double(), first, rtol=1e-5)
+
+
+def test_a_preset_can_be_changed_key_by_key():
+    changed = Fabrication(preset="paper-device", levels=50)
+    assert (changed.levels, changed.height_limit_um, changed.pitch_um) == (50, 1.2, 3.0)
+
+
+def test_a_deep_mask_without_wrapping_is_refused():
+    with pytest.raises(InputError, match="wrap_wavelength_nm"):
+        make(ramp(5.0), Fabrication(height_limit_um=1.2), RESIST, 0)
+    with pytest.raises(InputError, match="below one wave"):
+        make(ramp(5.0), Fabrication(height_limit_um=0.5, wrap_wavelength_nm=543.0), RESIST, 0)
+
+
+def test_seed_of_the_bank_overrules_the_recipe():
+    noisy = camera(
+        mask={"kind": "height-map", "pitch_um": 100.0},
+        fabrication={"height_noise_nm": 40.0, "seed": 1},
+        psf={"window_px": 16},
+    )
+    by_recipe, same, other = (psf_bank(noisy, [GREEN], [0.5], seed=seed).values for seed in (None, 1, 2))
+    assert torch.equal(by_recipe, same) and not torch.equal(by_recipe, other)
+
+
+def test_made_surface_is_sampled_at_its_own_pitch():
+    made = camera(mask={"kind": "cubic"}, fabrication={"preset": "paper-device", "wrap_wavelength_nm": 543.0})
+    assert natural_samples(made, 3e-6) == 1667
+    bank = psf_bank(made, [GREEN], [0.5], window_px=8)
+    assert bank.sampling.grid.pitch == pytest.approx(3e-6)
+    # errors scatter 1 - exp(-(2 pi (n - 1) sigma / lambda)^2) of the light, almost all out of the window
+    ideal = camera(mask={"kind": "cubic"})
+    flat = psf_bank(ideal, [GREEN], [0.5], window_px=128)
+    noisy = psf_bank(made, [GREEN], [0.5], window_px=128)
+    delay = 2 * torch.pi * (float(RESIST.index(GREEN)) - 1) * 49.5e-9 / GREEN
+    scattered = 1 - torch.exp(torch.tensor(-(delay**2)))
+    assert float(noisy.rest - flat.rest) == pytest.approx(float(scattered), rel=0.1)
+
+
+def test_finer_pupils_see_the_squares_that_were_made():
+    making = {"pitch_um": 40.0, "height_noise_nm": 40.0}
+    made = camera(mask={"kind": "height-map", "pitch_um": 40.0}, fabrication=making)
+    coarse = surface(made, PupilGrid(125, 40e-6, 2.5e-3))
+    fine = surface(made, PupilGrid(250, 20e-6, 2.5e-3))
+    assert torch.equal(fine[::2, ::2], coarse) and torch.equal(fine[1::2, 1::2], coarse)
+
+
+def test_height_maps_that_do_not_fit_are_refused(tmp_path):
+    import numpy as np
+
+    np.save(tmp_path / "large.npy", np.zeros((260, 260)))
+    np.save(tmp_path / "small.npy", np.zeros((200, 200)))
+    np.save(tmp_path / "oblong.npy", np.zeros((239, 200)))
+    np.save(tmp_path / "broken.npy", np.full((239, 239), np.nan))
+    (tmp_path / "text.npy").write_text("not a map")
+    save_height_map(tmp_path / "other.safetensors", torch.zeros(239, 239), 30e-6)
+    words = {
+        "large.npy": "larger than the pupil",
+        "small.npy": "does not cover the pupil",
+        "oblong.npy": "square",
+        "broken.npy": "not finite",
+        "text.npy": "not a height map",
+        "missing.npy": "does not exist",
+        "other.safetensors": "sampled at 30 um",
+    }
+    for file, word in words.items():
+        recipe = CameraRecipe(name="map", mask={"kind": "height-map", "file": file})
+        with pytest.raises(InputError, match=word):
+            psf_bank(Camera.from_recipe(recipe, tmp_path), [GREEN], [0.5])
+    with pytest.raises(InputError, match="larger than the pupil"):
+        psf_bank(camera(mask={"kind": "height-map"}), [GREEN], [0.5], height=torch.zeros(300, 300))
+
+
+def test_height_maps_keep_their_pitch_on_disk(tmp_path):
+    height = torch.rand(5, 5, dtype=torch.float64)
+    loaded, pitch = load_height_map(save_height_map(tmp_path / "map.safetensors", height, 21e-6))
+    assert torch.equal(loaded, height) and pitch == pytest.approx(21e-6)

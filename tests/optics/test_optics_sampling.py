@@ -1,0 +1,79 @@
+"""How finely the pupil is sampled, and when that is refused."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.optics import Camera, plan_sampling, psf_bank
+from edofsim.recipe.camera import CameraRecipe
+
+
+def camera(sampling="auto", mask=None, **psf) -> Camera:
+    settings = {"pupil_sampling_um": sampling, **psf}
+    return Camera.from_recipe(CameraRecipe(name="sampled", mask=mask or {"kind": "clear"}, psf=settings))
+
+
+def plan(seen: Camera, wavelengths_nm, depths=(0.0, 2.0), window=128):
+    wavelengths = torch.tensor(wavelengths_nm, dtype=torch.float64) * 1e-9
+    return plan_sampling(seen, wavelengths, torch.tensor(depths, dtype=torch.float64), window)
+
+
+def test_the_papers_sampling_is_accepted_for_its_colours():
+    chosen = plan(camera(21.0), [482, 543, 611])
+    assert chosen.grid.pitch == pytest.approx(21e-6) and chosen.grid.samples == 239
+    assert chosen.largest_defocus == pytest.approx(44.4, abs=0.1)
+
+
+def test_the_papers_sampling_is_refused_at_420_nm_with_both_numbers():
+    with pytest.raises(InputError) as refused:
+        plan(camera(21.0), [420])
+    bound, period = refused.value.problems
+    assert "21 is too coarse" in bound and "16.8 um" in bound and "-58.4" in bound and "infinity" in bound
+    # lambda z_i / ds = 420 nm 36.8975 mm / 21 um = 738 um, the window of 128 pixels is 768 um
+    assert "738" in period and "768" in period
+
+
+@pytest.mark.parametrize("mask", ["clear", "cubic", "rings"])
+@pytest.mark.parametrize("wavelength", [420, 543, 720])
+def test_automatic_sampling_meets_bound_and_window(mask, wavelength):
+    seen = camera(mask={"kind": mask})
+    for window in (16, 128, 200):
+        chosen = plan(seen, [wavelength], window=window)
+        assert (
+            chosen.grid.pitch <= seen.aperture_radius * math.pi / (8 * abs(chosen.largest_defocus)) * 1.0001
+        )
+        assert chosen.replica_period >= window * seen.pixel * 0.9999
+        assert chosen.replica_period == pytest.approx(
+            wavelength * 1e-9 * seen.sensor_distance / chosen.grid.pitch
+        )
+
+
+def test_automatic_sampling_follows_steep_masks():
+    gentle, steep = (plan(camera(mask={"kind": "cubic", "alpha_rad": a}), [543]) for a in (10.0, 200.0))
+    # 3 alpha / r of slope need pi / (2 slope)
+    assert steep.grid.pitch < math.pi / 2 / (3 * 200 / 2.5e-3)
+    assert gentle.grid.pitch > 2 * steep.grid.pitch
+
+
+def test_automatic_sampling_takes_a_height_map_as_it_is_where_it_can():
+    free = {"kind": "height-map", "pitch_um": 21.0}
+    assert plan(camera(mask=free), [543]).grid.samples == 239
+    assert plan(camera(mask=free), [420]).grid.pitch < 16.8e-6
+
+
+def test_work_too_large_is_refused_before_it_begins():
+    with pytest.raises(InputError, match="samples across the pupil"):
+        plan(camera(), [420], depths=(100.0,))
+
+
+def test_replicas_would_fold_into_the_window():
+    # what the check guards against: a pupil sampled too coarsely shows its replica in the window
+    seen = camera(60.0, window_px=40)
+    period = 543e-9 * seen.sensor_distance / 60e-6 / seen.pixel
+    assert 40 < period < 60
+    with pytest.raises(InputError, match="repeats the PSF"):
+        psf_bank(seen, [543e-9], [0.8], window_px=64)
