@@ -71,13 +71,23 @@ def _rendered(
     recipe: SceneRecipe, base: Path, place: store.Place, noise: float | None, device: str, say: Progress
 ) -> View:
     from ..scene import build_scene
-    from .rendering import render_model
+    from ..scene.foreign import NotCarried
+    from .rendering import render_foreign, render_model
 
     start = time.perf_counter()
     say(0.0, "building the scene")
     settings = RenderSettings.from_recipe(recipe, noise)
     partial = place.file("partial")
-    view = render_model(build_scene(recipe, base), settings, device=device, progress=say, partial=partial)
+    how = {"device": device, "progress": say, "partial": partial}
+    try:
+        model = build_scene(recipe, base)
+    except NotCarried as reasons:
+        LOG.warning(
+            "%s goes through Mitsuba's spectral variant: %s", recipe.name, "; ".join(reasons.problems)
+        )
+        view = render_foreign(recipe, base, settings, reasons.problems, **how)
+    else:
+        view = render_model(model, settings, **how)
     run = {**view.metadata["run"], "host": platform.node(), "total_seconds": time.perf_counter() - start}
     rows, columns = settings.padded_shape
     record = {

@@ -107,7 +107,7 @@ def behind(stage, ray, limits, gap):
     while dr.hint(searching, exclude=[stage]):
         si = stage.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=steps == 0, active=searching)
         valid = si.is_valid()
-        here = dr.select(valid, dr.rcp(si.p.z), 0.0)
+        here = dr.select(valid, dr.rcp(stage.depth_of(si.p)), 0.0)
         row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), valid)
         closed = dr.gather(mi.UInt32, stage.objects, row * FIELDS + CLOSED, valid) != 0
         inside = closed & (dr.dot(si.n, ray.d) > 0) & (steps > 0)

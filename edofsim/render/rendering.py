@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey
 from .engine import thread_count, use_engine
@@ -53,6 +54,45 @@ def render_model(
 
     say(0.0, "loading the scene")
     stage = build_stage(mi, model)
+    about = {"scene": model.name, "route": _route(model)}
+    return render_stage(mi, stage, model.wavelengths, settings, about, say, partial, begun)
+
+
+def render_foreign(
+    recipe: SceneRecipe,
+    base: Path,
+    settings: RenderSettings,
+    reasons: Sequence[str],
+    *,
+    device: str = "auto",
+    progress: Progress | None = None,
+    partial: Path | None = None,
+) -> View:
+    """Render a Mitsuba scene through Mitsuba's spectral variant, for the reasons given. See
+    `render_model`."""
+    from .foreign import load_foreign
+
+    say = progress or (lambda fraction, message: None)
+    begun = time.perf_counter()
+    mi = use_engine(device, colours="spectral")
+    say(0.0, f"loading the scene into Mitsuba's spectral variant: {reasons[0]}")
+    stage = load_foreign(mi, recipe, base)
+    route = "four bands a path, by Mitsuba's spectral variant: " + "; ".join(reasons)
+    about = {"scene": recipe.name, "route": route}
+    return render_stage(mi, stage, stage.wavelengths, settings, about, say, partial, begun)
+
+
+def render_stage(
+    mi: Any,
+    stage: Any,
+    wavelengths: np.ndarray,
+    settings: RenderSettings,
+    about: Mapping[str, Any],
+    say: Progress,
+    partial: Path | None,
+    begun: float,
+) -> View:
+    """Survey, samples and fragments of a stage that is loaded."""
     loaded = time.perf_counter()
     surveys, limits, hidden = survey_layers(
         stage, settings, lambda part, what: say(SURVEY_SHARE * part, what)
@@ -63,11 +103,10 @@ def render_model(
     sums = sums or Sums.empty(groups, stage.bands)
     take_samples(stage, settings, groups, sums, say, partial)
     metadata = {
-        "scene": model.name,
+        **about,
         "integrator": INTEGRATOR,
         "mitsuba": version("mitsuba"),
         "drjit": version("drjit"),
-        "route": _route(model),
         "samples": sums.samples,
         "hidden": hidden,
         "layers": [len(found.pixels) for found in surveys],
@@ -76,7 +115,7 @@ def render_model(
     }
     seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
     run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
-    return assemble(model.wavelengths, settings, groups, sums, {**metadata, "run": run})
+    return assemble(wavelengths, settings, groups, sums, {**metadata, "run": run})
 
 
 def _route(model: SceneModel) -> str:

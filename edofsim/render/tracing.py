@@ -12,8 +12,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from . import foreign, paths
+from .foreign import ForeignStage
 from .passes import Group, Launch, LaunchResult, pass_sizes
-from .paths import trace
 from .rays import Lens, Samples, behind, camera_rays
 from .settings import RenderSettings
 from .translate import Stage
@@ -68,10 +69,11 @@ def _samples(
 
 def _depths(stage: Stage, settings: RenderSettings, samples: Samples) -> mi.Float:
     rays = camera_rays(lens_of(settings), samples)
+    ray = stage.in_world(rays.ray)
     if samples.layer == 0:
-        hit = stage.scene.ray_intersect_preliminary(rays.ray, coherent=True)
-        return dr.select(hit.is_valid(), dr.rcp(hit.t * rays.ray.d.z), 0.0)
-    _, exists, inverse_depth = behind(stage, rays.ray, rays.limits, dr.opaque(mi.Float, settings.gap))
+        hit = stage.scene.ray_intersect_preliminary(ray, coherent=True)
+        return dr.select(hit.is_valid(), dr.rcp(stage.depth_of(ray(hit.t))), 0.0)
+    _, exists, inverse_depth = behind(stage, ray, rays.limits, dr.opaque(mi.Float, settings.gap))
     return dr.select(exists, inverse_depth, dr.nan)
 
 
@@ -80,6 +82,7 @@ def run_launch(stage: Stage, settings: RenderSettings, group: Group, launch: Lau
     where = slice(launch.start, launch.stop)
     limits = [limit[where] for limit in group.limits]
     samples = _samples(settings, group.pixels[where], launch.samples, launch.number, limits)
+    trace = foreign.trace if isinstance(stage, ForeignStage) else paths.trace
     radiance, inverse_depth, exists = trace(
         stage, lens_of(settings), samples, settings.gap, settings.max_depth
     )

@@ -53,6 +53,14 @@ class Stage:
     disperses: bool
     has_sky_image: bool
 
+    def in_world(self, ray: Any) -> Any:
+        """A ray of camera space in the scene's world: they are the same."""
+        return ray
+
+    def depth_of(self, point: Any) -> Any:
+        """Depth along the axis of a point of the scene's world."""
+        return point.z
+
 
 class _Tables:
     """Spectra and texels that are already stored, each once."""
@@ -150,9 +158,9 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
         spectra=mi.Float(np.concatenate(tables.spectra).ravel()),
         texels=mi.Float(texels),
         objects=mi.UInt32(np.concatenate(objects)),
-        object_of=_lookup(mi, [mi.ShapePtr(mesh) for mesh in meshes]),
+        object_of=registry_table(mi, [mi.ShapePtr(mesh) for mesh in meshes]),
         lights=mi.UInt32(np.concatenate(lights) if lights else np.zeros(FIELDS, np.uint32)),
-        light_of=_lookup(mi, [mi.EmitterPtr(emitter) for emitter in emitters]),
+        light_of=registry_table(mi, [mi.EmitterPtr(emitter) for emitter in emitters]),
         environment=len(lights) - 1 if model.environment is not None else -1,
         bands=bands,
         stride=tables.stride,
@@ -365,7 +373,7 @@ def _light_weights(model: SceneModel) -> list[float]:
     return list(np.where(lit, 0.8 * sent / total + 0.2 / max(lit.sum(), 1), 0.0))
 
 
-def _lookup(mi: Any, pointers: list[Any]) -> Any:
+def registry_table(mi: Any, pointers: list[Any]) -> Any:
     """A UInt32 table from the engine's number of a shape or emitter to our row."""
     import drjit as dr
 
