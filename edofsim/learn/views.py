@@ -17,8 +17,10 @@ from ..expose import expose
 from ..expose.crop import crop
 from ..optics import Camera
 from ..recipe.load import load_scene
+from ..recipe.scene import SceneRecipe
 from ..recipe.train import Views
 from ..render.view import View
+from ..scene.family import members
 from .system import COLOURS, Captured, Optics, Scenes
 
 
@@ -109,30 +111,50 @@ def open_views(
     """Render or fetch the views of a source. base: where relative scene files start; held_back: share of
     each view's rows that is never trained on.
 
-    Raises InputError for scenes that cannot be used, among them views too small to be trained on.
+    Raises InputError for scenes that cannot be used.
     """
     from ..render import render
 
-    views, digest, problems = [], hashlib.sha256(), []
-    for index, name in enumerate(table.scenes):
-        loaded = load_scene(base / name if (base / name).is_file() else name)
+    views, digest = [], hashlib.sha256()
+    wanted = scenes_of(table, patch, held_back, base)
+    for index, (recipe, folder) in enumerate(wanted):
         if progress:
-            progress(index / len(table.scenes), f"view {loaded.recipe.name}")
-        view = render(loaded.recipe, loaded.base, cache=cache)
-        if view.width < patch or training_rows(view.height, patch, held_back) < patch:
-            problems.append(
-                f"scene {name!r}: a view of {view.width} x {view.height} pixels holds no patch of {patch} "
-                "for training above one for validation; use smaller patches or a larger frame"
-            )
-            continue
-        digest.update(json.dumps(loaded.recipe.model_dump(mode="json"), sort_keys=True).encode())
+            progress(0.0, f"view {index + 1} of {len(wanted)}: {recipe.name}")
+        view = render(recipe, folder, cache=cache)
+        digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         views.append(in_colours(view) if table.bands == "three" else view)
-    if problems:
-        raise InputError(problems)
-    described = {"kind": "views", "scenes": list(table.scenes), "sha256": digest.hexdigest()}
+    described = {
+        "kind": "views",
+        "scenes": list(table.scenes),
+        "members": table.members,
+        "seed": table.seed,
+        "sha256": digest.hexdigest(),
+    }
     return ViewSource(
         tuple(views), table, patch, optics.window // 2, held_back, described, described["sha256"]
     )
+
+
+def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tuple[SceneRecipe, Path]]:
+    """The scenes of a source, each with the folder that its files start from, before anything is rendered.
+
+    Raises InputError, all problems together, for frames that hold no patch for training above one for
+    validation.
+    """
+    found, problems = [], []
+    for name in table.scenes:
+        loaded = load_scene(base / name if (base / name).is_file() else name)
+        recipes = members(loaded.recipe, table.members, table.seed) if table.members else [loaded.recipe]
+        frame = loaded.recipe.frame
+        if frame.width_px < patch or training_rows(frame.height_px, patch, held_back) < patch:
+            problems.append(
+                f"scene {name!r}: a view of {frame.width_px} x {frame.height_px} pixels holds no patch of "
+                f"{patch} for training above one for validation; use smaller patches or a larger frame"
+            )
+        found += [(recipe, loaded.base) for recipe in recipes]
+    if problems:
+        raise InputError(problems)
+    return found
 
 
 def in_colours(view: View) -> View:

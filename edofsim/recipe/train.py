@@ -71,6 +71,7 @@ class Views(RecipeModel):
     """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
     (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
 
+    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ...; 0 for the scene itself.
     bands: the paper's three colours, or all of the view's bands through the sensor's response (slower by
     their number). layers, occlusion: as in `expose`. exposure: factors on the automatic exposure, drawn for
     each patch.
@@ -78,6 +79,8 @@ class Views(RecipeModel):
 
     kind: Literal["views"] = "views"
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+    members: Annotated[int, Field(ge=0, le=100_000)] = 0
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
     bands: Literal["three", "all"] = "three"
     layers: Annotated[int, Field(ge=2, le=64)] = 6
     occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"

@@ -8,9 +8,8 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn import views
 from edofsim.learn.system import COLOURS, Optics, Planes
-from edofsim.learn.views import ViewParts, ViewSource, in_colours, open_views, training_rows
+from edofsim.learn.views import ViewParts, ViewSource, in_colours, open_views, scenes_of, training_rows
 from edofsim.optics import Camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.train import Views
@@ -111,12 +110,23 @@ def test_bands_are_interpolated_to_the_papers_colours() -> None:
         in_colours(_view(2, 2, 0, bands[10:]))
 
 
-def test_a_view_too_small_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Loaded:
-        recipe = CAMERA
-        base = tmp_path
+def test_frames_too_small_are_refused_by_name_before_anything_is_rendered() -> None:
+    with pytest.raises(InputError, match="'clutter'.*256 x 256"):
+        scenes_of(Views(scenes=("clutter",)), 200, 0.3, Path())
 
-    monkeypatch.setattr(views, "load_scene", lambda source: Loaded)
-    monkeypatch.setattr("edofsim.render.render", lambda *arguments, **options: _view(20, 30, 4, COLOURS))
-    with pytest.raises(InputError, match="'tiny'.*30 x 20"):
-        open_views(Views(scenes=("tiny",)), 12, 0.5, _optics(), tmp_path, None, None)
+
+def test_a_family_gives_its_members_by_seed() -> None:
+    found = scenes_of(Views(scenes=("clutter",), members=3, seed=5), 96, 0.3, Path())
+    assert [recipe.seed for recipe, _ in found] == [5, 6, 7]
+    assert len({recipe.model_dump_json() for recipe, _ in found}) == 3
+
+
+def test_a_photograph_with_depths_is_a_source(tmp_path: Path) -> None:
+    """The motorcycle of scikit-image needs no renderer: opened, drawn and photographed."""
+    table = Views(scenes=("motorcycle",), layers=3)
+    source = open_views(table, 24, 0.1, _optics(), Path(), tmp_path, None)
+    draw = source.draw(2, torch.Generator().manual_seed(1))
+    found = draw.photograph(_optics(), None)
+    assert found.clean.shape == (2, 3, 24, 24) and torch.isfinite(found.clean).all()
+    depths = torch.cat([part.inverse_depth for part in draw.parts])
+    assert float(depths.min()) > 0.6 and float(depths.max()) < 1.8  # 0.6 to 1.5 m, as its recipe says
