@@ -17,6 +17,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from ..optics.pupil import aperture, chirp, pupil_function
 from ..optics.transform import SensorWindow, make_bases
 from ..recipe.camera import CameraRecipe, PsfSettings
 from ..recipe.masks import CubicMask
+from ..record import peak_memory_mib
 
 Progress = Callable[[float, str], None]
 DEPTHS, BANDS, WINDOW, PUPIL, OVERSAMPLING = 64, 31, 112, 252, 2
@@ -45,7 +47,7 @@ def run(progress: Progress | None = None) -> dict[str, float]:
 
     throughput_per_s.*: PSFs a second of this package and of prysm in its own precision (float64) and in
     float32; throughput_ratio.*: this package over prysm; difference.prysm: relative L2 between the two;
-    bank.*_mib: size of the bank, memory that computing it took in all, and what is promised for the work
+    bank.*_mib: size of the bank, memory that computing it took in all, and the limit of each thread's work
     beside it; seconds.depths_N, seconds.bands_N, seconds.pupil_N: a bank of which one number changes;
     backward.*: seconds and MiB kept for the backward pass of 12 PSFs, by hand and by automatic
     differentiation of the same transform as one complex matrix product.
@@ -135,23 +137,31 @@ def prysm_bank(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, bits
 def bank_memory() -> dict[str, float]:
     """Memory of the whole bank, measured in a process of its own."""
     code = (
-        "import resource, torch\n"
-        "from edofsim.evaluate.bench_optics import axes, bench_camera\n"
+        "from edofsim.evaluate.bench_optics import axes, bench_camera, highest_memory\n"
         "from edofsim.optics import psf_bank\n"
         "wavelengths, inverse_depths = axes()\n"
-        "psf_bank(bench_camera(), wavelengths[:1], inverse_depths)\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "psf_bank(bench_camera(), wavelengths[:1], inverse_depths[:1])\n"
+        "before = highest_memory()\n"
         "psf_bank(bench_camera(), wavelengths, inverse_depths)\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)\n"
+        "print(highest_memory() - before)\n"
     )
     told = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ.copy()
     )
     return {
         "bank.size_mib": DEPTHS * BANDS * WINDOW**2 * 4 / 2**20,
-        "bank.growth_mib": float(told.stdout.split()[-1]) / 2**10,
+        "bank.growth_mib": float(told.stdout.split()[-1]),
         "bank.work_limit_mib": BLOCK_BYTES / 2**20,
     }
+
+
+def highest_memory() -> float:
+    """Most memory that this process has held, in MiB; not what its parent held, as `getrusage` would say."""
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        return peak_memory_mib()
+    (line,) = (line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+    return float(line.split()[1]) / 2**10
 
 
 def scaling() -> dict[str, float]:
