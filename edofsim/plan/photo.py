@@ -12,9 +12,9 @@ from ..optics import Camera
 from ..render.view import View
 from .effect import Decision, Plan
 
-LAYER_STEP_PX = 2.0
-"""Change of the geometric blur's diameter from one depth layer to the next, in pixels. Over the two dioptres
-of the paper's scene range its camera gets 31 steps with it."""
+LAYER_STEP_PX = 6.0
+"""Change of the geometric blur's diameter from one depth layer to the next, in pixels. PSFs in between are
+interpolated; over the two dioptres of the paper's scene range its camera gets 12 layers."""
 RAYLEIGH = 0.25
 """Waves of path difference that an image shows (Rayleigh's criterion)."""
 

@@ -9,6 +9,8 @@ geometric optics for two surfaces of which one is in focus. Where not, light fro
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -28,27 +30,51 @@ def compose(view: View, blurring: Blurring) -> Tensor:
     """[channel, y, x] of the padded frame; outside the frame itself the image is linear.
 
     Only tiles that a blur can carry across a depth edge are composited; elsewhere the linear image is exact.
+    Where so many tiles are that their overlaps cost more than the whole frame, that is done in one go.
     """
-    photo = blurring.light(view, seen(view))
     edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
     if not edges.numel():
-        return photo
+        return blurring.light(view, seen(view))
+    tiles = _near(edges, view, blurring.reach)
+    if sum(_work(tile.height, tile.width, blurring.reach) for tile in tiles) >= _work(
+        view.height, view.width, blurring.reach
+    ):
+        return composite(view, blurring)
+    photo = blurring.light(view, seen(view)).clone()
+    m = view.margin
+    for tile in tiles:
+        part = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
+        done = part.crop_margin(composite(part, blurring))
+        photo[:, m + tile.top : m + tile.top + tile.height, m + tile.left : m + tile.left + tile.width] = done
+    return photo
+
+
+@dataclass(frozen=True)
+class _Tile:
+    top: int
+    left: int
+    height: int
+    width: int
+
+
+def _near(edges: Tensor, view: View, reach: int) -> list[_Tile]:
+    """Tiles of the frame that a blur carries light into across an edge; edges: pixels of the padded frame."""
     columns = view.padded_shape[1]
-    rows_of, columns_of = edges // columns - view.margin, edges % columns - view.margin
-    reach = blurring.reach
-    photo = photo.clone()
+    y, x = edges // columns - view.margin, edges % columns - view.margin
+    found = []
     for top in range(0, view.height, TILE):
         for left in range(0, view.width, TILE):
-            height, width = min(TILE, view.height - top), min(TILE, view.width - left)
-            near = (rows_of >= top - reach) & (rows_of < top + height + reach)
-            near &= (columns_of >= left - reach) & (columns_of < left + width + reach)
+            tile = _Tile(top, left, min(TILE, view.height - top), min(TILE, view.width - left))
+            near = (y >= top - reach) & (y < top + tile.height + reach)
+            near &= (x >= left - reach) & (x < left + tile.width + reach)
             if bool(near.any()):
-                part = crop(view, top, left, height, width, reach)
-                m = view.margin
-                photo[:, m + top : m + top + height, m + left : m + left + width] = part.crop_margin(
-                    composite(part, blurring)
-                )
-    return photo
+                found.append(tile)
+    return found
+
+
+def _work(height: int, width: int, reach: int) -> int:
+    """Pixels of the transforms that blur such a part: with its surroundings, padded so that nothing wraps."""
+    return (height + 4 * reach) * (width + 4 * reach)
 
 
 def composite(view: View, blurring: Blurring) -> Tensor:
