@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 import torch
 from pydantic import ValidationError
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, defocus, focal_length, focus_distance, sampling_bound
+from edofsim.optics import Camera, defocus, focal_length, focus_distance, psf_bank, sampling_bound
 from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.load import load_camera
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 
@@ -109,3 +111,16 @@ def test_without_mask_keeps_lens_and_sensor():
     bare = masked.without_mask()
     assert bare.recipe.mask.kind == "clear" and bare.recipe.fabrication is None
     assert bare.sensor_distance == masked.sensor_distance and bare.recipe.lens == masked.recipe.lens
+
+
+SHIPPED = sorted((Path(__file__).parents[2] / "scenes" / "cameras").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=[path.stem for path in SHIPPED])
+def test_shipped_cameras_work_and_share_the_papers_geometry(path):
+    loaded = load_camera(path)
+    assert loaded.recipe.name == path.stem and loaded.recipe.purpose
+    seen = Camera.from_recipe(loaded.recipe, loaded.base)
+    assert seen.pixel_angle == pytest.approx(camera().pixel_angle)
+    bank = psf_bank(seen, COLOURS[1:2], [0.0], window_px=16)
+    assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-5)
