@@ -29,7 +29,7 @@ from ..optics import cache as bank_cache
 from ..optics.grid import PupilGrid
 from ..optics.propagation import BLOCK_BYTES, Wave, propagate
 from ..optics.pupil import aperture, chirp, pupil_function
-from ..optics.transform import SensorWindow, make_bases
+from ..optics.transform import SensorWindow, make_bases, pixel_weights
 from ..recipe.camera import CameraRecipe, PsfSettings
 from ..recipe.masks import CubicMask
 from ..record import peak_memory_mib
@@ -116,7 +116,7 @@ def prysm_bank(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, bits
     opening = aperture(camera, grid)
     rho_squared = (grid.radius_squared() / grid.radius**2).numpy().astype(real)
     step = camera.pixel / OVERSAMPLING
-    count = WINDOW * OVERSAMPLING
+    count = WINDOW * OVERSAMPLING + 2
     images = np.empty((len(inverse_depths), len(wavelengths), WINDOW, WINDOW))
     for b, wavelength in enumerate(wavelengths.tolist()):
         reach = wavelength * camera.sensor_distance
@@ -128,10 +128,17 @@ def prysm_bank(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, bits
             pupil = still * np.exp(1j * (rho_squared * real(psi))).astype(complex_)
             # prysm's inverse transform looks the right way up, and half a sample puts pixels beside the axis
             field = mdft.idft2(pupil, padding, (count, count), shift=(0.5, 0.5))
-            energy = field.real**2 + field.imag**2
-            images[d, b] = energy.reshape(WINDOW, OVERSAMPLING, WINDOW, OVERSAMPLING).sum((1, 3)) * scale
+            images[d, b] = _pixel_integrals(_pixel_integrals(field.real**2 + field.imag**2).T).T * scale
     config.precision = 64
     return torch.from_numpy(images)
+
+
+def _pixel_integrals(samples: np.ndarray) -> np.ndarray:
+    """Rows of sub-pixels to rows of pixels, the rule of `transform.pixel_weights`."""
+    own = samples[1:-1].reshape(WINDOW, OVERSAMPLING, -1).sum(1)
+    ends = samples[:-2:OVERSAMPLING] - samples[1:-1:OVERSAMPLING]
+    ends = ends + samples[OVERSAMPLING + 1 :: OVERSAMPLING] - samples[OVERSAMPLING:-1:OVERSAMPLING]
+    return own + ends / 24
 
 
 def bank_memory() -> dict[str, float]:
@@ -187,6 +194,7 @@ def backward() -> dict[str, float]:
     grid = PupilGrid(PUPIL, 2 * camera.aperture_radius / PUPIL, camera.aperture_radius)
     opening = aperture(camera, grid)
     window = SensorWindow(WINDOW, camera.pixel, OVERSAMPLING)
+    pixels = pixel_weights(window).float()
     waves = []
     for wavelength in wavelengths.tolist():
         reach = wavelength * camera.sensor_distance
@@ -203,8 +211,7 @@ def backward() -> dict[str, float]:
             whole = torch.cat([wave.chirps.flip(1), wave.chirps], 1)
             field = basis @ (wave.pupil * whole[:, :, None] * whole[:, None, :]) @ basis.T
             energy = field.real.square() + field.imag.square()
-            count = window.sub_pixels // OVERSAMPLING
-            energy.view(-1, count, OVERSAMPLING, count, OVERSAMPLING).sum((2, 4)).square().sum().backward()
+            (pixels @ energy @ pixels.T).square().sum().backward()
 
     figures: dict[str, float] = {}
     ways = {"by_hand": by_hand, "automatic": automatic}

@@ -13,7 +13,7 @@ from edofsim.optics.grid import PupilGrid
 from edofsim.optics.materials import material
 from edofsim.optics.propagation import Wave, propagate
 from edofsim.optics.pupil import chirp
-from edofsim.optics.transform import SensorWindow, make_bases
+from edofsim.optics.transform import SensorWindow, make_bases, pixel_weights
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.fabrication import Fabrication
 
@@ -39,9 +39,14 @@ def test_gradient_of_the_papers_appendix():
 
     q = (amplitude * torch.exp(1j * (phase + psi * grid.radius_squared() / grid.radius**2))).detach()
     spectrum = torch.fft.fftshift(torch.fft.ifft2(q)) * n * n  # +j, as pictures are turned upright
-    scale = float(energy.detach()[n // 2, n // 2] / spectrum.abs()[n // 2, n // 2] ** 2)
-    assert torch.allclose(energy.detach(), spectrum.abs() ** 2 * scale, atol=1e-12)
-    pulled = torch.fft.fft2(torch.fft.ifftshift(weights * scale * spectrum))
+    # pixels of one sample: their end correction is circular here, the transform repeats every n samples
+    ends = torch.zeros(n, n, dtype=torch.float64)
+    for step, weight in ((0, 22 / 24), (1, 1 / 24), (-1, 1 / 24)):
+        ends += weight * torch.eye(n, dtype=torch.float64).roll(step, 0)
+    scale = float(q.abs().square().sum()) / float(energy.detach().sum()) * n * n
+    assert torch.allclose(energy.detach() * scale, ends @ spectrum.abs() ** 2 @ ends, rtol=1e-9)
+    by_energy = ends.T @ (weights / scale) @ ends  # dL/dh of the samples
+    pulled = torch.fft.fft2(torch.fft.ifftshift(by_energy * spectrum))
     expected = 2 * torch.imag(pulled * q.conj())
     assert float((phase.grad - expected).norm() / expected.norm()) < 1e-8
 
@@ -53,9 +58,8 @@ def complex_energies(pupil, grid, window, reach, psi):
     basis = torch.exp(2j * math.pi / reach * torch.outer(sensor, grid.centres))
     defocus = torch.exp(1j * psi[:, None, None] * grid.radius_squared() / grid.radius**2)
     field = basis @ (pupil * defocus) @ basis.T * (grid.pitch * step / reach)
-    count = window.sub_pixels // window.oversampling
-    summed = (field.abs() ** 2).reshape(len(psi), count, window.oversampling, count, -1).sum((2, 4))
-    return summed[:, : window.pixels, : window.pixels]
+    weights = pixel_weights(window)[: window.pixels]
+    return weights @ (field.abs() ** 2) @ weights.T
 
 
 @pytest.mark.parametrize("samples", [40, 41])
