@@ -28,9 +28,7 @@ PAPER_NEAREST = 2.0  # 1/m
 
 
 def occupied_bandwidth(psi: float) -> float:
-    """Width [rad/m] of the band around 0 that holds 99.9 % of the energy of the sampled chirp of `psi`
-    [rad].
-    """
+    """Width [rad/m] of the band around 0 that holds 99.9 % of the energy of the chirp of `psi` [rad]."""
     samples = math.ceil(2 * RADIUS / PITCH)
     position = (torch.arange(samples, dtype=torch.float64) - (samples - 1) / 2) * (2 / samples)
     phase = psi * position**2

@@ -172,9 +172,7 @@ def highest_memory() -> float:
 
 
 def scaling() -> dict[str, float]:
-    """Seconds of banks of which one number changes: depths and bands linearly, pupil samples less than
-    squared.
-    """
+    """Seconds of banks of which one number changes: depths, bands, or samples across the pupil."""
     figures = {}
     camera = bench_camera()
     for depths in (8, 16, 32, 64):

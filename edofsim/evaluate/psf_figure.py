@@ -80,9 +80,7 @@ def gallery(out: Path) -> Path:
 
 
 def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
-    """Draw a mask as it stands in the pupil, seen from the sensor: its relief in um, or what it lets
-    through.
-    """
+    """Draw a mask in its pupil, seen from the sensor: its relief in um, or what it lets through."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
     regions = aperture(camera, grid).regions
     amplitude, light = mask_amplitude(mask, grid)

@@ -23,7 +23,7 @@ from .sampling import Sampling
 if TYPE_CHECKING:
     from .psf import PsfBank
 
-VERSION = 1
+VERSION = 2
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 MEMORY_BYTES = 512 << 20
 """Largest sum of banks kept in memory; those used longest ago go first."""

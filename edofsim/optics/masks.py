@@ -95,8 +95,7 @@ AMPLITUDES: Mapping[type[RecipeModel], Callable[..., tuple[Tensor, Tensor]]] = M
 
 
 def mask_phase(mask: RecipeModel, grid: PupilGrid) -> Tensor | None:
-    """Phase [rad] at the mask's design wavelength on a grid, float64 [samples, samples]; None if it has
-    none.
+    """Phase [rad] at the mask's design wavelength, float64 [samples, samples]; None for masks without.
 
     Cells that an edge of a stepped mask crosses get the mean phase. Height maps have no formula and give
     None.

@@ -23,8 +23,10 @@ Fields = tuple[Tensor, Tensor]
 
 @dataclass(frozen=True)
 class Wave:
-    """One wavelength: pupil function without defocus, complex [s, s]; the defocus of each depth along half an
-    axis of the pupil, complex [depth, half]; and what turns them into pixels.
+    """One wavelength on its way to the sensor.
+
+    pupil: the pupil function without defocus, complex [s, s]; chirps: the defocus of each depth along half an
+    axis of the pupil, complex [depth, half]; bases: what turns them into pixels.
     """
 
     pupil: Tensor
@@ -33,8 +35,9 @@ class Wave:
 
 
 def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
-    """Energy in each pixel of the symmetric window, [depth, pixel, pixel]. keep: gets the fields of each
-    block.
+    """Energy in each pixel of the symmetric window, [depth, pixel, pixel].
+
+    keep: a list that gets the fields of each block, for `pupil_gradient`.
     """
     parts, size = fold(wave.pupil), 2 * len(wave.bases.pixels) - 1
     energy = torch.empty(len(wave.chirps), size, size, dtype=parts.dtype, device=parts.device)

@@ -55,8 +55,7 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
 
 
 def response_curves(camera: Camera) -> tuple[Tensor, Tensor] | None:
-    """The camera's tabulated response: wavelengths [n] in metres and curves [3, n], float64; None for
-    "lines".
+    """The camera's tabulated response, float64: wavelengths [n] in metres, curves [3, n]; None for "lines".
 
     Raises InputError for a response that cannot be read.
     """

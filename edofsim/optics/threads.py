@@ -43,9 +43,7 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
 
 @contextmanager
 def _one_thread_an_operation() -> Iterator[None]:
-    """PyTorch's number of threads is of the whole process: the first user sets it, the last one sets it
-    back.
-    """
+    """PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
     global _users, _threads
     with _lock:
         if _users == 0:

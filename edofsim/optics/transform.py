@@ -84,8 +84,7 @@ def make_bases(
     dtype: torch.dtype,
     device: torch.device,
 ) -> Bases:
-    """Bases for lambda z_i = `reach` [m^2], such that a pupil of `light` cells gives energies that sum to
-    1.
+    """Bases for lambda z_i = `reach` [m^2]; energies of a pupil that lets `light` cells through sum to 1.
 
     By Parseval's theorem the light of the pupil over that of the sensor plane is (cell x sub-pixel /
     reach)^2. A sample that lies on an axis (odd counts) belongs to both halves and is counted half in each.
@@ -109,8 +108,9 @@ def _half_axis(count: int) -> Tensor:
 
 
 def fold(pupil: Tensor) -> Tensor:
-    """Even and odd parts of a complex pupil [s, s] about both axes, real: [2 (x), 2 (re, im), 2 (y), half,
-    half].
+    """Even and odd parts of a complex pupil [s, s] about both axes.
+
+    Real, [2 (parity in x), 2 (re, im), 2 (parity in y), half, half].
     """
     half = pupil.shape[-1] // 2
     kept = pupil.shape[-1] - half
@@ -144,8 +144,7 @@ def defocus_maps(chirps: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
-    """The field's even and odd components in x, each real [2 (re, im), 2 (y parity), y, depth, x] on half
-    axes.
+    """The field's even and odd components in x on half axes, real, each [2 (re, im), 2 (y), y, depth, x].
 
     parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`. The axis that is transformed
     first is the outer one, so that one product serves all depths.

@@ -214,8 +214,7 @@ class FourierMask(_PhaseMask):
 
 
 class HeightMapMask(_PhaseMask):
-    """A free height map [n, n], row 0 the top of the pupil, sampled every `pitch_um` and centred on the
-    axis.
+    """A free height map [n, n] sampled every `pitch_um`, row 0 the top of the pupil, centred on the axis.
 
     `file` (.npy or .safetensors, metres) is relative to the recipe; without it the map is flat, the start
     of a training. The pitch of 21 um is that of Akpinar et al. for their depth range.
