@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -41,6 +42,7 @@ class SensorWindow:
         return self.symmetric_pixels * self.oversampling + 2
 
 
+@lru_cache(maxsize=8)
 def pixel_weights(window: SensorWindow) -> Tensor:
     """Weights that integrate samples over each pixel of the symmetric window, float64 [pixel, sub-pixel].
 
