@@ -17,6 +17,9 @@ import torch
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+MOST_THREADS = 32
+"""Each holds working memory of its own; beyond this many the cores wait for memory anyway."""
+
 _lock = threading.Lock()
 _users = 0
 _threads = 1
@@ -28,7 +31,7 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
     On a CPU as many at a time as PyTorch may use threads, each operation on one of them; elsewhere one after
     another. An exception of one item is raised here.
     """
-    count = min(torch.get_num_threads(), len(items))
+    count = min(torch.get_num_threads(), len(items), MOST_THREADS)
     inference = torch.is_inference_mode_enabled()
 
     def alone(item: Item) -> Result:
