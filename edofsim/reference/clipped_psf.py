@@ -46,24 +46,48 @@ def make_transform(camera: Camera, grid: PupilGrid, wavelength: float, window: i
     return Transform(cosine.float(), sine.float(), window, over)
 
 
-def clipped_psf(
-    pupil: Tensor, opening: Aperture, psi: Tensor, lets_by: Tensor, transform: Transform
-) -> Tensor:
-    """PSFs [n, y, x] of points with defocus psi [n] whose light passes `lets_by` [n, v, u] of the pupil.
+def clipped_psf(pupil: Tensor, opening: Aperture, psi: Tensor, wave: Tensor, transform: Transform) -> Tensor:
+    """PSFs [n, y, x] of points with defocus psi [n] whose light reaches the pupil as `wave` [n, s, s].
 
-    pupil: complex [s, s] without defocus; lets_by: fractions in [0, 1] over the pupil's square, row 0 its
-    top. Each pixel gets its energy as a fraction of the light through the whole pupil, float64.
+    pupil: complex [s, s] without defocus; wave: complex amplitude relative to a free path, from `shadow`.
+    Each pixel gets its energy as a fraction of the light through the whole pupil, float64.
     """
     grid = opening.grid
     phase = torch.remainder(psi[:, None] * (grid.centres / grid.radius) ** 2, 2 * math.pi).float()
     chirp = torch.polar(torch.ones_like(phase), phase)
-    smooth = torch.nn.functional.interpolate(
-        lets_by[:, None], size=_across(grid), mode="bilinear", align_corners=False
-    )[:, 0]
-    # a fraction of energy: the root keeps that of cells that are half in the shade
-    amplitude = _framed(smooth, grid.samples).clamp(0, 1).sqrt()
-    field = amplitude * (pupil * (chirp[:, :, None] * chirp[:, None, :]))
+    field = wave * (pupil * (chirp[:, :, None] * chirp[:, None, :]))
     return _pixels(_propagated(field, transform), transform) / opening.light
+
+
+def shadow(lets_by: Tensor, nearer: Tensor, width: float, wavelength: float, grid: PupilGrid) -> Tensor:
+    """The light of points behind obstacles, in the pupil: complex [n, s, s], 1 where nothing is in the way.
+
+    lets_by: [n, v, u], what rays to a square of `width` [m] around the pupil say; nearer: [n], inverse depth
+    of the obstacle minus that of the point, 1/m. Light bends at edges: by Fresnel's integral the wave behind
+    an obstacle is its geometric shadow convolved with exp(j pi nearer s^2 / lambda), of spectrum
+    exp(-j pi lambda f^2 / nearer). Obstacles go on beyond the square as they are at its border. Where the
+    spectrum would carry light around the square it is cut (Matsushima and Shimobaba, Opt. Express 17, 19662,
+    2009).
+    """
+    pitch = width / lets_by.shape[-1]
+    beyond = lets_by.shape[-1] // 2
+    lets_by = torch.nn.functional.pad(lets_by[:, None], (beyond,) * 4, mode="replicate")[:, 0]
+    count = lets_by.shape[-1]
+    f = torch.fft.fftfreq(count, pitch, dtype=torch.float64)
+    nearer = nearer.double()[:, None]
+    line = torch.polar(torch.ones(len(nearer), count).double(), -math.pi * wavelength * f**2 / nearer)
+    line = line * (wavelength * f.abs() / nearer <= count * pitch / 2 - grid.radius)
+    line = line.to(torch.complex64)
+    # the obstacle's part is what bends, so that a free pupil stays exactly free
+    blocked = torch.fft.fft2((1 - lets_by).to(torch.complex64)) * line[:, :, None] * line[:, None, :]
+    wave = 1 - torch.fft.ifft2(blocked)
+    place = (grid.centres / (count * pitch / 2)).float()
+    at = torch.stack(torch.meshgrid(place, place, indexing="ij")[::-1], -1).expand(len(wave), -1, -1, -1)
+    parts = torch.view_as_real(wave).permute(0, 3, 1, 2)
+    sampled = torch.nn.functional.grid_sample(
+        parts, at, mode="bicubic", padding_mode="border", align_corners=False
+    )
+    return torch.complex(sampled[:, 0], sampled[:, 1])
 
 
 def _propagated(field: Tensor, transform: Transform) -> Tensor:
@@ -109,19 +133,3 @@ def _half(count: int) -> Tensor:
 
 def _sub_pixels(transform: Transform) -> int:
     return (transform.window // 2 * 2 + 1) * transform.oversampling
-
-
-def _across(grid: PupilGrid) -> int:
-    """Cells of the grid that the pupil's diameter covers, to the nearest of the grid's parity."""
-    odd = grid.samples % 2
-    return int(round((2 * grid.radius / grid.pitch - odd) / 2)) * 2 + odd
-
-
-def _framed(smooth: Tensor, size: int) -> Tensor:
-    """Widen or crop maps over the pupil's square to the whole grid, repeating the border."""
-    extra = size - smooth.shape[-1]
-    if extra <= 0:
-        start = -extra // 2
-        return smooth[..., start : start + size, start : start + size]
-    half = extra // 2
-    return torch.nn.functional.pad(smooth[:, None], (half, extra - half) * 2, mode="replicate")[:, 0]

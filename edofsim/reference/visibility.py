@@ -18,7 +18,8 @@ SURFACES = 6
 
 
 def pupil_points(count: int, radius: float) -> np.ndarray:
-    """Centres of count x count cells over the pupil, (s, t) in metres, float64 [y, x, 2]; row 0 the top."""
+    """Centres of count x count cells over a square of half-width `radius` around the pupil's centre: (s, t)
+    in metres, float64 [y, x, 2]; row 0 is the top."""
     axis = ((np.arange(count) + 0.5) / count * 2 - 1) * radius
     s, t = np.meshgrid(axis, -axis)
     return np.stack([s, t], axis=2)
@@ -31,24 +32,27 @@ def visible(
     inverse_depth: np.ndarray,
     points: np.ndarray,
     progress: Callable[[float], None] | None = None,
-) -> np.ndarray:
-    """Whether each pupil point sees each fragment: bool [fragment, y, x].
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which pupil points see each fragment: (bool [fragment, y, x], how much nearer what blocks it is).
 
     directions: [fragment, 3] as `pixel_directions`; inverse_depth: [fragment] in 1/m, 0 at infinity; points:
-    from `pupil_points`.
+    from `pupil_points`. The second is the sum over blocked points of the difference in inverse depth between
+    what blocks and what is blocked, [fragment] in 1/m.
     """
     flat = points.reshape(-1, 2)
     seen = np.empty((len(directions), len(flat)), bool)
+    nearer = np.empty(len(directions))
     step = max(1, LAUNCH // len(flat))
     for start in range(0, len(directions), step):
         part = slice(start, start + step)
         # towards the fragment's place if it has one: (P - S) / z, which for z = inf is the direction itself
         towards = directions[part, None, :2] - flat[None] * inverse_depth[part, None, None]
-        nearest = _first_hit(mi, scene, np.broadcast_to(flat, towards.shape), towards)
-        seen[part] = nearest <= inverse_depth[part, None] + DEPTH_SLACK
+        gap = _first_hit(mi, scene, np.broadcast_to(flat, towards.shape), towards) - inverse_depth[part, None]
+        seen[part] = gap <= DEPTH_SLACK
+        nearer[part] = np.where(seen[part], 0.0, gap).sum(1)
         if progress:
             progress(min(1.0, (start + step) / len(directions)))
-    return seen.reshape(-1, *points.shape[:2])
+    return seen.reshape(-1, *points.shape[:2]), nearer
 
 
 def places_of(
