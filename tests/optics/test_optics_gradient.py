@@ -106,7 +106,7 @@ def test_gradcheck_through_height_fabrication_and_psf(making):
         lens={"aperture_radius_mm": 2.5},
         mask={"kind": "height-map", "pitch_um": 5000 / 7},
         fabrication=FABRICATIONS[making],
-        psf={"window_px": 5, "oversampling": 2},
+        psf={"window_px": 5, "oversampling": 2, "pupil_sampling_um": 100.0},
     )
     camera = Camera.from_recipe(recipe)
     generator = torch.Generator().manual_seed(2)
@@ -114,7 +114,7 @@ def test_gradcheck_through_height_fabrication_and_psf(making):
 
     def bank(height_um):
         return psf_bank(
-            camera, [GREEN, 611e-9], [1.0, 0.4], height=height_um * 1e-6, dtype=torch.float64
+            camera, [GREEN, 611e-9], [0.85, 0.75], height=height_um * 1e-6, dtype=torch.float64
         ).values
 
     assert torch.autograd.gradcheck(bank, (start.requires_grad_(),), eps=1e-6, atol=1e-7, rtol=1e-4)
