@@ -49,7 +49,8 @@ def run_scene(
     scene_recipe, camera_recipe = _recipes(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     from . import pipeline
-    from .report import write_run_report
+    from .expose import write_photo
+    from .report import save_srgb, write_run_report
 
     result = pipeline.run(
         scene_recipe,
@@ -68,7 +69,15 @@ def run_scene(
     numbers["seconds.report"] = time.perf_counter() - started
     numbers["seconds.total"] += numbers["seconds.report"]
     numbers["peak_memory_mib"] = peak_memory_mib()
-    outputs = {"report": report}
+    images = {
+        "ideal": result.photo.ideal,
+        "photo": result.photo.image,
+        "restored": result.restored,
+        "lens-alone": result.lens_alone.image,
+    }
+    outputs = {name: save_srgb(folder / f"{name}.png", image) for name, image in images.items()}
+    outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
+    outputs["report"] = report
     if json:
         outputs["json"] = json
         content = record(
