@@ -239,13 +239,14 @@ def psf(
     camera: Annotated[
         str, typer.Argument(metavar="CAMERA", help="Camera recipe or shipped name.")
     ] = "paper-cubic",
+    masks: Annotated[bool, typer.Option("--masks", help="Instead, a picture of every kind of mask.")] = False,
     out: OutOption = None,
     json: JsonOption = None,
 ) -> None:
     """PSFs and MTFs of a camera as picture and EXR."""
-    from .commands import draw_psf
+    from .commands import draw_masks, draw_psf
 
-    draw_psf(camera, out, json).show()
+    (draw_masks(out, json) if masks else draw_psf(camera, out, json)).show()
 
 
 @evaluate_app.command()

@@ -346,6 +346,15 @@ def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
     return _experiment("psf", numbers, folder, json, {"camera": camera})
 
 
+def draw_masks(out: Path | None, json: Path | None) -> Done:
+    """`edofsim psf --masks`."""
+    from .evaluate import psf_figure
+
+    folder = writable_folder(out or Path("out") / "masks")
+    picture = psf_figure.gallery(folder)
+    return _finish("psf --masks", [], {}, {"masks": picture}, json)
+
+
 def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
     """`edofsim evaluate mtf`."""
     loaded = load_camera(camera or "paper-cubic")
