@@ -235,6 +235,35 @@ def restore(
 
 
 @app.command()
+def train(
+    recipe: Annotated[
+        str, typer.Argument(metavar="RECIPE", help="Training recipe, or the name of a shipped one.")
+    ],
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Photographs for sources that name none.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the state in --out.")] = False,
+    max_minutes: Annotated[
+        float | None, typer.Option("--max-minutes", min=0.01, help="End after so long, decay fitted to it.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim.cli`.
+
+    Figures: psnr_db.validation, psnr_db.validation_photo, validation_loss, steps, seconds.training.
+    """
+    from .commands import train_recipe
+
+    with console.progress("train", quiet=quiet) as progress:
+        done = train_recipe(recipe, data, resume, max_minutes, out, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
 def psf(
     camera: Annotated[
         str, typer.Argument(metavar="CAMERA", help="Camera recipe or shipped name.")
@@ -263,6 +292,32 @@ def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
     from .commands import evaluate_bandwidth
 
     evaluate_bandwidth(out, json).show()
+
+
+@evaluate_app.command()
+def table(
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of photographs.")],
+    systems: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--network", metavar="SYSTEM", help="Checkpoint or shipped camera; repeat it for several."
+        ),
+    ] = None,
+    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")] = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m (paper, Table I).
+
+    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* alike.
+    """
+    from .commands import evaluate_table
+
+    with console.progress("table", quiet=quiet) as progress:
+        done = evaluate_table(data, systems, limit, seed, out, json, progress)
+    done.show()
 
 
 @evaluate_app.command()

@@ -15,6 +15,7 @@ from rich.table import Table
 from . import console
 from .errors import EdofsimError, InputError
 from .recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
+from .recipe.load import load_train
 from .record import peak_memory_mib, record, writable_folder, write_record
 
 Progress = Callable[[float, str], None]
@@ -333,6 +334,57 @@ def restore_file(
     lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
     inputs = {"photo": str(photo), "camera": camera, "network": network}
     return _finish("restore", lines, numbers, outputs, json, inputs=inputs)
+
+
+def train_recipe(
+    recipe: str,
+    data: Path | None,
+    resume: bool,
+    max_minutes: float | None,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim train`."""
+    loaded = load_train(recipe)
+    folder = writable_folder(out or Path("out") / f"train-{loaded.path.stem}")
+    from .learn import train
+
+    trained = train(
+        loaded,
+        folder,
+        data=data,
+        resume=resume,
+        max_minutes=max_minutes,
+        device=device,
+        cache=cache,
+        progress=progress,
+    )
+    lines = [f"{name} {value:.6g}" for name, value in trained.figures.items()]
+    if not trained.finished:
+        lines.append(f"not finished: go on with edofsim train {recipe} --resume --out {folder}")
+    outputs = {path.name: path for path in trained.outputs}
+    inputs = {"recipe": str(loaded.path), "data": str(data) if data else None}
+    return _finish("train", lines, trained.figures, outputs, json, inputs=inputs)
+
+
+def evaluate_table(
+    data: Path,
+    systems: Sequence[str] | None,
+    limit: int | None,
+    seed: int,
+    out: Path | None,
+    json: Path | None,
+    progress: Progress,
+) -> Done:
+    """`edofsim evaluate table`."""
+    folder = writable_folder(out or Path("out") / "table")
+    from .evaluate import table
+
+    numbers = table.run(folder, data, systems=systems or None, seed=seed, limit=limit, progress=progress)
+    return _experiment("evaluate table", numbers, folder, json, {"data": str(data), "seed": seed})
 
 
 def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
