@@ -121,13 +121,18 @@ def test_gradcheck_through_height_fabrication_and_psf(making):
 
 
 def test_quantising_passes_gradients_straight_through():
+    """98 levels from 0 to 1.2 um are 1.2 um / 97 apart: heights land on them, gradients as if they did not."""
     fabrication = Fabrication(levels=98, height_limit_um=1.2)
-    height = (torch.rand(9, 9, dtype=torch.float64) * 1.1e-6).requires_grad_()
+    generator = torch.Generator().manual_seed(0)
+    height = (torch.rand(9, 9, generator=generator, dtype=torch.float64) * 1.1e-6).requires_grad_()
     made = make(height, fabrication, material("S1813"), 0)
-    weights = torch.randn(9, 9, dtype=torch.float64)
+    weights = torch.randn(9, 9, generator=generator, dtype=torch.float64)
     (made * weights).sum().backward()
     assert torch.allclose(height.grad, weights)
-    assert not torch.allclose(made, height)
+    level = made.detach() / (1.2e-6 / 97)
+    assert torch.allclose(level, level.round(), atol=1e-9)
+    moved = (made - height).detach().abs()
+    assert 0 < moved.max() <= 1.2e-6 / 97 / 2 * (1 + 1e-9)
 
 
 def test_float32_training_gets_the_gradient_of_float64():
