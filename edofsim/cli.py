@@ -71,6 +71,25 @@ MethodOption = Annotated[
     str | None,
     typer.Option("--method", help="brute, layered, low_rank or constant; default: what the plan says."),
 ]
+AccuracyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--accuracy",
+        metavar="45dB|noise|full",
+        help="What all left-out effects may err by together; default noise: half of the sensor's.",
+    ),
+]
+TimeOption = Annotated[
+    str | None, typer.Option("--time", metavar="20s", help="Instead: the best accuracy within a time.")
+]
+WithOption = Annotated[
+    list[str] | None,
+    typer.Option("--with", metavar="EFFECT", help="Simulate an effect in full, whatever the plan says."),
+]
+WithoutOption = Annotated[
+    list[str] | None,
+    typer.Option("--without", metavar="EFFECT", help="Leave an effect out, whatever the plan says."),
+]
 OcclusionOption = Annotated[
     str | None,
     typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
@@ -102,6 +121,10 @@ def run(
     method: MethodOption = None,
     layers: LayersOption = None,
     occlusion: OcclusionOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
     seed: SeedOption = 0,
     out: OutOption = None,
     json: JsonOption = None,
@@ -112,13 +135,23 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,score,report,total}, peak_memory_mib, render_noise.
+    seconds.{render,plan,expose,lens_alone,restore,score,report,total}, peak_memory_mib, render_noise, and
+    what `edofsim plan` says.
     """
-    from .commands import run_scene
+    from .commands import Aim, run_scene
 
-    overrule = {"method": method, "layers": layers, "occlusion": occlusion}
+    overrule = {
+        "method": method,
+        "layers": layers,
+        "occlusion": occlusion,
+        "with_": with_,
+        "without": without,
+    }
+    aim = Aim(accuracy, time)
     with console.progress("run", quiet=quiet) as progress:
-        done = run_scene(scene, camera, network, overrule, seed, out, json, cache, device.value, progress)
+        done = run_scene(
+            scene, camera, network, overrule, aim, seed, out, json, cache, device.value, progress
+        )
     done.show()
 
 
@@ -167,6 +200,10 @@ def expose(
     method: MethodOption = None,
     layers: LayersOption = None,
     occlusion: OcclusionOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
     seed: SeedOption = 0,
     out: OutOption = None,
     json: JsonOption = None,
@@ -176,13 +213,21 @@ def expose(
 ) -> None:
     """A photo through one camera: EXR (linear) and PNG.
 
-    Figures: psnr_db.photo, seconds.{render,expose}, light_lost.{r,g,b}, peak_memory_mib.
+    Figures: psnr_db.photo, seconds.{plan,render,expose}, light_lost.{r,g,b}, peak_memory_mib, and what
+    `edofsim plan` says.
     """
-    from .commands import expose_scene
+    from .commands import Aim, expose_scene
 
-    overrule = {"method": method, "layers": layers, "occlusion": occlusion}
+    overrule = {
+        "method": method,
+        "layers": layers,
+        "occlusion": occlusion,
+        "with_": with_,
+        "without": without,
+    }
+    aim = Aim(accuracy, time)
     with console.progress("expose", quiet=quiet) as progress:
-        done = expose_scene(scene, camera, overrule, seed, out, json, cache, device.value, progress)
+        done = expose_scene(scene, camera, overrule, aim, seed, out, json, cache, device.value, progress)
     done.show()
 
 
@@ -190,19 +235,50 @@ def expose(
 def plan(
     scene: Scene,
     camera: CameraOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
     json: JsonOption = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> None:
-    """Which effects this scene and camera call for, and why.
+    """Which effects this scene and camera call for, what leaving each out would cost, and the choice.
 
-    Figures: layers, and 1 or 0 for each effect as called_for.EFFECT.
+    Figures: plan.{psnr_db,memory_mib,seconds}, plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and
+    for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
-    from .commands import plan_scene
+    from .commands import Aim, plan_scene
 
+    overrule = {"with_": with_, "without": without}
+    aim = Aim(accuracy, time)
     with console.progress("plan", quiet=quiet) as progress:
-        done = plan_scene(scene, camera, json, cache, device.value, progress)
+        done = plan_scene(scene, camera, overrule, aim, json, cache, device.value, progress)
+    done.show()
+
+
+@app.command()
+def cost(
+    scene: Scene,
+    camera: CameraOption = None,
+    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Of each measurement, in turns.")] = 3,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
+    left out in turn; table, CSV and chart. Interrupt it at any time: the same command goes on from there.
+
+    Figures: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE], predicted_seconds.CASE for each case
+    target.N_dB, chosen, without.EFFECT and full; times_faster.chosen.
+    """
+    from .commands import cost_scene
+
+    with console.progress("cost", quiet=quiet) as progress:
+        done = cost_scene(scene, camera, repeats, out, json, cache, device.value, progress)
     done.show()
 
 

@@ -22,6 +22,20 @@ Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
+class Aim:
+    """What a user asks a plan for, as typed: `--accuracy` or `--time`."""
+
+    accuracy: str | None = None
+    time: str | None = None
+
+    def target(self) -> Any:
+        """As `edofsim.plan.Target`. Raises InputError for what cannot be read."""
+        from .plan import parse_target
+
+        return parse_target(self.accuracy, self.time)
+
+
+@dataclass(frozen=True)
 class Done:
     """The end of a command: what it prints, last of all the paths of what it wrote."""
 
@@ -39,6 +53,7 @@ def run_scene(
     camera: str | None,
     network: str | None,
     overrule: Mapping[str, Any],
+    aim: Aim,
     seed: int,
     out: Path | None,
     json: Path | None,
@@ -47,6 +62,7 @@ def run_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim run`."""
+    target = aim.target()
     scene_recipe, camera_recipe = _recipes(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     from . import pipeline
@@ -59,6 +75,7 @@ def run_scene(
         cache=cache,
         network=network,
         overrule=overrule,
+        target=target,
         seed=seed,
         device=device,
         progress=progress,
@@ -88,12 +105,12 @@ def run_scene(
             inputs=_inputs(scene_recipe, camera_recipe, network=network),
             outputs=outputs,
             plan=_plan_rows(result.plan),
-            settings=dict(result.plan.settings),
+            settings=vars(result.plan.simulation),
             restored_by=result.restored_by,
         )
         write_record(json, content)
     lines = [
-        _plan_table(result.plan),
+        *_plan_lines(result.plan),
         _score_table(result),
         f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
         f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
@@ -229,6 +246,7 @@ def expose_scene(
     scene: str,
     camera: str | None,
     overrule: Mapping[str, Any],
+    aim: Aim,
     seed: int,
     out: Path | None,
     json: Path | None,
@@ -237,26 +255,30 @@ def expose_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim expose`."""
+    target = aim.target()
     scene_recipe, camera_recipe = _recipes(scene, camera)
     folder = writable_folder(out or Path("out") / f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}")
     from .evaluate.scores import psnr
-    from .expose import expose, write_photo
+    from .expose import write_photo
     from .optics import Camera
-    from .pipeline import torch_device
-    from .plan import plan_photo
-    from .render import render
+    from .pipeline import plan_figures, torch_device, view_as_planned
+    from .plan import look, photograph, plan_scene
     from .report import save_srgb
 
-    started = time.perf_counter()
-    view = render(scene_recipe.recipe, scene_recipe.base, cache=cache, device=device, progress=progress)
-    rendered = time.perf_counter()
     optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
-    chosen = plan_photo(view, optics, overrule)
-    photo = expose(view, optics, seed=seed, device=torch_device(device), **chosen.settings)
+    started = time.perf_counter()
+    looked = look(scene_recipe.recipe, scene_recipe.base, optics, cache=cache, device=device)
+    chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
+    planned = time.perf_counter()
+    view = view_as_planned(looked, chosen, scene_recipe.base, cache, device, progress)
+    rendered = time.perf_counter()
+    photo = photograph(view, optics, chosen.simulation, seed=seed, device=torch_device(device))
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
-        "seconds.render": rendered - started,
+        "seconds.plan": planned - started,
+        "seconds.render": rendered - planned,
         "seconds.expose": time.perf_counter() - rendered,
+        **plan_figures(chosen),
         **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.lost, strict=False)},
         "peak_memory_mib": peak_memory_mib(),
     }
@@ -266,7 +288,7 @@ def expose_scene(
         "ideal (PNG, sRGB)": save_srgb(folder / "ideal.png", photo.ideal),
     }
     lines: list[str | Table] = [
-        _plan_table(chosen),
+        *_plan_lines(chosen),
         f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
     ]
     inputs = _inputs(scene_recipe, camera_recipe)
@@ -274,25 +296,84 @@ def expose_scene(
 
 
 def plan_scene(
-    scene: str, camera: str | None, json: Path | None, cache: Path | None, device: str, progress: Progress
+    scene: str,
+    camera: str | None,
+    overrule: Mapping[str, Any],
+    aim: Aim,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
 ) -> Done:
-    """`edofsim plan`: decided on a small, coarse rendering of the scene unless its view is in the cache."""
+    """`edofsim plan`: decided on small renderings of the scene unless its view is in the cache."""
+    target = aim.target()
     scene_recipe, camera_recipe = _recipes(scene, camera)
     from .optics import Camera
-    from .plan import plan_photo, thumbnail
-    from .render import cached, render
+    from .pipeline import plan_figures
+    from .plan import look, plan_scene
 
-    view = cached(scene_recipe.recipe, scene_recipe.base, cache=cache)
-    if view is None:
-        small = thumbnail(scene_recipe.recipe)
-        view = render(small, scene_recipe.base, cache=cache, device=device, progress=progress)
-    chosen = plan_photo(view, Camera.from_recipe(camera_recipe.recipe, camera_recipe.base))
-    numbers: dict[str, float] = {
-        f"called_for.{d.effect.replace(' ', '_')}": int(d.called_for) for d in chosen.decisions
-    }
-    numbers["layers"] = chosen.settings["layers"]
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+    looked = look(
+        scene_recipe.recipe, scene_recipe.base, optics, cache=cache, device=device, progress=progress
+    )
+    chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
     inputs = _inputs(scene_recipe, camera_recipe)
-    return _finish("plan", [_plan_table(chosen)], numbers, {}, json, inputs=inputs, plan=_plan_rows(chosen))
+    numbers = plan_figures(chosen)
+    return _finish("plan", _plan_lines(chosen), numbers, {}, json, inputs=inputs, plan=_plan_rows(chosen))
+
+
+def cost_scene(
+    scene: str,
+    camera: str | None,
+    repeats: int,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim cost`."""
+    scene_recipe, camera_recipe = _recipes(scene, camera)
+    folder = writable_folder(out or Path("out") / f"cost-{scene_recipe.recipe.name}")
+    from .evaluate import cost
+    from .optics import Camera
+    from .pipeline import torch_device
+    from .plan import planner_of
+    from .render import render
+    from .report.cost_chart import cost_plot
+
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+    view = render(scene_recipe.recipe, scene_recipe.base, cache=cache, device=device, progress=progress)
+    planner = planner_of(view, optics, progress=progress)
+    rows = cost.measure(
+        view,
+        optics,
+        cost.cases_of(planner),
+        folder,
+        repeats=repeats,
+        device=torch_device(device),
+        progress=progress,
+    )
+    table = Table("", "case", "PSNR / dB", "predicted", "seconds", "predicted", *cost.STAGES, box=None)
+    for row in rows:
+        table.add_row(
+            row.case.kind,
+            row.case.name,
+            f"{row.measured_db:.1f}",
+            f"{row.case.predicted_db:.1f}",
+            f"{row.seconds:.2f}",
+            f"{row.case.predicted_seconds:.2f}",
+            *(f"{row.stages[stage]:.2f}" for stage in cost.STAGES),
+        )
+    by_kind = {row.case.kind: row for row in rows}
+    saved = by_kind["full"].seconds / by_kind["chosen"].seconds
+    numbers = {**cost.figures(rows), "times_faster.chosen": saved}
+    outputs = {
+        "table": cost.write_table(folder / "cost.csv", rows),
+        "chart": cost_plot(rows, scene_recipe.recipe.name).save(folder / "cost.png"),
+    }
+    lines = [table, f"the default choice is {saved:.1f} times as fast as the full simulation"]
+    return _finish("cost", lines, numbers, outputs, json, inputs=_inputs(scene_recipe, camera_recipe))
 
 
 def restore_file(
@@ -573,16 +654,26 @@ def _plan_rows(plan: Any) -> list[dict[str, Any]]:
     return [vars(decision) for decision in plan.decisions]
 
 
-def _plan_table(plan: Any) -> Table:
-    table = Table("effect", "called for", "simulated", "why", box=None)
+def _plan_lines(plan: Any) -> list[str | Table]:
+    """The plan's table, and what it comes to as a whole."""
+    from .plan import decibels, overall
+
+    table = Table("effect", "called for", "simulated", "left out / dB", "cost / s", "why", box=None)
     for d in plan.decisions:
         table.add_row(
             d.effect,
             "yes" if d.called_for else "no",
             d.chosen + (" (overruled)" if d.overruled else ""),
+            f"{decibels(overall(d.error)):.1f}" if d.error is not None else "",
+            f"{d.seconds:.2f}" if d.error is not None else "",
             d.why,
         )
-    return table
+    stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in plan.seconds.items() if value)
+    summary = (
+        f"asked for: {plan.target}; predicted {plan.error_db:.1f} dB in {sum(plan.seconds.values()):.2g} s "
+        f"({stages}), {plan.memory_mib:.0f} MiB of memory, {plan.disk_mib:.0f} MiB of disk"
+    )
+    return [table, summary, *([plan.note] if plan.note else [])]
 
 
 def _score_table(result: Any) -> Table:

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from .errors import InputError
 from .evaluate.scores import DepthScore, Score, score, score_by_depth
-from .expose import Photo, expose
+from .expose import Photo
 from .optics import Camera
-from .plan import Plan, plan_photo
+from .plan import Looked, Plan, Target, decibels, look, overall, photograph, plan_scene, simpler_recipe
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, render
@@ -69,6 +69,7 @@ def run(
     cache: Path | None = None,
     network: str | Path | None = None,
     overrule: Mapping[str, Any] | None = None,
+    target: Target | None = None,
     seed: int = 0,
     device: str = "auto",
     progress: Progress | None = None,
@@ -76,8 +77,9 @@ def run(
     """Photograph a scene, restore the photo, and score both.
 
     cache: folder of rendered views, None for the default one. network: checkpoint (file or shipped name)
-    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: settings of
-    `expose` that replace the plan's. seed: of the sensor's noise. device: auto, cpu or cuda.
+    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: what replaces
+    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of the
+    sensor's noise. device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch()
@@ -86,16 +88,19 @@ def run(
     checkpoint = None if network is None else load_checkpoint(network, camera.recipe)
     height = None if checkpoint is None else checkpoint.height
     alone = optics.without_mask()
-    with watch.stage("render", progress, 0.0):
-        view = render(
-            scene.recipe, scene.base, cache=cache, device=device, progress=_part(progress, 0.0, 0.7)
+    with watch.stage("plan", progress, 0.0):
+        looked = look(scene.recipe, scene.base, optics, height=height, cache=cache, device=device)
+        plan = plan_scene(
+            looked, optics, overrule=overrule, target=target, progress=_part(progress, 0.0, 0.2)
         )
-    with watch.stage("plan", progress, 0.7):
-        plan = plan_photo(view, optics, overrule)
+    with watch.stage("render", progress, 0.2):
+        view = view_as_planned(looked, plan, scene.base, cache, device, _part(progress, 0.2, 0.7))
     with watch.stage("expose", progress, 0.72):
-        photo = expose(view, optics, height=height, seed=seed, device=compute, **plan.settings)
+        photo = photograph(view, optics, plan.simulation, height=height, seed=seed, device=compute)
     with watch.stage("lens alone", progress, 0.82):
-        lens_alone = expose(view, alone, seed=seed, device=compute, exposure=photo.exposure, **plan.settings)
+        lens_alone = photograph(
+            view, alone, plan.simulation, seed=seed, device=compute, exposure=photo.exposure
+        )
     with watch.stage("restore", progress, 0.92):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)
@@ -136,6 +141,31 @@ def figures(result: Run) -> dict[str, float]:
     found["seconds.total"] = sum(result.seconds.values())
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
+    found |= plan_figures(result.plan)
+    return found
+
+
+def view_as_planned(
+    looked: Looked, plan: Plan, base: Path, cache: Path | None, device: str, progress: Progress | None
+) -> View:
+    """The view that a plan was made on, or a rendering with what the plan leaves out left out."""
+    if looked.facts.final:
+        return looked.facts.view
+    planned = simpler_recipe(looked.recipe, plan.simulation)
+    return render(planned, base, cache=cache, device=device, progress=progress)
+
+
+def plan_figures(plan: Plan) -> dict[str, float]:
+    """What a plan predicts, flat."""
+    found: dict[str, float] = {"plan.psnr_db": plan.error_db, "plan.memory_mib": plan.memory_mib}
+    found["plan.seconds"] = sum(plan.seconds.values())
+    found |= {f"plan.seconds.{stage}": value for stage, value in plan.seconds.items()}
+    for decision in plan.decisions:
+        name = decision.effect.replace(" ", "_")
+        found[f"called_for.{name}"] = int(decision.called_for)
+        if decision.error is not None:
+            found[f"psnr_db.without_{name}"] = decibels(overall(decision.error))
+            found[f"plan.seconds.{name}"] = decision.seconds
     return found
 
 

@@ -1,7 +1,33 @@
 """Which effects are simulated, and why."""
 
-from .effect import Decision, Plan
-from .photo import plan_photo
+from .effect import Decision, Effect, Level, Plan, decibels, overall
+from .effects import EFFECTS
+from .photo import Planner, plan_photo, planner_of
+from .photographing import photograph
+from .scene import Looked, look, plan_scene
+from .simulation import Simulation, full_simulation, simpler_recipe
+from .target import Target, parse_target
 from .thumbnail import thumbnail
 
-__all__ = ["Decision", "Plan", "plan_photo", "thumbnail"]
+__all__ = [
+    "EFFECTS",
+    "Decision",
+    "Effect",
+    "Level",
+    "Looked",
+    "Plan",
+    "Planner",
+    "Simulation",
+    "Target",
+    "decibels",
+    "full_simulation",
+    "look",
+    "overall",
+    "parse_target",
+    "photograph",
+    "plan_photo",
+    "plan_scene",
+    "planner_of",
+    "simpler_recipe",
+    "thumbnail",
+]

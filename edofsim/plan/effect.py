@@ -1,18 +1,73 @@
-"""What a plan is made of: effects, and the decision on each."""
+"""What a plan is made of: effects with their levels, and the decision on each."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from .simulation import Simulation
+
+if TYPE_CHECKING:
+    from .facts import Facts
+
+Errors = tuple[float, ...]
+"""Root mean square error of each channel, in sensor units: full scale is 1."""
+
+
+def overall(errors: Errors) -> float:
+    """Root mean square over the channels."""
+    return (sum(error * error for error in errors) / len(errors)) ** 0.5 if errors else 0.0
+
+
+def decibels(error: float) -> float:
+    """A root mean square error at full scale 1, as PSNR."""
+    return -20 * math.log10(error) if error > 0 else math.inf
+
+
+@dataclass(frozen=True)
+class Level:
+    """How finely an effect is simulated: what a reader calls it, and the fields of `Simulation` that it sets.
+
+    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not."""
+
+    label: str
+    change: Mapping[str, Any]
+    allowed: bool = True
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of light, optics or sensor.
+
+    name; absent(facts): why scene or camera do not have it, empty where they do; levels(facts): from left out
+    to in full, which is no change to the full simulation; why(facts): what it comes from, a clause.
+    sample: how the rest is simulated while its error is measured on the sample; error(facts, level): instead
+    of the sample. added: how its error adds up with others: `image` (by the correlation of the difference
+    images), `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this
+    one does not matter. stage: render, psf or expose.
+    """
+
+    name: str
+    levels: Callable[[Facts], Sequence[Level]]
+    why: Callable[[Facts], str]
+    absent: Callable[[Facts], str] = lambda facts: ""
+    sample: Mapping[str, Any] = field(default_factory=dict)
+    error: Callable[[Facts, Level], Errors] | None = None
+    added: str = "image"
+    within: str = ""
+    stage: str = "expose"
 
 
 @dataclass(frozen=True)
 class Decision:
     """One effect, whether this scene and camera have it, and what is done about it.
 
-    effect: its name; called_for: whether the scene and camera have it at all; chosen: what is simulated, in
-    a word or two; why: one sentence; overruled: set by the user against the plan.
+    effect: its name; called_for: whether leaving it out would be seen; chosen: what is simulated, in a word
+    or two; why: one sentence; overruled: set by the user against the plan; error: of each channel if it is
+    left out, in sensor units, None where that is not known; left: likewise, what the choice leaves out;
+    seconds: what simulating it costs; memory_mib: likewise; stage: where.
     """
 
     effect: str
@@ -20,11 +75,28 @@ class Decision:
     chosen: str
     why: str
     overruled: bool = False
+    error: Errors | None = None
+    left: Errors = ()
+    seconds: float = 0.0
+    memory_mib: float = 0.0
+    stage: str = "expose"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """All decisions, and the settings of `expose` that carry them out."""
+    """All decisions, and the simulation that carries them out.
+
+    error_db: predicted PSNR of the photo against the full simulation; asked_db: what was asked for, None
+    where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
+    be had and why, or empty; target: what was asked for, as a sentence.
+    """
 
     decisions: tuple[Decision, ...]
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    simulation: Simulation
+    error_db: float = float("inf")
+    asked_db: float | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    memory_mib: float = 0.0
+    disk_mib: float = 0.0
+    target: str = ""
+    note: str = ""

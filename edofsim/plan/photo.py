@@ -1,133 +1,268 @@
-"""Which effects a photo of this view through this camera calls for."""
+"""Which effects a photo calls for: estimated on a sample, chosen by time and error, and said in words."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import torch
+from torch import Tensor
 
+from ..errors import InputError
+from ..expose.methods import METHODS
+from ..expose.occlusion import OCCLUSIONS
 from ..optics import Camera
 from ..render.view import View
-from .effect import Decision, Plan
+from .choose import Chosen, everything, fastest, simulation_of, within
+from .effect import Decision, Effect, Level, Plan, decibels, overall
+from .effects import EFFECTS
+from .estimate import Estimate, Estimates, estimate
+from .facts import Facts, facts_of
+from .rates import Rates, rates
+from .simulation import Simulation
+from .target import Target
+from .work import Shape, shape_of, work_of
 
-LAYER_STEP_PX = 6.0
-"""Change of the geometric blur's diameter from one depth layer to the next, in pixels. PSFs in between are
-interpolated; over the two dioptres of the paper's scene range its camera gets 12 layers."""
-RAYLEIGH = 0.25
-"""Waves of path difference that an image shows (Rayleigh's criterion)."""
+Progress = Callable[[float, str], None]
+
+SAFETY_DB = 1.0
+"""The budget is smaller than what is asked for by this: estimates are of a sample."""
+BASE_MIB = 450.0
+"""Memory of the process before any photo: Python, torch, the renderer."""
 
 
-def plan_photo(view: View, camera: Camera, overrule: Mapping[str, Any] | None = None) -> Plan:
+@dataclass(frozen=True)
+class Planner:
+    """Everything that is known before a choice: facts, estimates, and how fast this machine is.
+
+    One planner answers many targets; estimates are made once.
+    """
+
+    facts: Facts
+    shape: Shape
+    estimates: Estimates
+    rates: Rates
+    render_seconds: Callable[[Simulation], float] = lambda simulation: 0.0
+    disk_mib: float = 0.0
+
+    def seconds_of(self, simulation: Simulation) -> Mapping[str, float]:
+        """Predicted seconds of each stage."""
+        layers = int(self.facts.sample.nodes(simulation.layers).numel())
+        if simulation.layers is None and self.facts.sample.depths is None:
+            layers = self._finest_layers()
+        groups, colours = _counts(self.facts, simulation.groups, simulation.colours)
+        work = work_of(self.shape, self.facts.camera, simulation, layers, groups, colours)
+        stages = {
+            stage: sum(rate * amount for rate, amount in zip(self.rates[stage], amounts, strict=True))
+            for stage, amounts in work.amounts.items()
+        }
+        return {"render": self.render_seconds(simulation), **stages}
+
+    def memory_mib(self, simulation: Simulation) -> float:
+        """Predicted peak memory of the process."""
+        layers = int(self.facts.sample.nodes(simulation.layers).numel())
+        groups, colours = _counts(self.facts, simulation.groups, simulation.colours)
+        found = work_of(self.shape, self.facts.camera, simulation, layers, groups, colours)
+        return BASE_MIB + found.bytes / 2**20
+
+    def _finest_layers(self) -> int:
+        from .photographing import nodes_of
+
+        return int(nodes_of(self.facts.view, self.facts.camera, self.facts.full).numel())
+
+    def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
+        """Choose for a target. fixed: levels of effects that the user insists on."""
+        target, fixed = target or Target(), dict(fixed or {})
+        known: dict[Simulation, float] = {}
+
+        def seconds(chosen: Chosen) -> float:
+            simulation = simulation_of(self.estimates, chosen, self.facts.full)
+            if simulation not in known:
+                known[simulation] = sum(self.seconds_of(simulation).values())
+            return known[simulation]
+
+        note, asked = "", target.asked_db(self.facts)
+        if target.kind == "full":
+            chosen = everything(self.estimates, fixed)
+        elif target.kind == "time":
+            chosen, possible = within(self.estimates, target.seconds, seconds, fixed)
+            if not possible:
+                note = (
+                    f"{target.seconds:g} s cannot be had: the fastest simulation of this scene takes "
+                    f"{seconds(chosen):.2g} s, and this is it"
+                )
+        else:
+            budget = 10 ** (-(asked + SAFETY_DB) / 20)
+            chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
+            note = self._floor(asked) if target.kind == "db" else ""
+        return self._plan(chosen, fixed, target, asked, note, seconds)
+
+    def _kept(self, fixed: Mapping[str, int]) -> dict[str, int]:
+        """What an accuracy does not trade: the samples that the recipe asks for also make the all-in-focus
+        image, which photos are scored against."""
+        samples = self.estimates.by_name().get("render samples")
+        return {**({"render samples": samples.full} if samples else {}), **fixed}
+
+    def _floor(self, asked: float) -> str:
+        grain = overall(self.facts.grain)
+        if decibels(grain) >= asked:
+            return ""
+        more = 10 ** ((asked - decibels(grain)) / 10)
+        return (
+            f"{asked:.1f} dB cannot be had from this rendering: its own noise leaves {decibels(grain):.1f} "
+            f"dB in the photo, whatever is simulated; it takes {more:.1f} times as many samples"
+        )
+
+    def _plan(
+        self,
+        chosen: Chosen,
+        fixed: Mapping[str, int],
+        target: Target,
+        asked: float,
+        note: str,
+        seconds: Callable[[Chosen], float],
+    ) -> Plan:
+        simulation = simulation_of(self.estimates, chosen, self.facts.full)
+        now = seconds(chosen)
+        decisions = []
+        for row in self.estimates.rows:
+            name = row.effect.name
+            level = chosen[name]
+            without, with_it = {**chosen, name: 0}, {**chosen, name: level or row.full}
+            costs = 0.0 if row.full == 0 else max(0.0, seconds(with_it) - seconds(without))
+            memory = 0.0
+            if row.full:
+                memory = self.memory_mib(simulation_of(self.estimates, with_it, self.facts.full))
+                memory -= self.memory_mib(simulation_of(self.estimates, without, self.facts.full))
+            called = _called_for(row, asked, level)
+            decisions.append(
+                Decision(
+                    effect=name,
+                    called_for=called,
+                    chosen="" if row.absent and row.full == 0 else row.levels[level].label,
+                    why=_sentence(row, self.facts, level, asked, costs, self.estimates.moot(row, chosen)),
+                    overruled=name in fixed,
+                    error=row.errors[0] if row.full else None,
+                    left=row.errors[level] if not self.estimates.moot(row, chosen) else row.errors[row.full],
+                    seconds=costs,
+                    memory_mib=max(0.0, memory),
+                    stage=row.effect.stage,
+                )
+            )
+        return Plan(
+            tuple(decisions),
+            simulation,
+            error_db=decibels(self.estimates.total(chosen)),
+            asked_db=None if target.kind == "time" else asked,
+            seconds=self.seconds_of(simulation) if now else {},
+            memory_mib=self.memory_mib(simulation),
+            disk_mib=self.disk_mib,
+            target=target.sentence(self.facts),
+            note=note,
+        )
+
+
+def planner_of(
+    view: View,
+    camera: Camera,
+    *,
+    height: Tensor | None = None,
+    effects: Sequence[Effect] = EFFECTS,
+    more: Mapping[str, Level] | None = None,
+    facts: Facts | None = None,
+    progress: Progress | None = None,
+    **how: Any,
+) -> Planner:
+    """Look at a view, or at the facts given, and estimate every effect. more: levels the user insists on;
+    how: further fields of `Planner`."""
+    facts = facts or facts_of(view, camera, height=height)
+    known = rates()
+    found = estimate(facts, effects, more, progress)
+    return Planner(facts, shape_of(view, camera), found, known, **how)
+
+
+def plan_photo(
+    view: View,
+    camera: Camera,
+    overrule: Mapping[str, Any] | None = None,
+    target: Target | None = None,
+    *,
+    height: Tensor | None = None,
+    facts: Facts | None = None,
+    progress: Progress | None = None,
+    **how: Any,
+) -> Plan:
     """Decide on the effects of a photo.
 
-    overrule: settings of `expose` that the user insists on (`method`, `layers`, `occlusion`); None values
-    are left to the plan.
+    overrule: what the user insists on: `layers`, `occlusion`, `method`, `without` and `with_` (names of
+    effects); None values are left to the plan. target: None for the default. height: height map of the mask
+    in place of the recipe's. Raises InputError for an effect that is not known.
     """
     insisted = {name: value for name, value in (overrule or {}).items() if value is not None}
-    decisions = [
-        _bands(view),
-        _layers(view, camera, insisted),
-        _occlusion(view, camera, insisted),
-        _exact_lens(view, camera),
-        _outside(view, camera),
-        _noise(camera),
-    ]
-    settings = {name: value for decision in decisions for name, value in decision[1].items()}
-    return Plan(tuple(decision[0] for decision in decisions), {**settings, **insisted})
+    more = _levels_of(insisted)
+    planner = planner_of(view, camera, height=height, more=more, facts=facts, progress=progress, **how)
+    return planner.plan(target, fixed_levels(planner.estimates, insisted, more))
 
 
-Choice = tuple[Decision, dict[str, Any]]
+def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
+    """Levels for the settings of a photo that a user gives by value."""
+    more = {}
+    if "layers" in insisted:
+        count = insisted["layers"]
+        more["depth layers"] = Level(f"{count} layer{'s'[: count > 1]}", {"layers": count})
+    if "occlusion" in insisted:
+        _known(insisted["occlusion"], OCCLUSIONS, "occlusion")
+        more["occlusion"] = Level(insisted["occlusion"], {"occlusion": insisted["occlusion"]})
+    if "method" in insisted:
+        _known(insisted["method"], METHODS, "method")
+        more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
+    return more
 
 
-def _bands(view: View) -> Choice:
-    nm = view.wavelengths * 1e9
-    span = f"{nm[0]:.0f} to {nm[-1]:.0f} nm"
-    why = f"the view holds {view.bands} bands, {span}, and the lens and the DOE refract each differently"
-    return Decision("bands", view.bands > 1, f"{view.bands} bands", why), {}
+def fixed_levels(
+    estimates: Estimates, insisted: Mapping[str, Any], more: Mapping[str, Level]
+) -> dict[str, int]:
+    """The level of each effect that the user insists on."""
+    rows = estimates.by_name()
+    fixed = {name: rows[name].levels.index(level) for name, level in more.items()}
+    for option, full in (("without", False), ("with_", True)):
+        for name in insisted.get(option) or ():
+            _known(name, rows, "effect")
+            fixed[name] = rows[name].full if full else 0
+    if more.get("occlusion") and "hidden surfaces" in rows:
+        fixed["hidden surfaces"] = rows["hidden surfaces"].full
+    return fixed
 
 
-def _layers(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
-    near, far = float(view.inverse_depth.max()), float(view.inverse_depth.min())
-    spread = (near - far) * _blur_per_dioptre(camera)
-    layers = 1 if spread < 1e-3 else 2 + math.floor(spread / LAYER_STEP_PX)
-    why = (
-        "everything lies at one depth: one convolution a band is exact"
-        if layers == 1
-        else f"depths from {_metres(near)} to {_metres(far)} change the blur by {spread:.1f} pixels"
-    )
-    chosen = insisted.get("layers", layers)
-    decision = Decision(
-        "depth layers", layers > 1, f"{chosen} layer{'s'[: chosen > 1]}", why, "layers" in insisted
-    )
-    return decision, {"layers": layers}
+def _known(name: str, names: Any, what: str) -> None:
+    if name not in names:
+        raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")
 
 
-def _occlusion(view: View, camera: Camera, insisted: Mapping[str, Any]) -> Choice:
-    edges = _edge_pixels(view, 1 / _blur_per_dioptre(camera))
-    hidden = int(view.hidden.sum())
-    chosen = "none" if not edges else ("hidden" if hidden else "normalised")
-    known = (
-        f"{hidden} hidden fragments are known behind them"
-        if hidden
-        else f"what they hide is not known ({view.metadata.get('hidden', 'no hidden fragments in the view')})"
-    )
-    why = (
-        f"{edges} pixels lie on depth edges; {known}" if edges else "no depth edges: nothing covers anything"
-    )
-    decision = Decision(
-        "occlusion", edges > 0, insisted.get("occlusion", chosen), why, "occlusion" in insisted
-    )
-    return decision, {"occlusion": chosen}
+def _counts(facts: Facts, groups: int, colours: int) -> tuple[int, int]:
+    """Images that are blurred for each depth, and wavelengths that PSFs are computed at."""
+    bands, channels = facts.view.bands, len(facts.sample.response)
+    if groups == 0:
+        return bands, bands
+    return groups * channels, bands if colours == 0 else min(bands, groups * channels * colours)
 
 
-def _edge_pixels(view: View, gap: float) -> int:
-    """Pixels that see two surfaces, or whose neighbour below or to the right is nearer or farther by `gap`
-    (1/m), where blurs begin to differ."""
-    rows, columns = view.padded_shape
-    seen = torch.bincount(view.pixel[~view.hidden], minlength=rows * columns).reshape(rows, columns)
-    edge = seen > 1
-    depth = view.mean_inverse_depth()
-    edge[1:] |= (depth[1:] - depth[:-1]).abs() > gap
-    edge[:, 1:] |= (depth[:, 1:] - depth[:, :-1]).abs() > gap
-    return int(edge.sum())
+def _called_for(row: Estimate, asked: float, level: int) -> bool:
+    """Whether leaving it out would cost more than was asked for; for a time: whether it is simulated."""
+    if row.full == 0:
+        return False
+    worst = decibels(overall(row.errors[0]))
+    return worst < asked if asked != float("inf") else worst < 100 and level > 0
 
 
-def _exact_lens(view: View, camera: Camera) -> Choice:
-    exact = camera.recipe.lens.thickness == "exact"
-    r, radius = camera.aperture_radius, camera.radius_of_curvature
-    beyond_parabola = radius - math.sqrt(radius**2 - r**2) - r**2 / (2 * radius)
-    wavelength = float(view.wavelengths.double().mean())
-    waves = (float(camera.glass.index(wavelength)) - 1) * beyond_parabola / wavelength
-    why = (
-        f"the sphere departs from its parabola by {waves:.2f} waves at the rim of the aperture, "
-        f"{'above' if waves > RAYLEIGH else 'below'} Rayleigh's quarter"
-    )
-    return Decision("exact lens", waves > RAYLEIGH, "exact sag" if exact else "parabola", why, not exact), {}
-
-
-def _outside(view: View, camera: Camera) -> Choice:
-    reach = camera.recipe.psf.window_px // 2
-    margin = round(view.margin * view.pixel_angle / camera.pixel_angle)  # a thumbnail has coarser pixels
-    why = f"a PSF reaches {reach} pixels; the view holds {margin} beyond the frame"
-    return Decision("light from outside the frame", True, f"{min(reach, margin)} px margin", why), {}
-
-
-def _noise(camera: Camera) -> Choice:
-    sigma = camera.read_noise
-    why = (
-        f"the recipe asks for Gaussian read noise of {sigma:g} of full scale"
-        if sigma
-        else "the recipe asks for none"
-    )
-    return Decision("sensor noise", sigma > 0, "Gaussian" if sigma else "none", why), {}
-
-
-def _blur_per_dioptre(camera: Camera) -> float:
-    """Change of the geometric blur's diameter with inverse depth, in pixels a dioptre."""
-    return 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
-
-
-def _metres(inverse_depth: float) -> str:
-    return "infinity" if inverse_depth <= 0 else f"{1 / inverse_depth:.2f} m"
+def _sentence(row: Estimate, facts: Facts, level: int, asked: float, costs: float, moot: bool) -> str:
+    if row.absent:
+        return row.absent
+    why = row.effect.why(facts)
+    if moot:
+        return f"{why}; it does not matter without {row.effect.within}"
+    worst = decibels(overall(row.errors[0]))
+    if worst < asked:
+        return why
+    free = "; it costs next to nothing" if level == row.full and costs < 0.01 else ""
+    return f"{why}; left out it errs by less than is asked for{free}"

@@ -1,4 +1,4 @@
-"""A small, coarse version of a scene that is rendered in seconds, to decide on."""
+"""Small renderings of a scene that take seconds, to decide on."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from ..recipe import SceneRecipe
 
 SIDE_PX = 64
 SAMPLES = 16
+SKETCH_SAMPLES = 4
 
 
 def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
@@ -22,3 +23,9 @@ def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
     )
     render = recipe.render.model_copy(update={"samples": min(SAMPLES, recipe.render.samples)})
     return recipe.model_copy(update={"frame": small, "render": render})
+
+
+def sketch(recipe: SceneRecipe) -> SceneRecipe:
+    """The same frame, pixel for pixel, with few samples: right depths and edges, grainy light."""
+    render = recipe.render.model_copy(update={"samples": min(SKETCH_SAMPLES, recipe.render.samples)})
+    return recipe.model_copy(update={"render": render})

@@ -13,6 +13,7 @@ from torch import Tensor
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
+from ..plan import Plan, overall
 from ..record import machine, versions
 from ..restore import channel_psfs
 from .model import ImageScore, PlanRow, Psfs, RunReport
@@ -48,8 +49,16 @@ def write_run_report(path: Path, result: Run) -> Path:
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,
         plan=tuple(
-            PlanRow(d.effect, d.called_for, why=f"{d.chosen}: {d.why}") for d in result.plan.decisions
+            PlanRow(
+                d.effect,
+                d.called_for,
+                error=None if d.error is None else overall(d.error),
+                seconds=None if d.error is None else d.seconds,
+                why=f"{d.chosen}{' (overruled)' if d.overruled else ''}: {d.why}" if d.chosen else d.why,
+            )
+            for d in result.plan.decisions
         ),
+        target=_target(result.plan),
         seconds=result.seconds,
         peak_memory_mib=result.peak_memory_mib,
         recipes={item.path.name: item.text for item in (result.scene, result.camera)},
@@ -61,6 +70,12 @@ def write_run_report(path: Path, result: Run) -> Path:
         restored_label=f"Restored ({result.restored_by})",
     )
     return write_report(path, report)
+
+
+def _target(plan: Plan) -> str:
+    """What was asked for and what is predicted, in a sentence or two."""
+    predicted = f"Predicted: {plan.error_db:.1f} dB in {sum(plan.seconds.values()):.2g} s."
+    return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 
 
 def _relief(camera: Camera, trained: Tensor | None) -> tuple[Tensor | None, float | None]:

@@ -2,99 +2,226 @@
 
 from __future__ import annotations
 
+import functools
+from dataclasses import replace
+
 import pytest
 import torch
 
+from edofsim.errors import InputError
 from edofsim.optics import Camera
-from edofsim.plan import plan_photo, thumbnail
+from edofsim.plan import (
+    EFFECTS,
+    Effect,
+    Level,
+    decibels,
+    overall,
+    parse_target,
+    photograph,
+    plan_photo,
+    planner_of,
+    thumbnail,
+)
 from edofsim.recipe import CameraRecipe, load_scene
-from edofsim.recipe.camera import Lens, Sensor
+from edofsim.recipe.camera import Lens, PsfSettings, Sensor
 from edofsim.render.view import View
 
-CAMERA = Camera.from_recipe(CameraRecipe(name="test"))
+PSF = PsfSettings(window_px=32)
+CAMERA = Camera.from_recipe(
+    CameraRecipe(name="test", lens=Lens(aperture_radius_mm=1.0), psf=PSF, sensor=Sensor(read_noise=0.005))
+)
+BANDS = torch.linspace(420e-9, 720e-9, 7, dtype=torch.float64)
 
 
-def flat(inverse_depth: torch.Tensor, hidden: tuple[int, ...] = ()) -> View:
-    """A view with one fragment a pixel at the given depths [y, x], and hidden ones at infinity behind some."""
+def scene(inverse_depth: torch.Tensor, spectra: torch.Tensor | None = None, hidden: bool = False) -> View:
+    """Random radiance at given depths [y, x]; spectra: [band, y, x] in its place; hidden: light at infinity
+    behind the nearer half."""
     rows, columns = inverse_depth.shape
-    behind = torch.tensor(hidden, dtype=torch.int64)
-    pixel = torch.cat([torch.arange(rows * columns), behind])
-    depth = torch.cat([inverse_depth.flatten(), torch.zeros(len(hidden))])
-    order = torch.sort(pixel, stable=True).indices
+    draw = torch.Generator().manual_seed(3)
+    if spectra is None:
+        spectra = torch.rand(len(BANDS), rows, columns, generator=draw)
+    behind = torch.nonzero(inverse_depth.flatten() > inverse_depth.mean()).squeeze(1) if hidden else None
+    pixel = torch.arange(rows * columns)
+    depth, light = inverse_depth.flatten(), spectra.reshape(len(BANDS), -1)
+    is_hidden = torch.zeros(len(pixel), dtype=torch.bool)
+    if behind is not None:
+        pixel = torch.cat([pixel, behind])
+        depth = torch.cat([depth, torch.zeros(len(behind))])
+        light = torch.cat([light, torch.rand(len(BANDS), len(behind), generator=draw)], 1)
+        is_hidden = torch.cat([is_hidden, torch.ones(len(behind), dtype=torch.bool)])
+    order = torch.argsort(pixel * 2 + is_hidden)
     return View(
-        height=rows,
-        width=columns,
-        margin=0,
+        height=rows - 32,
+        width=columns - 32,
+        margin=16,
         pixel=pixel[order],
         coverage=torch.ones(len(pixel)),
         inverse_depth=depth[order],
-        radiance=torch.ones(2, len(pixel)),
-        hidden=(torch.arange(len(pixel)) >= rows * columns)[order],
-        wavelengths=torch.tensor([500e-9, 600e-9], dtype=torch.float64),
+        radiance=light[:, order],
+        hidden=is_hidden[order],
+        wavelengths=BANDS,
         pixel_angle=CAMERA.pixel_angle,
     )
 
 
-def decision(view: View, effect: str, camera: Camera = CAMERA):
-    (found,) = [d for d in plan_photo(view, camera).decisions if d.effect == effect]
+FLAT = torch.full((72, 80), 0.7)
+STEP = torch.where(torch.arange(80) < 40, 2.0, 0.0).expand(72, 80)
+SLANTED = torch.linspace(0.0, 2.0, 80).expand(72, 80)
+
+
+@functools.cache
+def planner(kind: str):
+    """Estimates are made once for all tests of a scene."""
+    depth = {"flat": FLAT, "slanted": SLANTED, "step": STEP}[kind]
+    return planner_of(scene(depth, hidden=kind == "step"), CAMERA)
+
+
+def row(plan, effect: str):
+    (found,) = [d for d in plan.decisions if d.effect == effect]
     return found
 
 
+def measured(view: View, camera: Camera, change: dict, full=None) -> float:
+    """Root mean square difference of the photo with a change from the photo in full."""
+    full = full or planner_of(view, camera, effects=()).facts.full
+    difference = photograph(view, camera, full.changed(change)).clean - photograph(view, camera, full).clean
+    return float(difference.square().mean().sqrt())
+
+
 def test_one_depth_calls_for_one_layer_and_no_occlusion():
-    plan = plan_photo(flat(torch.full((6, 8), 0.7)), CAMERA)
-    assert plan.settings["layers"] == 1 and plan.settings["occlusion"] == "none"
+    plan = planner("flat").plan()
     called_for = {d.effect for d in plan.decisions if d.called_for}
-    assert not called_for & {"depth layers", "occlusion"}
+    assert not called_for & {"depth layers", "occlusion", "hidden surfaces"}
+    assert plan.simulation.occlusion == "none" and "0.7" not in row(plan, "depth layers").chosen
+    assert photograph(scene(FLAT), CAMERA, plan.simulation).how["layers"] == 1
 
 
-def test_layers_follow_the_blur_not_the_distance():
-    """From 2 m to infinity the blur changes as much as from 1 m to 2 m: by half a dioptre."""
-    near = plan_photo(flat(torch.linspace(0.5, 1.0, 64).expand(4, 64)), CAMERA).settings["layers"]
-    far = plan_photo(flat(torch.linspace(0.0, 0.5, 64).expand(4, 64)), CAMERA).settings["layers"]
-    assert near == far > 2
+def test_a_slanted_surface_has_layers_and_no_edges_and_a_step_has():
+    slanted = planner("slanted").plan()
+    assert row(slanted, "depth layers").called_for
+    step = planner("step").plan()
+    assert row(step, "occlusion").called_for and row(step, "hidden surfaces").error is not None
+    assert row(plan_photo(scene(STEP), CAMERA), "hidden surfaces").error is None  # nothing is known there
 
 
-def test_a_smaller_aperture_calls_for_fewer_layers():
-    view = flat(torch.linspace(0.0, 2.0, 64).expand(4, 64))
-    small = Camera.from_recipe(CameraRecipe(name="small", lens=Lens(aperture_radius_mm=0.5)))
-    # a fifth of the aperture, a fifth of the blur: a fifth of the steps between the outermost two layers
-    steps = [plan_photo(view, camera).settings["layers"] - 2 for camera in (small, CAMERA)]
-    assert 0 < steps[0] <= steps[1] / 4
+def test_bands_that_say_the_same_are_gathered():
+    """A grey scene under one light has the same spectrum everywhere: each channel's mean PSF is then exact,
+    which is not so where every pixel has a spectrum of its own."""
+    grey = torch.rand(1, 72, 80, generator=torch.Generator().manual_seed(0)).expand(len(BANDS), 72, 80)
+    target = parse_target("60dB", None)
+    many = photograph(scene(FLAT), CAMERA, planner("flat").plan(target).simulation)
+    plan = plan_photo(scene(FLAT, grey.contiguous()), CAMERA, target=target)
+    few = photograph(scene(FLAT, grey.contiguous()), CAMERA, plan.simulation)
+    assert few.how["bands"] < many.how["bands"]
 
 
-def test_a_slanted_surface_has_no_edges_and_a_step_has():
-    slanted = torch.linspace(0.5, 1.5, 200).expand(4, 200)
-    step = torch.where(torch.arange(200) < 100, 2.0, 0.0).expand(4, 200)
-    assert not decision(flat(slanted), "occlusion").called_for
-    assert decision(flat(step), "occlusion").called_for
+def test_a_sensor_of_three_lines_has_no_bands_to_gather():
+    camera = Camera.from_recipe(CameraRecipe(name="lines", psf=PSF, sensor=Sensor(response="lines")))
+    view = scene(FLAT)
+    view = replace(view, radiance=view.radiance[:3], wavelengths=view.wavelengths[[1, 3, 5]])
+    found = row(plan_photo(view, camera), "bands")
+    assert not found.called_for and found.error is None
 
 
-def test_hidden_surfaces_are_used_where_they_are_known():
-    step = torch.where(torch.arange(20) < 10, 2.0, 0.0).expand(4, 20)
-    assert decision(flat(step), "occlusion").chosen == "normalised"
-    assert decision(flat(step, hidden=(9, 29)), "occlusion").chosen == "hidden"
+@pytest.mark.parametrize("effect", ["bands", "exact lens", "dispersion of the lens", "PSF window"])
+def test_an_estimate_is_what_the_whole_photo_shows(effect: str):
+    """Within 3 dB, on a frame that is the sample itself; depths and the rest of the simulation differ."""
+    view, known = scene(SLANTED), planner("slanted")
+    found = known.estimates.by_name()[effect]
+    truth = measured(view, CAMERA, dict(found.levels[0].change), known.facts.full)
+    assert decibels(overall(found.errors[0])) == pytest.approx(decibels(truth), abs=3)
 
 
-def test_what_the_user_insists_on_is_marked():
-    plan = plan_photo(flat(torch.rand(4, 4)), CAMERA, {"layers": 3, "occlusion": None})
-    (layers,) = [d for d in plan.decisions if d.effect == "depth layers"]
-    assert plan.settings["layers"] == 3 and layers.overruled and layers.chosen == "3 layers"
-    assert not any(d.overruled for d in plan.decisions if d.effect != "depth layers")
+@pytest.mark.parametrize("asked", [30, 40, 50])
+def test_what_is_promised_is_met(asked: int):
+    view, known = scene(SLANTED), planner("slanted")
+    plan = known.plan(parse_target(f"{asked}dB", None))
+    full = photograph(view, CAMERA, known.facts.full).clean
+    error = photograph(view, CAMERA, plan.simulation).clean - full
+    assert decibels(float(error.square().mean().sqrt())) >= asked - 1
+    assert plan.error_db >= asked
 
 
-def test_spherical_aberration_follows_the_fourth_power_of_the_aperture():
-    """Seidel: the wave aberration of the paper's aperture is above a quarter wave, that of a quarter of it
-    (1/256) is not."""
-    narrow = Camera.from_recipe(CameraRecipe(name="narrow", lens=Lens(aperture_radius_mm=0.625)))
-    view = flat(torch.rand(4, 4))
-    assert decision(view, "exact lens").called_for
-    assert not decision(view, "exact lens", narrow).called_for
+def test_more_accuracy_never_takes_less_time():
+    known = planner("slanted")
+    times = [sum(known.plan(parse_target(f"{db}dB", None)).seconds.values()) for db in (25, 40, 55)]
+    assert times == sorted(times)
+    assert times[-1] <= sum(known.plan(parse_target("full", None)).seconds.values())
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_noise_is_called_for_where_the_camera_has_it(noise: float):
-    camera = Camera.from_recipe(CameraRecipe(name="noise", sensor=Sensor(read_noise=noise)))
-    assert decision(flat(torch.rand(4, 4)), "sensor noise", camera).called_for is (noise > 0)
+def test_a_time_that_cannot_be_had_gives_the_fastest_and_says_so():
+    known = planner("slanted")
+    plan = known.plan(parse_target(None, "1e-6s"))
+    fast = known.plan(parse_target("10dB", None))
+    assert "cannot be had" in plan.note
+    assert sum(plan.seconds.values()) <= 1.05 * sum(fast.seconds.values())
+    enough = known.plan(parse_target(None, "1h"))
+    assert not enough.note and enough.error_db == float("inf")
+
+
+def test_an_accuracy_beyond_the_rendering_is_answered_with_why():
+    noisy = replace(scene(FLAT), noise=0.05, metadata={"samples": 16})
+    plan = plan_photo(noisy, CAMERA, target=parse_target("70dB", None))
+    assert "its own noise" in plan.note and "times as many samples" in plan.note
+    assert not plan_photo(noisy, CAMERA, target=parse_target("30dB", None)).note
+
+
+def test_what_the_user_insists_on_is_done_and_marked():
+    overrule = {"layers": 3, "occlusion": None, "without": ["exact lens"]}
+    plan = plan_photo(scene(SLANTED), CAMERA, overrule)
+    assert plan.simulation.layers == 3 and not plan.simulation.exact_lens
+    assert {d.effect for d in plan.decisions if d.overruled} == {"depth layers", "exact lens"}
+    with pytest.raises(InputError, match="effect 'exact lense' is not known"):
+        plan_photo(scene(SLANTED), CAMERA, {"with_": ["exact lense"]})
+
+
+def test_noise_that_the_recipe_asks_for_is_told_in_its_own_size():
+    found = row(planner("flat").plan(), "read noise")
+    assert overall(found.error) == pytest.approx(0.005) and found.chosen == "Gaussian"
+    silent = Camera.from_recipe(CameraRecipe(name="silent", psf=PSF, sensor=Sensor(read_noise=0)))
+    assert row(plan_photo(scene(FLAT), silent), "read noise").error is None
+
+
+def test_the_default_asks_for_less_than_half_of_the_noise():
+    plan = planner("flat").plan()
+    assert plan.asked_db == pytest.approx(decibels(0.0025))
+
+
+def test_an_effect_is_a_file_and_a_line():
+    """What the README shows: the estimate of an effect of one's own is what the photo shows without it."""
+    mine = Effect(
+        name="half the window",
+        levels=lambda facts: [Level("half", {"window": 16}), Level("whole", {})],
+        why=lambda facts: "blur has tails",
+        sample={"groups": 1, "colours": 1, "layers": 2, "occlusion": "none", "window": None},
+    )
+    known = planner_of(scene(FLAT), CAMERA, effects=(*EFFECTS[:1], mine))
+    found = row(known.plan(parse_target("full", None)), "half the window")
+    truth = measured(scene(FLAT), CAMERA, {"window": 16})
+    assert decibels(overall(found.error)) == pytest.approx(decibels(truth), abs=3)
+
+
+def test_effects_are_all_listed_and_named_once():
+    from pathlib import Path
+
+    import edofsim.plan.effects as package
+
+    files = {path.stem for path in Path(package.__file__).parent.glob("*.py")} - {"__init__"}
+    assert len(files) == len(EFFECTS) == len({effect.name for effect in EFFECTS})
+
+
+@pytest.mark.parametrize("text", ["0dB", "-3dB", "good", "dB"])
+def test_wrong_targets_are_refused(text: str):
+    with pytest.raises(InputError, match="--accuracy"):
+        parse_target(text, None)
+
+
+def test_a_target_is_an_accuracy_or_a_time():
+    assert parse_target("45dB", None).db == 45 and parse_target(None, "2min").seconds == 120
+    with pytest.raises(InputError, match="one of them"):
+        parse_target("full", "3s")
+    with pytest.raises(InputError, match="--time"):
+        parse_target(None, "soon")
 
 
 def test_a_thumbnail_shows_the_same_field_with_fewer_pixels():

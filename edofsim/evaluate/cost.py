@@ -1,0 +1,243 @@
+"""What accuracy costs in time: a scene's photo at every target, with every effect left out, measured.
+
+Errors are those of the noise-free photo against the full simulation, in sensor units, as PSNR; seconds are
+medians over repeats in which all cases take turns, so that what else the machine does meets them alike. Every
+measurement is appended to a file as it comes in, and the same call goes on from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..optics import Camera
+from ..optics import cache as psf_memory
+from ..plan import Planner, Simulation, parse_target, photograph
+from ..record import machine, versions
+from ..render.view import View
+from .drawing import write_csv
+
+Progress = Callable[[float, str], None]
+
+TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
+FINE_DB = 60.0
+"""Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
+err the same, and take hours."""
+STAGES = ("prepare", "psf", "blur", "sensor")
+LINES = "measurements.jsonl"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
+    predicted_db, predicted_seconds: by the plan."""
+
+    name: str
+    kind: str
+    simulation: Simulation
+    asked_db: float = math.inf
+    predicted_db: float = math.inf
+    predicted_seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage."""
+
+    case: Case
+    measured_db: float
+    seconds: float
+    stages: Mapping[str, float] = field(default_factory=dict)
+    repeats: int = 1
+
+
+def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Case]:
+    """The sweep of targets, the default choice, each effect left out in turn, and everything in full."""
+    cases = []
+    for db in targets:
+        plan = planner.plan(parse_target(f"{db}dB", None))
+        cases.append(_case(f"{db} dB", "target", plan.simulation, planner, float(db), plan.error_db))
+    chosen = planner.plan()
+    cases.append(
+        _case("chosen", "chosen", chosen.simulation, planner, chosen.asked_db or math.inf, chosen.error_db)
+    )
+    fine = planner.plan(parse_target(f"{FINE_DB:g}dB", None)).simulation
+    for row in planner.estimates.rows:
+        stage = row.effect.stage
+        if row.full == 0 or stage in ("render", "sensor") or row.effect.added != "image":
+            continue
+        error = row.errors[0]
+        mean = (sum(e * e for e in error) / len(error)) ** 0.5
+        simulation = fine.changed({**dict(row.levels[0].change), "hidden_pass": True})
+        predicted = -20 * math.log10(mean) if mean > 0 else math.inf
+        cases.append(_case(row.effect.name, "without", simulation, planner, math.inf, predicted))
+    cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
+    return cases
+
+
+def _case(
+    name: str, kind: str, simulation: Simulation, planner: Planner, asked: float, predicted: float
+) -> Case:
+    seconds = planner.seconds_of(simulation)
+    return Case(name, kind, simulation, asked, predicted, sum(seconds[stage] for stage in STAGES))
+
+
+def measure(
+    view: View,
+    camera: Camera,
+    cases: list[Case],
+    folder: Path,
+    *,
+    height: Tensor | None = None,
+    repeats: int = 3,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
+
+    folder: keeps what was measured, and is gone on from.
+    """
+    path = folder / LINES
+    known = _read(path, _identity(view, camera, height))
+    full = _reference(view, camera, cases, folder, height, device)
+    todo = [
+        (repeat, case)
+        for repeat in range(repeats)
+        for case in cases
+        if repeat < (1 if case.kind == "full" else repeats) and repeat >= len(known.get(_key(case), []))
+    ]
+    for number, (_, case) in enumerate(todo):
+        if progress:
+            progress(number / len(todo), f"{case.kind} {case.name}")
+        psf_memory.forget()
+        started = time.perf_counter()
+        photo = photograph(view, camera, case.simulation, height=height, device=device)
+        entry = {
+            "case": _key(case),
+            "seconds": time.perf_counter() - started,
+            "stages": dict(photo.seconds),
+            "db": _psnr(photo.clean, full),
+        }
+        known.setdefault(_key(case), []).append(entry)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
+    return [_row(case, known[_key(case)]) for case in cases]
+
+
+def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
+    stages = {
+        stage: statistics.median(entry["stages"].get(stage, 0.0) for entry in entries) for stage in STAGES
+    }
+    seconds = statistics.median(entry["seconds"] for entry in entries)
+    return Row(case, float(entries[0]["db"]), seconds, stages, len(entries))
+
+
+def _reference(
+    view: View, camera: Camera, cases: list[Case], folder: Path, height: Tensor | None, device: str
+) -> Tensor:
+    """The full simulation's photo, kept in the folder: it takes longest of all."""
+    (case,) = [case for case in cases if case.kind == "full"]
+    path = folder / f"full-{_identity(view, camera, height)[:16]}.pt"
+    if path.is_file():
+        return torch.load(path, weights_only=True)
+    psf_memory.forget()
+    started = time.perf_counter()
+    photo = photograph(view, camera, case.simulation, height=height, device=device)
+    entry = {
+        "case": _key(case),
+        "seconds": time.perf_counter() - started,
+        "stages": dict(photo.seconds),
+        "db": math.inf,
+    }
+    with (folder / LINES).open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+    torch.save(photo.clean, path)
+    return photo.clean
+
+
+def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
+    """Measurements of the same view, camera, machine and versions; a half-written last line is left."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    if not lines or lines[0] != json.dumps({"identity": identity}):
+        path.write_text(json.dumps({"identity": identity}) + "\n", encoding="utf-8")
+        return found
+    for line in lines[1:]:
+        try:
+            entry = json.loads(line)
+            found.setdefault(entry["case"], []).append(entry)
+        except (ValueError, KeyError):
+            continue
+    return found
+
+
+def _identity(view: View, camera: Camera, height: Tensor | None) -> str:
+    digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
+    digest.update(json.dumps([machine(), versions()], sort_keys=True).encode())
+    for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
+        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _key(case: Case) -> str:
+    return f"{case.kind} {case.name} {hashlib.sha256(repr(case.simulation).encode()).hexdigest()[:16]}"
+
+
+def _psnr(image: Tensor, truth: Tensor) -> float:
+    error = float((image - truth).double().square().mean())
+    return -10 * math.log10(error) if error > 0 else math.inf
+
+
+def pareto(rows: list[Row]) -> list[Row]:
+    """The rows that no other beats in both time and error, fastest first."""
+    front: list[Row] = []
+    for row in sorted(rows, key=lambda row: (row.seconds, -row.measured_db)):
+        if not front or row.measured_db > front[-1].measured_db:
+            front.append(row)
+    return front
+
+
+def figures(rows: list[Row]) -> dict[str, float]:
+    """Flat: measured and predicted PSNR and seconds of each case."""
+    found: dict[str, float] = {}
+    for row in rows:
+        name = f"{row.case.kind}.{row.case.name}".replace(" ", "_")
+        found[f"psnr_db.{name}"] = row.measured_db
+        found[f"seconds.{name}"] = row.seconds
+        found[f"predicted_db.{name}"] = row.case.predicted_db
+        found[f"predicted_seconds.{name}"] = row.case.predicted_seconds
+        found |= {f"seconds.{name}.{stage}": value for stage, value in row.stages.items()}
+    return found
+
+
+def write_table(path: Path, rows: list[Row]) -> Path:
+    """All rows as CSV."""
+    header = ("kind", "case", "asked_db", "measured_db", "predicted_db", "seconds", "predicted_seconds")
+    return write_csv(
+        path,
+        (*header, *(f"{stage}_seconds" for stage in STAGES), "repeats"),
+        (
+            (
+                row.case.kind,
+                row.case.name,
+                row.case.asked_db,
+                row.measured_db,
+                row.case.predicted_db,
+                row.seconds,
+                row.case.predicted_seconds,
+                *(row.stages.get(stage, 0.0) for stage in STAGES),
+                row.repeats,
+            )
+            for row in rows
+        ),
+    )

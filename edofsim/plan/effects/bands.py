@@ -1,0 +1,39 @@
+"""Bands: each is refracted differently, so each has PSFs of its own."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Level
+from ..facts import Facts
+
+GATHERED = ((1, 1), (1, 2), (1, 0), (2, 1), (2, 2), (2, 0), (3, 2), (3, 0), (4, 0), (6, 0))
+"""Groups of bands a channel, and wavelengths a group (0: all of them), from coarse to fine."""
+
+
+def absent(facts: Facts) -> str:
+    if facts.bands_a_channel > 1:
+        return ""
+    return "every channel of the sensor sees one band only"
+
+
+def levels(facts: Facts) -> list[Level]:
+    channels = len(facts.sample.response)
+    few = [
+        Level(_label(groups, colours, channels), {"groups": groups, "colours": colours})
+        for groups, colours in GATHERED
+        if groups * max(colours, 1) < facts.bands_a_channel
+    ]
+    return [*few, Level(f"{facts.view.bands} bands", {"groups": 0, "colours": 0})]
+
+
+def _label(groups: int, colours: int, channels: int) -> str:
+    wavelengths = {0: "every wavelength", 1: "1 wavelength"}.get(colours, f"{colours} wavelengths")
+    return f"{groups * channels} groups, PSFs of {wavelengths}"
+
+
+def why(facts: Facts) -> str:
+    return f"the view holds {facts.view.bands} bands, {facts.nm()}, and the optics bend each differently"
+
+
+EFFECT = Effect(
+    "bands", levels, why, absent, sample={"layers": 4, "occlusion": "none", "groups": 0, "colours": 0}
+)

@@ -1,0 +1,31 @@
+"""Hero wavelengths: behind dispersive glass each wavelength takes its own way, one band a path."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Errors, Level
+from ..facts import Facts
+from ..simulation import disperses
+
+
+def absent(facts: Facts) -> str:
+    if facts.recipe is None or facts.recipe.source is not None:
+        return "the light of this view is not rendered here"
+    return "" if disperses(facts.recipe) else "no glass in the scene disperses light"
+
+
+def levels(facts: Facts) -> list[Level]:
+    return [
+        Level("one index for all bands", {"glass_dispersion": False}),
+        Level("behind the glass alone", {}),
+    ]
+
+
+def error(facts: Facts, level: Level) -> Errors:
+    return facts.plain_glass if level.change and facts.plain_glass else (0.0,) * len(facts.sample.response)
+
+
+def why(facts: Facts) -> str:
+    return f"glass bends each wavelength differently ({', '.join(disperses(facts.recipe))})"
+
+
+EFFECT = Effect("hero wavelengths", levels, why, absent, error=error, added="bias", stage="render")

@@ -1,0 +1,35 @@
+"""Hidden surfaces: a blurred edge uncovers light from behind it, which the pinhole cannot see."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Level
+from ..facts import Facts
+
+
+def absent(facts: Facts) -> str:
+    if not facts.edges:
+        return "there are no depth edges: nothing is hidden"
+    if not facts.hidden:
+        return f"what edges hide is not known: {facts.view.metadata.get('hidden', 'the view holds none')}"
+    return ""
+
+
+def levels(facts: Facts) -> list[Level]:
+    return [
+        Level("filled from beside", {"occlusion": "normalised", "hidden_pass": False}),
+        Level(f"{facts.hidden} fragments", {}),
+    ]
+
+
+def why(facts: Facts) -> str:
+    return f"{facts.hidden} fragments behind edges are known, which a blur uncovers"
+
+
+EFFECT = Effect(
+    "hidden surfaces",
+    levels,
+    why,
+    absent,
+    sample={"groups": 1, "colours": 2, "layers": 9},
+    within="occlusion",
+)

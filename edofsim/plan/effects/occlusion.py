@@ -1,0 +1,21 @@
+"""Occlusion: what is in front hides what is behind, for a part of the pupil."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Level
+from ..facts import Facts
+
+
+def absent(facts: Facts) -> str:
+    return "" if facts.edges else "there are no depth edges: nothing covers anything"
+
+
+def levels(facts: Facts) -> list[Level]:
+    return [Level("none", {"occlusion": "none", "hidden_pass": False}), Level("front to back", {})]
+
+
+def why(facts: Facts) -> str:
+    return f"{facts.edges} pixels lie on depth edges"
+
+
+EFFECT = Effect("occlusion", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 9})

@@ -1,0 +1,25 @@
+"""Rank: PSFs of many depths and bands as combinations of few images."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Level
+from ..facts import Facts
+
+
+def absent(facts: Facts) -> str:
+    return "there is one depth: nothing to combine" if facts.depth_count == 1 else ""
+
+
+def levels(facts: Facts) -> list[Level]:
+    # gathered bands and few layers leave so few convolutions that finding the combinations costs more
+    low = Level("rank of 50 dB", {"method": "low_rank", "tolerance_db": 50.0}, allowed=False)
+    return [low, Level("every PSF", {})]
+
+
+def why(facts: Facts) -> str:
+    return "with bands gathered, each PSF is convolved on its own in less time than a factorisation takes"
+
+
+EFFECT = Effect(
+    "rank", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 7, "occlusion": "none"}
+)

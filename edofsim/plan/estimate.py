@@ -1,0 +1,138 @@
+"""What leaving out each effect costs in accuracy: measured on the sample, effect by effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from .effect import Effect, Errors, Level
+from .facts import Facts, rms
+from .sample import FINEST_LAYERS
+
+Progress = Callable[[float, str], None]
+
+NARROW = 64
+"""Side of the PSFs in pixels while other effects than their window are measured."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full;
+    errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none."""
+
+    effect: Effect
+    absent: str
+    levels: tuple[Level, ...]
+    errors: tuple[Errors, ...]
+    images: tuple[int, ...]
+
+    @property
+    def full(self) -> int:
+        """Number of the level that leaves nothing out."""
+        return len(self.levels) - 1
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """All effects. products: [image, image], mean over pixels and channels of the product of two difference
+    images, so that errors of several effects together are sums over it, with their correlation."""
+
+    rows: tuple[Estimate, ...]
+    products: Tensor
+
+    def by_name(self) -> Mapping[str, Estimate]:
+        return {row.effect.name: row for row in self.rows}
+
+    def total(self, chosen: Mapping[str, int]) -> float:
+        """Root mean square error of the photo with these levels of the effects."""
+        images, noise, bias = [], 0.0, 0.0
+        for row in self.rows:
+            level = chosen[row.effect.name]
+            if level == row.full or self.moot(row, chosen):
+                continue
+            if row.images[level] >= 0:
+                images.append(row.images[level])
+                continue
+            mean_square = sum(e * e for e in row.errors[level]) / len(row.errors[level])
+            if row.effect.added == "bias":
+                bias += mean_square**0.5
+            else:
+                noise += mean_square
+        pairs = self.products[images][:, images].sum() if images else torch.zeros(())
+        return float((pairs + noise).clamp_min(0).sqrt()) + bias
+
+    def moot(self, row: Estimate, chosen: Mapping[str, int]) -> bool:
+        """Whether an effect does not matter because the one that it is a part of is left out."""
+        whole = row.effect.within
+        return bool(whole) and whole in chosen and chosen[whole] == 0 and self.by_name()[whole].full > 0
+
+
+def estimate(
+    facts: Facts,
+    effects: Sequence[Effect],
+    more: Mapping[str, Level] | None = None,
+    progress: Progress | None = None,
+) -> Estimates:
+    """Measure every level of every effect that scene and camera have.
+
+    more: by effect, one more level, which the user insists on.
+    """
+    rows: list[Estimate] = []
+    differences: list[Tensor] = []
+    for number, effect in enumerate(effects):
+        if progress:
+            progress(number / len(effects), f"estimating {effect.name}")
+        absent = effect.absent(facts)
+        if absent and effect.name not in (more or {}):
+            rows.append(Estimate(effect, absent, (Level("none", {}),), (_nothing(facts),), (-1,)))
+            continue
+        levels = list(effect.levels(facts))
+        if more and effect.name in more:
+            levels.insert(len(levels) - 1, more[effect.name])
+        if effect.error is not None:
+            errors = tuple(effect.error(facts, level) for level in levels)
+            rows.append(Estimate(effect, absent, tuple(levels), errors, (-1,) * len(levels)))
+            continue
+        errors_found, images = [], []
+        for difference in _differences(facts, effect, levels[:-1]):
+            errors_found.append(rms(difference))
+            images.append(len(differences))
+            differences.append(difference.flatten())
+        errors_found.append(_nothing(facts))
+        rows.append(Estimate(effect, absent, tuple(levels), tuple(errors_found), (*images, -1)))
+    facts.sample.forget()
+    stack = torch.stack(differences) if differences else torch.zeros(0, 1)
+    return Estimates(tuple(rows), (stack @ stack.T).double() / len(facts.sample.response))
+
+
+def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[Tensor]:
+    """The sample with each level minus the sample in full, the rest as the effect's sample says."""
+    narrow = min(NARROW, facts.camera.recipe.psf.window_px)
+    rest = facts.full.changed({"layers": 7, "window": narrow, **effect.sample})
+    if facts.full.occlusion == "none":
+        rest = replace(rest, occlusion="none")
+    reference = facts.sample.photo(rest)
+    found = []
+    for level in levels:
+        photo = facts.sample.photo(rest.changed(_photo_fields(level)))
+        found.append((photo - reference) * _beyond(facts, level))
+    return found
+
+
+def _photo_fields(level: Level) -> dict[str, object]:
+    return {key: value for key, value in level.change.items() if key != "hidden_pass"}
+
+
+def _beyond(facts: Facts, level: Level) -> float:
+    """Linear interpolation errs with the square of the step: what the sample's own finest layers lack."""
+    layers = level.change.get("layers")
+    if not layers or facts.sample.depths is not None or layers >= FINEST_LAYERS:
+        return 1.0
+    return 1 / (1 - ((layers - 1) / (FINEST_LAYERS - 1)) ** 2)
+
+
+def _nothing(facts: Facts) -> Errors:
+    return (0.0,) * len(facts.sample.response)

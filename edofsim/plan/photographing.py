@@ -1,0 +1,168 @@
+"""A photo as a plan says: `expose` step by step, with what is left out left out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..expose import Photo
+from ..expose.blurring import Blurring
+from ..expose.checks import check_pixel_angle, check_view, check_window
+from ..expose.crop import crop, with_margin
+from ..expose.light import seen
+from ..expose.methods import METHODS
+from ..expose.occlusion import OCCLUSIONS
+from ..expose.photograph import all_in_focus, light_lost
+from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, transmission
+from ..expose.sensor import automatic_exposure, record
+from ..optics import Camera, defocus
+from ..render.view import View
+from .colours import Gathering, every_band, gathered, gathered_kernels, gathered_view
+from .simulation import FULL_DB, Simulation, sensor_effects, simpler_camera
+
+Progress = Callable[[float, str], None]
+
+
+def photograph(
+    view: View,
+    camera: Camera,
+    simulation: Simulation,
+    *,
+    exposure: float | None = None,
+    seed: int = 0,
+    height: Tensor | None = None,
+    nodes: Tensor | None = None,
+    spectrum: Tensor | None = None,
+    device: torch.device | str = "cpu",
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Photo:
+    """Photograph a view, simulating what `simulation` says and nothing else.
+
+    exposure, seed, height, device, cache, progress: as for `expose`. nodes: [node] ascending inverse depths
+    in 1/m, and spectrum: [band], the light that groups of bands are weighted by, in place of the view's own:
+    for a part of a view. The ideal image and the exposure always have all bands.
+
+    Raises InputError for a view that the camera cannot photograph.
+    """
+    watch = _Watch(progress)
+    window = simulation.window or camera.recipe.psf.window_px
+    check_view(view)
+    check_pixel_angle(view, camera.pixel_angle)
+    reach = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
+    view = with_margin(with_part_of_margin(view, reach), window // 2).to(device, torch.float32)
+    check_window(view, window)
+    weights = channel_weights(camera, view.wavelengths.cpu())
+    ideal = view.crop_margin(all_in_focus(view, weights.to(view.radiance)))
+    factor = _exposure(exposure, camera, ideal)
+
+    gathering = gathering_of(view, camera, weights, simulation, spectrum)
+    light = view if simulation.groups == 0 else gathered_view(view, gathering)
+    response = gathering.response.to(light.radiance)
+    if nodes is None:
+        nodes = nodes_of(view, camera, simulation)
+    simpler = simpler_camera(camera, simulation)
+    watch.lap("prepare", 0.05)
+    kernels = kernels_of(
+        simpler, gathering.wavelengths, nodes, window, height=height, cache=cache, device=device
+    )
+    if simulation.groups:
+        kernels = gathered_kernels(kernels, gathering)
+    watch.lap("psf", 0.4)
+    blurring = Blurring(
+        kernels,
+        response,
+        METHODS[simulation.method],
+        simulation.tolerance_db,
+        gap=1 / blur_per_dioptre(camera),
+    )
+    photo = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
+    watch.lap("blur", 0.9)
+    clean = photo * factor
+    image = record(clean, sensor_effects(camera, simulation), seed)
+    how = {
+        "method": simulation.method,
+        "layers": int(nodes.numel()),
+        "occlusion": simulation.occlusion,
+        "bands": gathering.groups,
+        "window_px": window,
+        "tolerance_db": simulation.tolerance_db,
+        "transmission": transmission(simpler),
+        "sensor": sensor_effects(camera, simulation),
+        "seed": seed,
+    }
+    lost = light_lost(light, kernels, response)
+    watch.lap("sensor", 1.0)
+    return Photo(image, clean, ideal * factor, factor, lost, how, watch.seconds)
+
+
+def nodes_of(view: View, camera: Camera, simulation: Simulation) -> Tensor:
+    """The depth nodes [node] of a simulation, ascending inverse depths in 1/m."""
+    return choose_nodes(
+        view.inverse_depth,
+        view.coverage * ~view.hidden,
+        camera,
+        float(view.wavelengths.min()),
+        simulation.method,
+        "auto" if simulation.layers is None else simulation.layers,
+        FULL_DB,
+    )
+
+
+def gathering_of(
+    view: View,
+    camera: Camera,
+    weights: Tensor,
+    simulation: Simulation,
+    spectrum: Tensor | None = None,
+) -> Gathering:
+    """How a simulation gathers a view's bands; weights: [channel, band], the sensor's response."""
+    wavelengths = view.wavelengths.cpu()
+    if simulation.groups == 0:
+        return every_band(wavelengths, weights)
+    spectrum = spectrum_of(view) if spectrum is None else spectrum
+    middle = (float(view.inverse_depth.max()) + float(view.inverse_depth.min())) / 2
+    place = defocus(camera, wavelengths, middle)
+    return gathered(wavelengths, weights, spectrum, place, simulation.groups, simulation.colours)
+
+
+def spectrum_of(view: View) -> Tensor:
+    """Light of the whole frame in each band, [band], float64."""
+    return view.radiance[:, seen(view)].double().sum(1).cpu()
+
+
+def with_part_of_margin(view: View, margin: int | None) -> View:
+    """The view with no more margin than that; None for all of it."""
+    if margin is None or margin >= view.margin:
+        return view
+    return crop(view, 0, 0, view.height, view.width, margin)
+
+
+def _exposure(exposure: float | None, camera: Camera, ideal: Tensor) -> float:
+    wanted = camera.recipe.sensor.exposure if exposure is None else exposure
+    if wanted == "auto":
+        return automatic_exposure(ideal)
+    if not float(wanted) > 0:
+        raise InputError(f"exposure {wanted!r}: give a positive factor from radiance to full scale")
+    return float(wanted)
+
+
+@dataclass
+class _Watch:
+    """Seconds of each stage, and its name to whoever shows progress."""
+
+    progress: Progress | None
+    seconds: dict[str, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
+
+    def lap(self, stage: str, fraction: float) -> None:
+        now = time.perf_counter()
+        self.seconds[stage], self.started = now - self.started, now
+        if self.progress:
+            self.progress(fraction, stage)

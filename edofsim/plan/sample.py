@@ -1,0 +1,183 @@
+"""A small sample of a view, photographed with and without an effect.
+
+Parts of the frame (tiles) stand for all of it: chosen where errors live, near depth edges and in detail, and
+weighted by how likely each was to be chosen, so that sums over them estimate sums over the frame. Small
+frames are taken whole. The sample shares the view's depths, exposure and spectrum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..expose.blurring import Blurring
+from ..expose.crop import crop, with_margin
+from ..expose.kernels import HeldKernels, Kernels
+from ..expose.methods import METHODS
+from ..expose.occlusion import OCCLUSIONS
+from ..expose.photograph import all_in_focus
+from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
+from ..expose.sensor import automatic_exposure
+from ..optics import Camera
+from ..render.view import View
+from .colours import gathered_kernels, gathered_view
+from .photographing import gathering_of, spectrum_of, with_part_of_margin
+from .simulation import Simulation, simpler_camera
+
+TILE = 96
+PIXELS = 210_000
+"""Pixels of the sample with its surroundings: four tiles of the default camera."""
+FINEST_LAYERS = 49
+"""Depth nodes that layers are judged by. 48 has many divisors: coarser nodes are among the finer ones."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """tiles: views with a margin of half a PSF; weights: [tile], so that sum_t weight_t |x_t|^2 estimates the
+    mean over the frame's pixels; exposure: of the whole view; spectrum: [band]; ends: nearest and farthest
+    inverse depth; depths: the distinct ones where they are few."""
+
+    camera: Camera
+    height: Tensor | None
+    tiles: tuple[View, ...]
+    weights: Tensor
+    exposure: float
+    spectrum: Tensor
+    ends: tuple[float, float]
+    depths: Tensor | None
+    response: Tensor
+    _banks: dict[tuple, HeldKernels] = field(default_factory=dict, repr=False, compare=False)
+
+    def nodes(self, layers: int | None) -> Tensor:
+        """Depth nodes [node] of the whole view."""
+        layers = FINEST_LAYERS if layers is None else layers
+        if self.depths is not None and self.depths.numel() <= layers:
+            return self.depths
+        low, high = self.ends
+        if layers == 1:
+            return torch.tensor([(low + high) / 2], dtype=torch.float64)
+        return torch.linspace(low, high, layers, dtype=torch.float64)
+
+    def photo(self, simulation: Simulation) -> Tensor:
+        """The sample's clean photo [channel, pixel], each pixel times the root of its weight: the sum of
+        squares of a difference is the mean square error over the frame."""
+        nodes = self.nodes(simulation.layers)
+        window = simulation.window or self.camera.recipe.psf.window_px
+        margin = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
+        parts = []
+        blurring = None
+        for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
+            view = with_margin(with_part_of_margin(view, margin), window // 2)
+            gathering = gathering_of(view, self.camera, self.response, simulation, self.spectrum)
+            light = gathered_view(view, gathering) if simulation.groups else view
+            if blurring is None:
+                kernels = self._kernels(simulation, gathering.wavelengths, nodes, window)
+                kernels = gathered_kernels(kernels, gathering) if simulation.groups else kernels
+                blurring = Blurring(
+                    kernels,
+                    gathering.response.to(light.radiance),
+                    METHODS[simulation.method],
+                    simulation.tolerance_db,
+                    gap=1 / blur_per_dioptre(self.camera),
+                )
+            image = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
+            parts.append(image.flatten(1) * (self.exposure * weight**0.5))
+        return torch.cat(parts, 1)
+
+    def _kernels(self, simulation: Simulation, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
+        """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
+        camera = simpler_camera(self.camera, simulation)
+        key = (camera.recipe.model_dump_json(), tuple(wavelengths.tolist()), window)
+        known = self._banks.get(key)
+        if known is not None and known.nodes.numel() >= nodes.numel():
+            where = torch.searchsorted(known.nodes, nodes - 1e-9).clamp_max(known.nodes.numel() - 1)
+            if torch.allclose(known.nodes[where], nodes, rtol=0, atol=1e-8):
+                return HeldKernels(known.values[where], nodes, wavelengths)
+        made = kernels_of(camera, wavelengths, nodes, window, height=self.height)
+        if isinstance(made, HeldKernels):
+            self._banks[key] = made
+        return made
+
+    def psf_energy(self, simulation: Simulation, nodes: Tensor) -> Tensor:
+        """sum of psf^2 of each channel, mean over nodes, [channel]: how far independent noise averages."""
+        gathering = gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum)
+        window = self.camera.recipe.psf.window_px
+        kernels = gathered_kernels(self._kernels(simulation, gathering.wavelengths, nodes, window), gathering)
+        layers = [kernels.layer(k).square().sum((-2, -1)) for k in range(nodes.numel())]
+        return gathering.response @ torch.stack(layers).mean(0).double()
+
+    def forget(self) -> None:
+        """Let the PSFs go."""
+        self._banks.clear()
+
+
+def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: int = 0) -> Sample:
+    """The sample of a view for a camera."""
+    response = channel_weights(camera, view.wavelengths)
+    ideal = view.crop_margin(all_in_focus(view, response.to(view.radiance)))
+    wanted = camera.recipe.sensor.exposure
+    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
+    tiles, weights = _tiles(view, ideal, camera, seed)
+    depth = view.inverse_depth.double()
+    distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
+    if distinct.numel() < FINEST_LAYERS:
+        distinct = torch.unique(depth)
+    return Sample(
+        camera=camera,
+        height=height,
+        tiles=tiles,
+        weights=weights,
+        exposure=exposure,
+        spectrum=spectrum_of(view),
+        ends=(float(depth.min()), float(depth.max())),
+        depths=distinct if distinct.numel() < FINEST_LAYERS else None,
+        response=response,
+    )
+
+
+def _tiles(view: View, ideal: Tensor, camera: Camera, seed: int) -> tuple[tuple[View, ...], Tensor]:
+    reach = camera.recipe.psf.window_px // 2
+    whole = with_margin(view, reach)
+    if whole.padded_shape[0] * whole.padded_shape[1] <= PIXELS:
+        return (whole,), torch.tensor([1 / (view.height * view.width)], dtype=torch.float64)
+    rows, columns = max(1, round(view.height / TILE)), max(1, round(view.width / TILE))
+    top = np.linspace(0, view.height, rows + 1).round().astype(int)
+    left = np.linspace(0, view.width, columns + 1).round().astype(int)
+    places = [
+        (top[i], left[j], top[i + 1] - top[i], left[j + 1] - left[j])
+        for i in range(rows)
+        for j in range(columns)
+    ]
+    count = min(len(places), max(2, PIXELS // (TILE + 2 * reach) ** 2))
+    chance = _chances(view, ideal, camera, places, count)
+    generator = np.random.default_rng(seed)
+    # systematic sampling: one start, equal steps along the cumulated chances
+    ticks = (np.arange(count) + generator.random()) / count
+    picked = np.searchsorted(np.cumsum(chance) / chance.sum(), ticks)
+    tiles, weights = [], []
+    for index, times in zip(*np.unique(picked, return_counts=True), strict=True):
+        y, x, height, width = (int(v) for v in places[index])
+        tiles.append(crop(view, y, x, height, width, reach))
+        weights.append(times / (count * chance[index] / chance.sum()) / (view.height * view.width))
+    return tuple(tiles), torch.tensor(weights, dtype=torch.float64)
+
+
+def _chances(view: View, ideal: Tensor, camera: Camera, places: list[tuple], count: int) -> np.ndarray:
+    """How often each part of the frame is to be chosen: a third evenly, the rest by detail and edges."""
+    green = ideal.mean(0)
+    detail = torch.zeros_like(green)
+    detail[1:] += (green[1:] - green[:-1]).square()
+    detail[:, 1:] += (green[:, 1:] - green[:, :-1]).square()
+    depth = view.crop_margin(view.mean_inverse_depth()) * blur_per_dioptre(camera)
+    edges = torch.zeros_like(green)
+    edges[1:] += ((depth[1:] - depth[:-1]).abs() > 1).float()
+    edges[:, 1:] += ((depth[:, 1:] - depth[:, :-1]).abs() > 1).float()
+    area = np.array([h * w for _, _, h, w in places], float)
+    shares = [area / area.sum()]
+    for amount in (detail, edges):
+        sums = np.array([float(amount[y : y + h, x : x + w].sum()) for y, x, h, w in places])
+        shares.append(sums / sums.sum() if sums.sum() > 0 else shares[0])
+    return sum(shares) / 3

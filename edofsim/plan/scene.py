@@ -1,0 +1,143 @@
+"""From a recipe to a plan, without rendering it: the view if it is in the cache, else small renderings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from ..optics import Camera
+from ..recipe import SceneRecipe
+from ..render import Task, View, cached, forecast, render
+from ..render.fetch import place_of
+from .effect import Plan
+from .facts import Facts, facts_of
+from .photo import Progress, plan_photo
+from .simulation import Simulation, disperses, simpler_recipe
+from .target import Target
+from .thumbnail import sketch, thumbnail
+
+BOUNCES = (2, 3)
+"""Path lengths that thumbnails are rendered with, to see what longer paths add."""
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What is known of a scene before its photo. facts; render_seconds: predicted, of a simulation; disk_mib:
+    of the view; recipe: of the scene."""
+
+    facts: Facts
+    render_seconds: Callable[[Simulation], float]
+    disk_mib: float
+    recipe: SceneRecipe
+
+
+def look(
+    recipe: SceneRecipe,
+    base: Path,
+    camera: Camera,
+    *,
+    height: Tensor | None = None,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Looked:
+    """Facts of a scene from its view where that is in the cache or read from files, else from a sketch."""
+    view = cached(recipe, base, cache=cache)
+    if view is None and recipe.source is not None and recipe.source.kind != "mitsuba":
+        view = render(recipe, base, cache=cache)  # read, not rendered
+    if view is not None:
+        return Looked(facts_of(view, camera, height=height, recipe=recipe), lambda s: 0.0, 0.0, recipe)
+    how = {"cache": cache, "device": device, "progress": progress}
+    shorter: dict[int, tuple[float, ...]] = {}
+    plain: tuple[float, ...] = ()
+    if recipe.source is None:
+        small = thumbnail(recipe)
+        whole = render(small, base, **how)
+        for length in BOUNCES:
+            if length < recipe.render.max_depth:
+                few = simpler_recipe(small, Simulation(bounces=length))
+                shorter[length] = _difference(render(few, base, **how), whole, camera)
+        if disperses(recipe):
+            without = simpler_recipe(small, Simulation(glass_dispersion=False))
+            plain = _difference(render(without, base, **how), whole, camera)
+    small = sketch(recipe)
+    view = render(small, base, **how)
+    facts = facts_of(
+        view, camera, height=height, recipe=recipe, final=False, shorter=shorter, plain_glass=plain
+    )
+    grain = (small.render.samples / recipe.render.samples) ** 0.5
+    facts = replace(facts, grain=tuple(value * grain for value in facts.grain))
+    pace = _pace(small, base, cache)
+    expected = forecast([Task(recipe, base)], cache=cache)
+
+    def seconds(simulation: Simulation) -> float:
+        if not pace:
+            return expected.seconds
+        planned = simpler_recipe(recipe, simulation)
+        rays = _rays(planned, view, simulation) / _rays(small, view, Simulation())
+        return pace["load"] + (pace["survey"] + pace["paths"]) * rays
+
+    return Looked(facts, seconds, expected.bytes / 2**20, recipe)
+
+
+def plan_scene(
+    looked: Looked,
+    camera: Camera,
+    *,
+    overrule: Mapping[str, Any] | None = None,
+    target: Target | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """The plan for a scene that was looked at."""
+    return plan_photo(
+        looked.facts.view,
+        camera,
+        overrule,
+        target,
+        facts=looked.facts,
+        progress=progress,
+        render_seconds=looked.render_seconds,
+        disk_mib=looked.disk_mib,
+    )
+
+
+def _rays(recipe: SceneRecipe, view: View, simulation: Simulation) -> float:
+    """Rays of a rendering, those behind edges counted as in the view, longer paths in proportion."""
+    frame = recipe.frame
+    pixels = (frame.width_px + 2 * frame.margin_px) * (frame.height_px + 2 * frame.margin_px)
+    behind = 0.0
+    if recipe.render.hidden and simulation.hidden_pass:
+        behind = float(view.hidden.sum()) / (view.padded_shape[0] * view.padded_shape[1])
+    return pixels * (1 + behind) * recipe.render.samples * recipe.render.max_depth
+
+
+def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> dict[str, float]:
+    """Seconds that a rendering took, from its entry in the cache; empty where that does not say."""
+    try:
+        text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
+        found = json.loads(text)["run"]["seconds"]
+        return {name: float(found[name]) for name in ("load", "survey", "paths")}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _difference(view: View, whole: View, camera: Camera) -> tuple[float, ...]:
+    """Root mean square difference of two thumbnails' all-in-focus images, per channel, exposed as the whole.
+
+    Both follow the same random numbers, so that what differs is the light of the longer paths.
+    """
+    from ..expose.photograph import all_in_focus
+    from ..expose.prepare import channel_weights
+    from ..expose.sensor import automatic_exposure
+
+    weights = channel_weights(camera, whole.wavelengths).to(whole.radiance)
+    ideal = all_in_focus(whole, weights)
+    other = all_in_focus(view, weights)
+    exposure = automatic_exposure(whole.crop_margin(ideal))
+    difference = whole.crop_margin(other - ideal) * exposure
+    return tuple(difference.double().square().mean((1, 2)).sqrt().tolist())

@@ -1,0 +1,180 @@
+"""What is simulated, as one record: every effect of a plan sets a field or two of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+
+from ..errors import InputError
+from ..expose import SensorEffects
+from ..expose.prepare import blur_per_dioptre
+from ..optics import Camera
+from ..optics.materials import Material
+from ..optics.sampling import plan_sampling
+from ..recipe import CameraRecipe, SceneRecipe
+from ..recipe.surfaces import GlassSurface
+from ..render.view import View
+
+FULL_DB = 70.0
+"""The full simulation has so many depth nodes that interpolating between them errs by less than this."""
+FINEST = 2
+"""Samples along a pixel's side in the full simulation; a recipe may ask for more."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """How a photo is simulated. The defaults leave nothing out that a recipe holds.
+
+    groups: the light of each channel is gathered in so many groups of bands, 0: every band on its own;
+    colours: wavelengths at which a group's PSF is computed, 0: all of its bands;
+    layers: depth nodes, None: as many as `FULL_DB` asks for;
+    occlusion: one of `expose`'s ways; method: likewise; tolerance_db: of `low_rank`;
+    window: side of the PSFs in pixels, None: the recipe's; oversampling: samples along a pixel's side;
+    pupil_um: sampling of the pupil, None: the recipe's, which may be automatic;
+    exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation: whether
+    the camera has them; margin: pixels around the frame that light comes from, None: all that there are.
+    """
+
+    groups: int = 0
+    colours: int = 0
+    layers: int | None = None
+    occlusion: str = "hidden"
+    method: str = "layered"
+    tolerance_db: float = FULL_DB
+    window: int | None = None
+    oversampling: int = FINEST
+    pupil_um: float | None = None
+    exact_lens: bool = True
+    lens_dispersion: bool = True
+    doe_dispersion: bool = True
+    fabrication: bool = True
+    read_noise: bool = True
+    shot_noise: bool = True
+    quantisation: bool = True
+    margin: int | None = None
+    samples: int | None = None
+    bounces: int | None = None
+    hidden_pass: bool = True
+    glass_dispersion: bool = True
+
+    def __post_init__(self) -> None:
+        if self.layers is not None and self.layers < 1:
+            raise InputError(f"{self.layers} depth layers: give a whole number of at least 1")
+
+    def changed(self, change: dict[str, object]) -> Simulation:
+        """The same but for some fields."""
+        return replace(self, **change)
+
+
+def full_simulation(camera: Camera, view: View) -> Simulation:
+    """Everything that a camera and a view have."""
+    known = "hidden" if bool(view.hidden.any()) else "normalised"
+    occlusion = known if edge_pixels(view, 1 / blur_per_dioptre(camera)) else "none"
+    return Simulation(oversampling=max(FINEST, camera.recipe.psf.oversampling), occlusion=occlusion)
+
+
+def edge_pixels(view: View, gap: float) -> int:
+    """Pixels that see two surfaces, or whose neighbour below or to the right is nearer or farther by `gap`
+    (1/m), where blurs begin to differ."""
+    rows, columns = view.padded_shape
+    seen = torch.bincount(view.pixel[~view.hidden], minlength=rows * columns).reshape(rows, columns)
+    edge = seen > 1
+    depth = view.mean_inverse_depth()
+    edge[1:] |= (depth[1:] - depth[:-1]).abs() > gap
+    edge[:, 1:] |= (depth[:, 1:] - depth[:, :-1]).abs() > gap
+    return int(edge.sum())
+
+
+def pupil_is_free(camera: Camera) -> bool:
+    """Whether the pupil's sampling is ours to choose: neither the recipe nor the mask's own pitch says."""
+    recipe = camera.recipe
+    made = recipe.fabrication is not None and recipe.fabrication.pitch_um is not None
+    return recipe.psf.pupil_sampling_um == "auto" and not made and recipe.mask.kind != "height-map"
+
+
+def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor) -> float:
+    """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow."""
+    ends = torch.stack([inverse_depths.min(), inverse_depths.max()]).double()
+    found = plan_sampling(camera, wavelengths.double(), ends, camera.recipe.psf.window_px)
+    replicas = found.replica_period * found.grid.pitch / found.window
+    return min(found.bound, replicas) * 1e6 * 0.999
+
+
+def simpler_camera(camera: Camera, simulation: Simulation) -> Camera:
+    """The camera without what is left out."""
+    recipe = camera.recipe
+    at = recipe.focus.wavelength_nm * 1e-9
+    glass, relief = camera.glass, camera.mask_material
+    changes: dict[str, object] = {}
+    if not simulation.exact_lens:
+        changes["lens"] = recipe.lens.model_copy(update={"thickness": "parabolic"})
+    if not simulation.lens_dispersion:
+        glass = _without_dispersion(glass, at)
+        lens = changes.get("lens", recipe.lens)
+        changes["lens"] = lens.model_copy(update={"material": glass.name})
+    if not simulation.doe_dispersion and hasattr(recipe.mask, "design_wavelength_nm"):
+        relief = _without_dispersion(relief, recipe.mask.design_wavelength_nm * 1e-9)
+        changes["mask"] = recipe.mask.model_copy(update={"material": relief.name})
+    if not simulation.fabrication:
+        changes["fabrication"] = None
+    psf: dict[str, object] = {"oversampling": simulation.oversampling}
+    # without dispersion a lens may be farther out of focus, and need a finer pupil than was found for it
+    if simulation.pupil_um is not None and pupil_is_free(camera) and simulation.lens_dispersion:
+        psf["pupil_sampling_um"] = simulation.pupil_um
+    changes["psf"] = recipe.psf.model_copy(update=psf)
+    changed: CameraRecipe = recipe.model_copy(update=changes)
+    return replace(camera, recipe=changed, glass=glass, mask_material=relief)
+
+
+def simpler_recipe(recipe: SceneRecipe, simulation: Simulation) -> SceneRecipe:
+    """The scene recipe without what is left out of rendering."""
+    render: dict[str, object] = {}
+    if simulation.samples is not None:
+        render["samples"] = min(simulation.samples, recipe.render.samples)
+    if simulation.bounces is not None:
+        render["max_depth"] = min(simulation.bounces, recipe.render.max_depth)
+    if not simulation.hidden_pass:
+        render["hidden"] = False
+    changes: dict[str, object] = {}
+    if render:
+        changes["render"] = recipe.render.model_copy(update=render)
+    if simulation.margin is not None and simulation.margin < recipe.frame.margin_px:
+        changes["frame"] = recipe.frame.model_copy(update={"margin_px": simulation.margin})
+    if not simulation.glass_dispersion:
+        changes["objects"] = tuple(_of_plain_glass(thing) for thing in recipe.objects)
+    return recipe.model_copy(update=changes) if changes else recipe
+
+
+def disperses(recipe: SceneRecipe) -> tuple[str, ...]:
+    """Names of the objects whose glass bends each wavelength differently."""
+    return tuple(thing.name for thing in recipe.objects if _of_plain_glass(thing) is not thing)
+
+
+def _of_plain_glass(thing: Any) -> Any:
+    surfaces = {
+        name: value.model_copy(update={"dispersion": False})
+        for name, value in thing
+        if isinstance(value, GlassSurface) and value.dispersion
+    }
+    return thing.model_copy(update=surfaces) if surfaces else thing
+
+
+def _without_dispersion(material: Material, wavelength: float) -> Material:
+    """Another name for another glass: PSFs are remembered by it."""
+    index = float(material.index(wavelength))
+    name = f"{material.name} as at {wavelength * 1e9:g} nm"
+    return Material(name, material.source, material.shortest, material.longest, cauchy=(index, 0.0, 0.0))
+
+
+def sensor_effects(camera: Camera, simulation: Simulation) -> SensorEffects:
+    """What the sensor does, without what is left out."""
+    sensor = camera.recipe.sensor
+    return SensorEffects(
+        saturation=sensor.saturation,
+        full_well=sensor.full_well_electrons if simulation.shot_noise else None,
+        read_noise=sensor.read_noise if simulation.read_noise else 0.0,
+        bits=sensor.bits if simulation.quantisation else None,
+        bayer=sensor.bayer,
+    )

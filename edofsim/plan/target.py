@@ -1,0 +1,81 @@
+"""What a user asks for: an accuracy, or the best within a time."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from ..errors import InputError
+from .facts import Facts
+
+WITHOUT_NOISE_DB = 50.0
+"""Accuracy where the default asks for less error than noise, and the sensor has none."""
+SHARE_OF_NOISE = 0.5
+
+
+@dataclass(frozen=True)
+class Target:
+    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, or `time`; db, seconds: asked."""
+
+    kind: str = "noise"
+    db: float = math.inf
+    seconds: float = math.inf
+
+    def asked_db(self, facts: Facts) -> float:
+        """The PSNR that is asked for; infinite for `full`, unknown (infinite) for a time."""
+        if self.kind != "noise":
+            return self.db
+        noise = sensor_noise(facts)
+        return -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
+
+    def sentence(self, facts: Facts) -> str:
+        """In words."""
+        if self.kind == "full":
+            return "everything that scene and camera have"
+        if self.kind == "time":
+            return f"the best accuracy within {self.seconds:g} s"
+        if self.kind == "db":
+            return f"{self.db:g} dB against the full simulation"
+        noise = sensor_noise(facts)
+        what = f"half of the sensor's noise, {noise:.2g}" if noise else "the sensor has no noise"
+        return f"{self.asked_db(facts):.1f} dB against the full simulation ({what})"
+
+
+def parse_target(accuracy: str | None, time: str | None) -> Target:
+    """`45dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else, or both."""
+    if accuracy and time:
+        raise InputError("--accuracy and --time: ask for one of them")
+    if time:
+        found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?)\s*(s|min|h)?", time.strip())
+        value = _number(found[1]) if found else 0.0
+        if not value > 0:
+            raise InputError(f"--time {time}: give a time such as 20s or 2min")
+        return Target("time", seconds=value * {"min": 60, "h": 3600}.get(found[2], 1))
+    if not accuracy or accuracy == "noise":
+        return Target()
+    if accuracy == "full":
+        return Target("full")
+    found = re.fullmatch(r"([0-9.]+)\s*(?:dB)?", accuracy.strip(), re.IGNORECASE)
+    value = _number(found[1]) if found else 0.0
+    if not value > 0:
+        raise InputError(f"--accuracy {accuracy}: give noise, full, or decibels such as 45dB")
+    return Target("db", db=value)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
+
+
+def sensor_noise(facts: Facts) -> float:
+    """Root mean square of the sensor's noise over the photo: read, shot and quantisation."""
+    sensor = facts.camera.recipe.sensor
+    variance = facts.camera.read_noise**2
+    if sensor.full_well_electrons:
+        variance += float(facts.levels_of_light.mean()) / sensor.full_well_electrons
+    if sensor.bits:
+        variance += 1 / (2**sensor.bits - 1) ** 2 / 12
+    return variance**0.5
