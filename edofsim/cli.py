@@ -397,6 +397,30 @@ def table(
 
 
 @evaluate_app.command()
+def predictions(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
+    ] = None,
+    small: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
+    learned). Interrupt it at any time: the same command goes on from there.
+
+    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
+    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
+    """
+    from .commands import evaluate_predictions
+
+    with console.progress("predictions", quiet=quiet) as progress:
+        done = evaluate_predictions(scenes or (), small, out, json, cache, progress)
+    done.show()
+
+
+@evaluate_app.command()
 def bench(
     names: Annotated[
         list[str] | None,

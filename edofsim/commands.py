@@ -512,6 +512,42 @@ def evaluate_bandwidth(out: Path | None, json: Path | None) -> Done:
     return _experiment("evaluate bandwidth", bandwidth.run(folder), folder, json, {})
 
 
+def evaluate_predictions(
+    scenes: Sequence[str],
+    quick: bool,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    progress: Progress,
+) -> Done:
+    """`edofsim evaluate predictions`."""
+    from .evaluate import predictions
+
+    folder = writable_folder(out or Path("out") / ("predictions-quick" if quick else "predictions"))
+    outcomes = predictions.run(
+        folder, scenes=scenes or predictions.SCENES, quick=quick, cache=cache, progress=progress
+    )
+    table = Table("scene", "mask", "case", "PSNR / dB", "predicted", "seconds", "predicted", box=None)
+    for outcome in outcomes:
+        for row in outcome.rows:
+            if row.case.kind in ("without", "target") and row.measured_db < predictions.MATTERS_DB:
+                table.add_row(
+                    outcome.scene,
+                    outcome.mask,
+                    f"{row.case.kind} {row.case.name}",
+                    f"{row.measured_db:.1f}",
+                    f"{row.case.predicted_db:.1f}",
+                    f"{row.seconds:.2f}",
+                    f"{row.case.predicted_seconds:.2f}",
+                )
+    numbers = predictions.figures(outcomes)
+    numbers |= {f"times_faster.{name}": value for name, value in predictions.saved(outcomes).items()}
+    totals = Table("figure", "value", box=None)
+    for name, value in numbers.items():
+        totals.add_row(name, f"{value:.4g}")
+    return _finish("evaluate predictions", [table, totals], numbers, {"measurements": folder}, json)
+
+
 def evaluate_bench(names: Sequence[str], json: Path | None, progress: Progress) -> Done:
     """`edofsim evaluate bench`."""
     from .evaluate import benches

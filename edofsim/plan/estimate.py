@@ -85,16 +85,11 @@ def estimate(
     for number, effect in enumerate(effects):
         if progress:
             progress(number / len(effects), f"estimating {effect.name}")
-        absent = effect.absent(facts)
-        if absent and effect.name not in (more or {}):
-            rows.append(Estimate(effect, absent, (Level("none", {}),), (_nothing(facts),), (-1,)))
-            continue
-        levels = list(effect.levels(facts))
-        if more and effect.name in more:
-            levels.insert(len(levels) - 1, more[effect.name])
-        if effect.error is not None:
-            errors = tuple(effect.error(facts, level) for level in levels)
-            rows.append(Estimate(effect, absent, tuple(levels), errors, (-1,) * len(levels)))
+        absent, levels = levels_of(facts, effect, more)
+        if len(levels) == 1 or effect.error is not None:
+            measured = effect.error if len(levels) > 1 else None
+            errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
+            rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
             continue
         errors_found, images = [], []
         for difference in _differences(facts, effect, levels[:-1]):
@@ -102,10 +97,23 @@ def estimate(
             images.append(len(differences))
             differences.append(difference.flatten())
         errors_found.append(_nothing(facts))
-        rows.append(Estimate(effect, absent, tuple(levels), tuple(errors_found), (*images, -1)))
+        rows.append(Estimate(effect, absent, levels, tuple(errors_found), (*images, -1)))
     facts.sample.forget()
     stack = torch.stack(differences) if differences else torch.zeros(0, 1)
     return Estimates(tuple(rows), (stack @ stack.T).double() / len(facts.sample.response))
+
+
+def levels_of(
+    facts: Facts, effect: Effect, more: Mapping[str, Level] | None = None
+) -> tuple[str, tuple[Level, ...]]:
+    """Why an effect is absent, or empty; and its levels, with the one more that the user insists on."""
+    absent = effect.absent(facts)
+    if absent and effect.name not in (more or {}):
+        return absent, (Level("none", {}),)
+    levels = list(effect.levels(facts))
+    if more and effect.name in more:
+        levels.insert(len(levels) - 1, more[effect.name])
+    return absent, tuple(levels)
 
 
 def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[Tensor]:

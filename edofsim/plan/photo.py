@@ -16,9 +16,10 @@ from ..render.view import View
 from .choose import Chosen, everything, fastest, simulation_of, within
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
-from .estimate import Estimate, Estimates, estimate
+from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
 from .rates import Rates, rates
+from .remember import remembered
 from .simulation import Simulation
 from .target import Target
 from .work import Shape, shape_of, work_of
@@ -177,7 +178,7 @@ def planner_of(
     how: further fields of `Planner`."""
     facts = facts or facts_of(view, camera, height=height)
     known = rates()
-    found = estimate(facts, effects, more, progress)
+    found = remembered(facts, effects, more, progress)
     return Planner(facts, shape_of(view, camera), found, known, **how)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edofsim.plan import rates
+from edofsim.plan import rates, remember
 
 RATES = {
     "prepare": (0.0, 1.3e-8),
@@ -15,5 +15,7 @@ RATES = {
 
 
 @pytest.fixture(autouse=True)
-def known_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+def known_rates(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
     monkeypatch.setitem(rates._known, rates._name(), RATES)
+    folder = tmp_path_factory.getbasetemp() / "plans"
+    monkeypatch.setattr(remember, "_folder", lambda: folder)

@@ -20,8 +20,10 @@ from edofsim.plan import (
     photograph,
     plan_photo,
     planner_of,
+    remember,
     thumbnail,
 )
+from edofsim.plan.sample import Sample
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import Lens, PsfSettings, Sensor
 from edofsim.render.view import View
@@ -231,3 +233,64 @@ def test_a_thumbnail_shows_the_same_field_with_fewer_pixels():
     field = recipe.frame.width_px * recipe.frame.pixel_angle_mrad
     assert small.frame.width_px * small.frame.pixel_angle_mrad == pytest.approx(field, rel=0.05)
     assert small.objects == recipe.objects and small.render.samples <= 16
+
+
+def test_a_plan_is_remembered_and_damage_is_not_believed(monkeypatch: pytest.MonkeyPatch, tmp_path):
+    monkeypatch.setattr(remember, "_folder", lambda: tmp_path)
+    photos = []
+    whole = Sample.photo
+    monkeypatch.setattr(Sample, "photo", lambda self, how: photos.append(how) or whole(self, how))
+    first = plan_photo(scene(FLAT), CAMERA)
+    count = len(photos)
+    again = plan_photo(scene(FLAT), CAMERA)
+    assert count > 0 and len(photos) == count and again.simulation == first.simulation
+    assert again.error_db == pytest.approx(first.error_db)
+    (file,) = tmp_path.glob("*.json")
+    file.write_text("{")
+    assert plan_photo(scene(FLAT), CAMERA).simulation == first.simulation and len(photos) == 2 * count
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]:
+    """Calls that a photo makes: PSFs computed, convolutions, coverages blurred."""
+    from edofsim.expose import blurring, prepare
+    from edofsim.expose.methods import layered
+
+    calls = {"psfs": 0, "convolutions": 0, "coverages": 0}
+
+    def bank(camera, wavelengths, depths, **how):
+        if how.get("window_px") != 1:
+            calls["psfs"] += len(wavelengths) * len(depths)
+        return psf_bank(camera, wavelengths, depths, **how)
+
+    def convolved(total, light, *rest):
+        calls["convolutions"] += len(light)
+        return add_convolved(total, light, *rest)
+
+    def coverage(self, *rest):
+        calls["coverages"] += 1
+        return blocked(self, *rest)
+
+    psf_bank, add_convolved = prepare.psf_bank, layered.add_convolved
+    blocked = blurring.Blurring.coverage
+    monkeypatch.setattr(prepare, "psf_bank", bank)
+    monkeypatch.setattr(layered, "add_convolved", convolved)
+    monkeypatch.setattr(blurring.Blurring, "coverage", coverage)
+    photograph(view, CAMERA, plan.simulation)
+    return calls
+
+
+def test_one_depth_takes_one_convolution_a_group_and_no_coverage(monkeypatch: pytest.MonkeyPatch):
+    plan = planner("flat").plan()
+    calls = counted(monkeypatch, scene(FLAT), plan)
+    groups = 3 * plan.simulation.groups or len(BANDS)
+    assert calls["coverages"] == 0 and calls["convolutions"] == groups
+
+
+def test_the_plan_takes_fewer_calls_than_the_full_simulation(monkeypatch: pytest.MonkeyPatch):
+    known = planner("step")
+    view = scene(STEP, hidden=True)
+    planned = counted(monkeypatch, view, known.plan(parse_target("30dB", None)))
+    monkeypatch.undo()
+    full = counted(monkeypatch, view, known.plan(parse_target("full", None)))
+    assert planned["psfs"] < full["psfs"] and planned["convolutions"] < full["convolutions"]
+    assert full["coverages"] > 0

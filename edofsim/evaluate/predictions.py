@@ -1,0 +1,140 @@
+"""Are plans right? What they predict beside what is measured, over scenes and masks.
+
+For each scene and mask: every effect left out in turn, and the accuracies that are promised, against the full
+simulation. Counted are the effects that matter (measured below `MATTERS_DB`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from ..optics import Camera
+from ..plan import planner_of
+from ..recipe import SceneRecipe, load_camera, load_scene
+from ..render import render
+from ..restore.checkpoint import load_checkpoint
+from . import cost
+
+Progress = Callable[[float, str], None]
+
+SCENES = (
+    "wall",
+    "clouds",
+    "bench",
+    "charts",
+    "hallway",
+    "desk",
+    "stilllife",
+    "night",
+    "clutter",
+    "foliage",
+    "motorcycle",
+)
+MASKS = ("clear", "cubic", "learned")
+LEARNED = "paper-dcnn"
+TARGETS_DB = (30, 35, 40, 45, 50, 55)
+MATTERS_DB = 60.0
+QUICK = (160, 128, 16)
+"""Width, height and samples of the small versions: the middle of the frame, pixel for pixel."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scene and mask."""
+
+    scene: str
+    mask: str
+    rows: tuple[cost.Row, ...]
+
+
+def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> SceneRecipe:
+    """The middle of a scene's frame with few samples."""
+    width, height, samples = size
+    frame = {
+        "width_px": min(width, recipe.frame.width_px),
+        "height_px": min(height, recipe.frame.height_px),
+    }
+    return recipe.model_copy(
+        update={
+            "frame": recipe.frame.model_copy(update=frame),
+            "render": recipe.render.model_copy(update={"samples": min(samples, recipe.render.samples)}),
+        }
+    )
+
+
+def run(
+    folder: Path,
+    *,
+    scenes: Sequence[str] = SCENES,
+    masks: Sequence[str] = MASKS,
+    quick: bool = False,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Measure every scene and mask. folder: keeps what was measured, and is gone on from; quick: the scenes'
+    small versions."""
+    found = []
+    for number, (scene, mask) in enumerate((scene, mask) for scene in scenes for mask in masks):
+        if progress:
+            progress(number / (len(scenes) * len(masks)), f"{scene}, {mask}")
+        loaded = load_scene(scene)
+        recipe = small_version(loaded.recipe) if quick else loaded.recipe
+        view = render(recipe, loaded.base, cache=cache, device=device)
+        camera, height = camera_of(mask)
+        planner = planner_of(view, camera, height=height)
+        place = folder / f"{scene}-{mask}"
+        place.mkdir(parents=True, exist_ok=True)
+        rows = cost.measure(view, camera, cost.cases_of(planner, TARGETS_DB), place, height=height, repeats=1)
+        found.append(Outcome(scene, mask, tuple(rows)))
+    return found
+
+
+def camera_of(mask: str) -> tuple[Camera, Tensor | None]:
+    """The paper's camera with a mask of `MASKS`, and the height map that replaces the recipe's."""
+    loaded = load_camera("paper-cubic" if mask == "cubic" else "paper-clear")
+    height = load_checkpoint(LEARNED, loaded.recipe).height if mask == "learned" else None
+    return Camera.from_recipe(loaded.recipe, loaded.base), height
+
+
+def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """How often plans were right, flat; shares are between 0 and 1."""
+    pairs = [
+        row
+        for outcome in outcomes
+        for row in outcome.rows
+        if row.case.kind == "without" and row.measured_db < MATTERS_DB
+    ]
+    targets = [row for outcome in outcomes for row in outcome.rows if row.case.kind == "target"]
+    timed = [row for outcome in outcomes for row in outcome.rows]
+    off = [row.case.predicted_db - row.measured_db for row in pairs]
+    missed = [row.case.asked_db - row.measured_db for row in targets]
+    ratios = [row.case.predicted_seconds / row.seconds for row in timed if row.seconds > 0]
+    return {
+        "pairs": float(len(pairs)),
+        "share.error_within_3_db": _share(abs(value) <= 3 for value in off),
+        "worst_optimism_db": max(off, default=math.nan),
+        "worst_pessimism_db": -min(off, default=math.nan),
+        "share.targets_met": _share(value <= 1 for value in missed),
+        "worst_target_missed_db": max(missed, default=math.nan),
+        "share.time_within_1.5": _share(1 / 1.5 <= ratio <= 1.5 for ratio in ratios),
+    }
+
+
+def saved(outcomes: Sequence[Outcome]) -> Mapping[str, float]:
+    """How many times as fast the default choice is as the full simulation, by scene and mask."""
+    found = {}
+    for outcome in outcomes:
+        by_kind = {row.case.kind: row for row in outcome.rows}
+        found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind["chosen"].seconds
+    return found
+
+
+def _share(answers) -> float:
+    answers = list(answers)
+    return sum(answers) / len(answers) if answers else math.nan
