@@ -125,6 +125,9 @@ def run(
     time: TimeOption = None,
     with_: WithOption = None,
     without: WithoutOption = None,
+    cost: Annotated[
+        bool, typer.Option("--cost", help="Measure what accuracy costs; chart in the report.")
+    ] = False,
     seed: SeedOption = 0,
     out: OutOption = None,
     json: JsonOption = None,
@@ -150,7 +153,7 @@ def run(
     aim = Aim(accuracy, time)
     with console.progress("run", quiet=quiet) as progress:
         done = run_scene(
-            scene, camera, network, overrule, aim, seed, out, json, cache, device.value, progress
+            scene, camera, network, overrule, aim, cost, seed, out, json, cache, device.value, progress
         )
     done.show()
 

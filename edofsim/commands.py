@@ -54,6 +54,7 @@ def run_scene(
     network: str | None,
     overrule: Mapping[str, Any],
     aim: Aim,
+    cost: bool,
     seed: int,
     out: Path | None,
     json: Path | None,
@@ -82,7 +83,8 @@ def run_scene(
     )
     progress(0.98, "report")
     started = time.perf_counter()
-    report = write_run_report(folder / "report.html", result)
+    rows = _cost_of(result, folder, progress) if cost else []
+    report = write_run_report(folder / "report.html", result, rows)
     numbers = pipeline.figures(result)
     numbers["seconds.report"] = time.perf_counter() - started
     numbers["seconds.total"] += numbers["seconds.report"]
@@ -116,6 +118,24 @@ def run_scene(
         f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
     ]
     return Done(lines, outputs)
+
+
+def _cost_of(result: Any, folder: Path, progress: Progress) -> list[Any]:
+    """What accuracy costs for the photo of a run, measured in its folder."""
+    from .evaluate import cost
+    from .plan import planner_of
+
+    height = result.checkpoint.height if result.checkpoint else None
+    planner = planner_of(result.view, result.optics, height=height)
+    return cost.measure(
+        result.view,
+        result.optics,
+        cost.cases_of(planner),
+        folder,
+        height=height,
+        repeats=1,
+        progress=progress,
+    )
 
 
 def render_scenes(

@@ -78,7 +78,9 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
             continue
         error = row.errors[0]
         mean = (sum(e * e for e in error) / len(error)) ** 0.5
-        simulation = fine.changed({**dict(row.levels[0].change), "hidden_pass": True})
+        # what a plan may not leave out because gathered bands would suffer more is left out of all bands
+        rest = fine if row.levels[0].allowed else fine.changed({"groups": 0, "colours": 0})
+        simulation = rest.changed({**dict(row.levels[0].change), "hidden_pass": True})
         predicted = -20 * math.log10(mean) if mean > 0 else math.inf
         cases.append(_case(row.effect.name, "without", simulation, planner, math.inf, predicted))
     cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))

@@ -15,7 +15,9 @@ from .sample import FINEST_LAYERS
 Progress = Callable[[float, str], None]
 
 NARROW = 64
-"""Side of the PSFs in pixels while other effects than their window are measured."""
+"""Side of the PSFs in pixels while other effects than their window are measured, where they are no wider."""
+LOST = 0.01
+"""Fraction of the light beyond that window from which on PSFs count as wider."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,7 @@ def levels_of(
 
 def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[Tensor]:
     """The sample with each level minus the sample in full, the rest as the effect's sample says."""
-    narrow = min(NARROW, facts.camera.recipe.psf.window_px)
-    rest = facts.full.changed({"layers": 7, "window": narrow, **effect.sample})
+    rest = facts.full.changed({"layers": 7, "window": _narrow(facts), **effect.sample})
     if facts.full.occlusion == "none":
         rest = replace(rest, occlusion="none")
     reference = facts.sample.photo(rest)
@@ -128,6 +129,13 @@ def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[
         photo = facts.sample.photo(rest.changed(_photo_fields(level)))
         found.append((photo - reference) * _beyond(facts, level))
     return found
+
+
+def _narrow(facts: Facts) -> int | None:
+    if facts.camera.recipe.psf.window_px <= NARROW:
+        return None
+    plain = facts.full.changed({"groups": 1, "colours": 1})
+    return NARROW if facts.sample.narrow(plain, NARROW, LOST) else None
 
 
 def _photo_fields(level: Level) -> dict[str, object]:

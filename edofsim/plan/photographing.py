@@ -18,8 +18,8 @@ from ..expose.crop import crop, with_margin
 from ..expose.light import seen
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
-from ..expose.photograph import all_in_focus, light_lost
-from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, transmission
+from ..expose.photograph import light_lost
+from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of
 from ..expose.sensor import automatic_exposure, record
 from ..optics import Camera, defocus
 from ..render.view import View
@@ -53,20 +53,21 @@ def photograph(
     """
     watch = _Watch(progress)
     window = simulation.window or camera.recipe.psf.window_px
-    check_view(view)
     check_pixel_angle(view, camera.pixel_angle)
-    reach = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
-    view = with_margin(with_part_of_margin(view, reach), window // 2).to(device, torch.float32)
-    check_window(view, window)
+    view = view.to(device, torch.float32)
     weights = channel_weights(camera, view.wavelengths.cpu())
-    ideal = view.crop_margin(all_in_focus(view, weights.to(view.radiance)))
+    ideal = view.crop_margin(ideal_of(view, weights))
     factor = _exposure(exposure, camera, ideal)
-
     gathering = gathering_of(view, camera, weights, simulation, spectrum)
-    light = view if simulation.groups == 0 else gathered_view(view, gathering)
-    response = gathering.response.to(light.radiance)
     if nodes is None:
         nodes = nodes_of(view, camera, simulation)
+    # few groups are quicker to check and to cut than many bands; what is not finite stays so
+    light = gathered_view(view, gathering) if simulation.groups else view
+    check_view(light)
+    reach = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
+    light = with_margin(with_part_of_margin(light, reach), window // 2)
+    check_window(light, window)
+    response = gathering.response.to(light.radiance)
     simpler = simpler_camera(camera, simulation)
     watch.lap("prepare", 0.05)
     kernels = kernels_of(
@@ -93,7 +94,6 @@ def photograph(
         "bands": gathering.groups,
         "window_px": window,
         "tolerance_db": simulation.tolerance_db,
-        "transmission": transmission(simpler),
         "sensor": sensor_effects(camera, simulation),
         "seed": seed,
     }
@@ -134,7 +134,16 @@ def gathering_of(
 
 def spectrum_of(view: View) -> Tensor:
     """Light of the whole frame in each band, [band], float64."""
-    return view.radiance[:, seen(view)].double().sum(1).cpu()
+    return (view.radiance @ (~view.hidden).to(view.radiance)).double().cpu()
+
+
+def ideal_of(view: View, weights: Tensor) -> Tensor:
+    """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed."""
+    rows, columns = view.padded_shape
+    which = seen(view)
+    image = view.radiance.new_zeros(len(weights), rows * columns)
+    light = (weights.to(view.radiance) @ view.radiance)[:, which]
+    return image.index_add(1, view.pixel[which], light).reshape(-1, rows, columns)
 
 
 def with_part_of_margin(view: View, margin: int | None) -> View:

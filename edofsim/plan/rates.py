@@ -21,7 +21,7 @@ from .photographing import nodes_of, photograph
 from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
-VERSION = 3
+VERSION = 4
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]

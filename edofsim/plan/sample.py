@@ -18,13 +18,12 @@ from ..expose.crop import crop, with_margin
 from ..expose.kernels import HeldKernels, Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
-from ..expose.photograph import all_in_focus
 from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
 from .colours import gathered_kernels, gathered_view
-from .photographing import gathering_of, spectrum_of, with_part_of_margin
+from .photographing import gathering_of, ideal_of, spectrum_of, with_part_of_margin
 from .simulation import Simulation, simpler_camera
 
 TILE = 96
@@ -70,9 +69,9 @@ class Sample:
         parts = []
         blurring = None
         for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
-            view = with_margin(with_part_of_margin(view, margin), window // 2)
             gathering = gathering_of(view, self.camera, self.response, simulation, self.spectrum)
             light = gathered_view(view, gathering) if simulation.groups else view
+            light = with_margin(with_part_of_margin(light, margin), window // 2)
             if blurring is None:
                 kernels = self._kernels(simulation, gathering.wavelengths, nodes, window)
                 kernels = gathered_kernels(kernels, gathering) if simulation.groups else kernels
@@ -101,6 +100,13 @@ class Sample:
             self._banks[key] = made
         return made
 
+    def narrow(self, simulation: Simulation, window: int, lost: float) -> bool:
+        """Whether PSFs of that window lose less than `lost` of the light at every depth, on average."""
+        gathering = gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum)
+        kernels = self._kernels(simulation, gathering.wavelengths, self.nodes(5), window)
+        rest = gathered_kernels(kernels, gathering)
+        return max(float(rest.rest(k).mean()) for k in range(rest.nodes.numel())) < lost
+
     def psf_energy(self, simulation: Simulation, nodes: Tensor) -> Tensor:
         """sum of psf^2 of each channel, mean over nodes, [channel]: how far independent noise averages."""
         gathering = gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum)
@@ -117,7 +123,7 @@ class Sample:
 def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: int = 0) -> Sample:
     """The sample of a view for a camera."""
     response = channel_weights(camera, view.wavelengths)
-    ideal = view.crop_margin(all_in_focus(view, response.to(view.radiance)))
+    ideal = view.crop_margin(ideal_of(view, response))
     wanted = camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     tiles, weights = _tiles(view, ideal, camera, seed)

@@ -108,15 +108,16 @@ def work_of(
     samples = _pupil_samples(camera, simulation, window, shape.ends, shape.wavelengths)
     half, out = samples / 2, (window * simulation.oversampling + 2) / 2
     waves = layers * colours * (out * half**2 + out**2 * half)
-    fragments = float(shape.fragments.sum()) * scale
-    moving = fragments * (shape.bands + (groups if simulation.groups else 0))
+    whole = float(shape.fragments.sum())
+    fragments = whole * scale
+    moving = whole * (shape.bands + (groups if simulation.groups else 0)) + fragments * groups
     block = min(groups, max(1, (1 << 22) // size))
     return Work(
         {
             "prepare": (1.0, moving),
             "psf": (1.0, samples**2, colours * samples**2, waves, layers * colours * window**2),
             "blur": (1.0, kernels * per_transform, moved),
-            "sensor": (1.0, 3.0 * shape.height * shape.width + fragments * groups, samples**2),
+            "sensor": (1.0, 3.0 * shape.height * shape.width + fragments * groups),
         },
         4.0 * layers * (colours + (groups if simulation.groups else 0)) * window**2
         + 4.0 * fragments * (shape.bands + groups)

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
+from ..evaluate.cost import Row
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
 from ..plan import Plan, overall
 from ..record import machine, versions
 from ..restore import channel_psfs
+from .cost_chart import cost_plot
 from .model import ImageScore, PlanRow, Psfs, RunReport
 from .run_page import write_report
 
@@ -26,8 +28,11 @@ PSF_DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
 PICTURE = 250  # samples across the picture of the DOE
 
 
-def write_run_report(path: Path, result: Run) -> Path:
-    """The page of a run, one file. Raises InputError where it cannot be written. Returns the path."""
+def write_run_report(path: Path, result: Run, cost: Sequence[Row] = ()) -> Path:
+    """The page of a run, one file. cost: what `evaluate.cost` measured, for a chart. Returns the path.
+
+    Raises InputError where it cannot be written.
+    """
     camera = result.optics
     trained = result.checkpoint.height if result.checkpoint else None
     height, width = _relief(camera, trained)
@@ -59,6 +64,7 @@ def write_run_report(path: Path, result: Run) -> Path:
             for d in result.plan.decisions
         ),
         target=_target(result.plan),
+        cost=cost_plot(cost, scene.name) if cost else None,
         seconds=result.seconds,
         peak_memory_mib=result.peak_memory_mib,
         recipes={item.path.name: item.text for item in (result.scene, result.camera)},

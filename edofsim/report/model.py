@@ -10,6 +10,7 @@ from typing import Any
 from torch import Tensor
 
 from ..evaluate.scores import DepthScore, Score
+from .plot import Plot
 from .words import depth_range
 
 IMAGES = ("ideal", "photo", "restored", "lens_alone")
@@ -108,7 +109,7 @@ class RunReport:
     psfs, mtfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
         sensor, with mask_width_m the width that it covers, optional
     focus_m: distance in focus without a mask, marked in the figures
-    plan: effects considered; target: what error was asked for, a sentence
+    plan: effects considered; target: what error was asked for, a sentence; cost: its chart, optional
     seconds: time of each stage, in order; peak_memory_mib: largest memory of the process
     recipes: file name and text of each recipe; command: what to type for the same page
     facts: further short facts for the head of the page (size, bands, noise, seed, ...)
@@ -133,6 +134,7 @@ class RunReport:
     focus_m: float | None = None
     plan: tuple[PlanRow, ...] = ()
     target: str = ""
+    cost: Plot | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     peak_memory_mib: float | None = None
     recipes: Mapping[str, str] = field(default_factory=dict)

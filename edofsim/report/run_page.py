@@ -250,7 +250,8 @@ def _plan(report: RunReport) -> tuple[Block, ...]:
     heads = tuple(Column(name) for name, _ in columns)
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     table = Table(heads, rows, caption, wordy=True)
-    return (Text(report.target), table) if report.target else (table,)
+    chart = (report.cost,) if report.cost is not None else ()
+    return (Text(report.target), table, *chart) if report.target else (table, *chart)
 
 
 def _error(value: float | None) -> str:
