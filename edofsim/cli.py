@@ -207,6 +207,18 @@ def expose(
     time: TimeOption = None,
     with_: WithOption = None,
     without: WithoutOption = None,
+    bands: Annotated[
+        int | None,
+        typer.Option("--bands", min=1, help="Merge the view's bands into so many; default: all of them."),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option("--reference", metavar="thinlens|pupil", help="A slow, true photo of --crop beside it."),
+    ] = None,
+    crop: Annotated[
+        str | None,
+        typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
+    ] = None,
     seed: SeedOption = 0,
     out: OutOption = None,
     json: JsonOption = None,
@@ -216,8 +228,11 @@ def expose(
 ) -> None:
     """A photo through one camera: EXR (linear) and PNG.
 
-    Figures: psnr_db.photo, seconds.{plan,render,expose}, light_lost.{r,g,b}, peak_memory_mib, and what
-    `edofsim plan` says.
+    The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
+    is geometric and for a clear aperture.
+
+    Figures: psnr_db.{photo,against_reference}, seconds.{plan,render,expose,reference}, light_lost.{r,g,b},
+    peak_memory_mib, and what `edofsim plan` says.
     """
     from .commands import Aim, expose_scene
 
@@ -230,7 +245,21 @@ def expose(
     }
     aim = Aim(accuracy, time)
     with console.progress("expose", quiet=quiet) as progress:
-        done = expose_scene(scene, camera, overrule, aim, seed, out, json, cache, device.value, progress)
+        done = expose_scene(
+            scene,
+            camera,
+            overrule,
+            aim,
+            bands,
+            reference,
+            crop,
+            seed,
+            out,
+            json,
+            cache,
+            device.value,
+            progress,
+        )
     done.show()
 
 
@@ -424,19 +453,48 @@ def predictions(
 
 
 @evaluate_app.command()
+def occlusion(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Default: desk, foliage, bench.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
+    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind.
+
+    Interrupt it at any time: scenes that are finished are kept in --out.
+
+    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden}, {near,far}_dpt.SCENE.
+    """
+    from .commands import evaluate_occlusion
+
+    with console.progress("occlusion", quiet=quiet) as progress:
+        done = evaluate_occlusion(scenes or (), out, json, cache, device.value, progress)
+    done.show()
+
+
+@evaluate_app.command()
 def bench(
     names: Annotated[
         list[str] | None,
         typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
     ] = None,
+    out: OutOption = None,
     json: JsonOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile."""
+    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
+
+    `expose` keeps each piece that it has finished in --out; delete them there to measure anew.
+    """
     from .commands import evaluate_bench
 
     with console.progress("bench", quiet=quiet) as progress:
-        done = evaluate_bench(names or (), json, progress)
+        done = evaluate_bench(names or (), out, json, progress)
     done.show()
 
 

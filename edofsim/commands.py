@@ -267,6 +267,9 @@ def expose_scene(
     camera: str | None,
     overrule: Mapping[str, Any],
     aim: Aim,
+    bands: int | None,
+    reference: str | None,
+    crop: str | None,
     seed: int,
     out: Path | None,
     json: Path | None,
@@ -275,24 +278,36 @@ def expose_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim expose`."""
-    target = aim.target()
-    scene_recipe, camera_recipe = _recipes(scene, camera)
-    folder = writable_folder(out or Path("out") / f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}")
     from .evaluate.scores import psnr
-    from .expose import write_photo
+    from .expose import write_image, write_photo
+    from .expose.bands import merged_bands
     from .optics import Camera
     from .pipeline import plan_figures, torch_device, view_as_planned
     from .plan import look, photograph, plan_scene
+    from .reference import check_crop, check_reference, crop_of, reference_photo
     from .report import save_srgb
 
+    target = aim.target()
+    if (reference is None) != (crop is None):
+        raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
+    scene_recipe, camera_recipe = _recipes(scene, camera)
     optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+    if reference is not None:
+        where = crop_of(crop)
+        check_reference(reference, optics)
+    folder = writable_folder(out or Path("out") / f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}")
     started = time.perf_counter()
     looked = look(scene_recipe.recipe, scene_recipe.base, optics, cache=cache, device=device)
     chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
     planned = time.perf_counter()
     view = view_as_planned(looked, chosen, scene_recipe.base, cache, device, progress)
     rendered = time.perf_counter()
-    photo = photograph(view, optics, chosen.simulation, seed=seed, device=torch_device(device))
+    simulation = chosen.simulation
+    if bands is not None:  # in place of what the plan gathers them in
+        view, simulation = merged_bands(view, bands), simulation.changed({"groups": 0, "colours": 0})
+    if reference is not None:
+        check_crop(view, where)
+    photo = photograph(view, optics, simulation, seed=seed, device=torch_device(device))
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
         "seconds.plan": planned - started,
@@ -311,7 +326,31 @@ def expose_scene(
         *_plan_lines(chosen),
         f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
     ]
-    inputs = _inputs(scene_recipe, camera_recipe)
+    if reference is not None:
+        begun = time.perf_counter()
+        true = photo.exposure * reference_photo(
+            reference,
+            view,
+            scene_recipe.recipe,
+            scene_recipe.base,
+            optics,
+            where,
+            device=device,
+            progress=progress,
+        )
+        rows, columns = (
+            slice(at, at + size) for at, size in ((where.top, where.height), (where.left, where.width))
+        )
+        numbers["psnr_db.against_reference"] = psnr(photo.clean[:, rows, columns].cpu(), true)
+        numbers["seconds.reference"] = time.perf_counter() - begun
+        numbers["peak_memory_mib"] = peak_memory_mib()
+        outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
+        outputs["reference (PNG, sRGB)"] = save_srgb(folder / "reference.png", true)
+        lines.append(
+            f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
+            f"{reference} reference, which took {numbers['seconds.reference']:.0f} s"
+        )
+    inputs = _inputs(scene_recipe, camera_recipe, crop=crop, reference=reference)
     return _finish("expose", lines, numbers, outputs, json, inputs=inputs, seed=seed)
 
 
@@ -568,18 +607,45 @@ def evaluate_predictions(
     return _finish("evaluate predictions", [table, totals], numbers, {"measurements": folder}, json)
 
 
-def evaluate_bench(names: Sequence[str], json: Path | None, progress: Progress) -> Done:
+def evaluate_occlusion(
+    scenes: Sequence[str],
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    device: str,
+    progress: Progress,
+) -> Done:
+    """`edofsim evaluate occlusion`."""
+    folder = writable_folder(out or Path("out") / "occlusion")
+    from .evaluate import occlusion
+
+    chosen = tuple(scenes) or occlusion.SCENES
+    for scene in chosen:
+        load_scene(scene)  # a wrong name is refused before any time is spent
+    numbers = occlusion.run(folder, chosen, cache=cache, device=device, progress=progress)
+    table = Table("scene", "mask", "focus", *(f"{way} / dB" for way in occlusion.OCCLUSIONS), box=None)
+    for row in occlusion.table(numbers):
+        table.add_row(*(f"{cell:.2f}" if isinstance(cell, float) else cell for cell in row))
+    names = [*(f"occlusion-{scene}.png" for scene in chosen), "occlusion.csv"]
+    outputs = {name: folder / name for name in names}
+    return _finish("evaluate occlusion", [table], numbers, outputs, json, inputs={"scenes": list(chosen)})
+
+
+def evaluate_bench(names: Sequence[str], out: Path | None, json: Path | None, progress: Progress) -> Done:
     """`edofsim evaluate bench`."""
     from .evaluate import benches
     from .record import machine
 
-    numbers = benches.run(names or benches.BENCHES, progress)
+    folder = writable_folder(out or Path("out") / "bench")
+    numbers = benches.run(names or benches.BENCHES, progress, folder)
     table = Table("figure", "value", box=None)
     for name, value in numbers.items():
         table.add_row(name, f"{value:.4g}")
     about = machine()
     line = f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}"
-    return _finish("evaluate bench", [table, line], numbers, {}, json, inputs={"benchmarks": list(names)})
+    outputs = {path.stem: path for path in sorted(folder.glob("*.png"))}
+    inputs = {"benchmarks": list(names)}
+    return _finish("evaluate bench", [table, line], numbers, outputs, json, inputs=inputs)
 
 
 def cache_list(cache: Path | None, json: Path | None) -> Done:

@@ -3,12 +3,13 @@
 Brute force convolves each of 475 depths and 31 bands on its own in float64, as the paper's 3D experiment
 does; depths at which the scene has nothing are skipped, to its advantage. Both sides blur the same view,
 without occlusion, which no brute force has. PSFs and factors are made before the clock starts; a second ratio
-has their making on both sides.
+has their making on both sides. Both run in one process, one after the other.
 """
 
 from __future__ import annotations
 
 import gc
+import json
 import math
 import multiprocessing
 import statistics
@@ -21,27 +22,33 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..expose import expose
 from ..expose.bands import merged_bands
-from ..expose.blurring import Blurring
+from ..expose.convolution import Grid
 from ..expose.factors import band_groups, factorise, joint_groups
 from ..expose.kernels import HeldKernels, StreamedKernels
-from ..expose.light import seen
+from ..expose.light import Light, light_of, seen
 from ..expose.methods import METHODS
+from ..expose.methods.low_rank import blur_with
 from ..expose.photograph import all_in_focus
 from ..expose.prepare import BRUTE_DEPTHS, channel_weights, choose_nodes
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera, psf_bank
 from ..recipe import load_camera, load_scene
-from ..record import peak_memory_mib
+from ..record import machine, peak_memory_mib
 from ..render.view import View
 
 Progress = Callable[[float, str], None]
 
 SCENES = ("desk", "hallway")
+MASKS = ("clear", "cubic", "smooth")
 TOLERANCES = (50.0, 40.0)
 SIZE = 512
 SAMPLES = 16
 REPEATS = 5
+BLOCK = 48
+"""Depths of brute force at a time: their PSFs fit into memory, and they are kept once done."""
+MEMORY_DEPTHS = (16, 64, BRUTE_DEPTHS)
 
 
 @dataclass(frozen=True)
@@ -53,26 +60,53 @@ class Setting:
 
 
 def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, float]:
-    """Figures, by scene (desk, hallway) and mask (clear, cubic, smooth):
+    """Figures, by scene (desk, hallway) and mask (clear, cubic, smooth), without occlusion on either side:
 
-    speedup.{scene}.{mask}.{50,40}db, psnr_db.(same), rank.(same), seconds.(same): low rank against brute,
-    PSFs at hand; speedup_with_psfs.(same): PSFs and factors computed on both sides;
-    seconds_brute.{scene}.{mask}, seconds_brute_psfs.{scene}.{mask};
+    unoccluded.speedup.{scene}.{mask}.{50,40}db: low rank against brute, PSFs and factors at hand;
+    unoccluded.speedup_with_psfs.(same): PSFs and factors computed on both sides;
+    unoccluded.{psnr_db,rank,nodes,seconds,seconds_psfs,seconds_factors}.(same): of low rank;
+    unoccluded.{seconds_brute,seconds_brute_psfs,brute_depths}.{scene}.{mask};
+    occluded.seconds.{scene}.{mask}: a whole photo with hidden surfaces at 50 dB, PSFs and factors at hand;
     growth.{depths,bands,pixels,tolerance_db}.{n}: seconds at n over seconds at the first n;
-    growth.doubled_depths: seconds at 64 depth nodes over seconds at 32;
+    growth_rank.{n}: rank at that tolerance; growth.doubled_depths: seconds at 64 depth nodes over at 32;
     peak_memory_mib.1024px_31b_{16,64,475}d: of a process that takes one photo, occlusion included.
-    out: a folder for the plot `expose-cost.png`.
+    out: a folder for the plot `expose-cost.png`, and for finished pieces, which are not measured again.
     """
     say = progress or (lambda fraction, text: None)
-    figures = speed(lambda f, text: say(0.85 * f, text))
-    figures |= growth(lambda f, text: say(0.85 + 0.05 * f, text))
-    for number, depths in enumerate((16, 64, BRUTE_DEPTHS)):
-        say(0.9 + 0.1 * number / 3, f"memory at 1024 x 1024 with {depths} depths")
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
-            figures[f"peak_memory_mib.1024px_31b_{depths}d"] = pool.apply(memory_of_a_photo, (depths,))
+    figures: dict[str, float] = {}
+    pieces: dict[str, Callable[[Progress], dict[str, float]]] = {
+        f"{mask}-{scene}": lambda tell, m=mask, s=scene: speed(
+            m, s, tell, None if out is None else out / f"expose-{m}-{s}.half"
+        )
+        for mask in MASKS
+        for scene in SCENES
+    }
+    pieces["growth"] = growth
+    pieces |= {f"memory-{depths}d": lambda tell, n=depths: memory(n, tell) for depths in MEMORY_DEPTHS}
+    for number, (name, measure) in enumerate(pieces.items()):
+
+        def tell(fraction: float, text: str, number: int = number, name: str = name) -> None:
+            say((number + fraction) / len(pieces), f"{name}: {text}")
+
+        figures |= _kept(None if out is None else out / f"expose-{name}.json", lambda m=measure: m(tell))
     if out is not None:
         plot(figures, out / "expose-cost.png")
     say(1.0, "done")
+    return figures
+
+
+def _kept(path: Path | None, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
+    """Figures of a piece that was finished before, on this machine with these settings, or measured now."""
+    about = {"machine": machine(), "torch": torch.__version__, "size": SIZE, "tolerances": TOLERANCES}
+    about = json.loads(json.dumps({**about, "depths": BRUTE_DEPTHS, "samples": SAMPLES}))
+    if path is not None and path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8"))
+        if before["about"] == about:
+            return before["figures"]
+    figures = measure()
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"about": about, "figures": figures}, indent=1), encoding="utf-8")
     return figures
 
 
@@ -106,68 +140,130 @@ def rendered(scene: str, progress: Progress) -> View:
     return render(recipe, loaded.base, progress=progress)
 
 
-def speed(say: Progress) -> dict[str, float]:
-    """Low rank against brute force, mask by mask and scene by scene."""
-    views = {name: rendered(name, lambda f, text: say(0.0, text)) for name in SCENES}
-    farthest = min(float(view.inverse_depth.min()) for view in views.values())
-    nearest = max(float(view.inverse_depth.max()) for view in views.values())
-    nodes = torch.linspace(farthest, nearest, BRUTE_DEPTHS, dtype=torch.float64)
-    cameras = settings()
-    figures: dict[str, float] = {}
-    for number, (mask, setting) in enumerate(cameras.items()):
-        share = number / len(cameras)
-        say(share, f"{mask}: PSFs at {BRUTE_DEPTHS} depths")
-        bank, psf_seconds = _timed(lambda s=setting: _bank(s, views[SCENES[0]].wavelengths, nodes))
-        for k, (scene, view) in enumerate(views.items()):
-            say(share + (0.2 + 0.4 * k) / len(cameras), f"{mask}, {scene}: brute force")
-            found = _against_brute(view, setting, bank, nodes, psf_seconds)
-            for key, value in found.items():
-                kind, _, tolerance = key.partition(".")
-                figures[".".join(filter(None, (kind, scene, mask, tolerance)))] = value
-        del bank
-        gc.collect()
+def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dict[str, float]:
+    """Low rank against brute force for one mask and one scene; kept: a file for what is half done."""
+    view = rendered(scene, lambda f, text: say(0.0, text))
+    setting = settings()[mask]
+    figures = {
+        f"unoccluded.{kind}.{scene}.{mask}" + (f".{tolerance}" if tolerance else ""): value
+        for (kind, tolerance), value in against_brute(view, setting, say, kept=kept).items()
+    }
+    say(0.9, "with occlusion")
+
+    def photo() -> None:
+        expose(
+            view, setting.camera, method="low_rank", occlusion="hidden", height=setting.height, exposure=1.0
+        )
+
+    photo()
+    figures[f"occluded.seconds.{scene}.{mask}"] = min(_timed(photo)[1] for _ in range(2))
+    gc.collect()
+    if kept is not None:
+        kept.unlink(missing_ok=True)
     return figures
 
 
-def _against_brute(
-    view: View, setting: Setting, bank: Tensor, nodes: Tensor, brute_psf_seconds: float
-) -> dict[str, float]:
+def against_brute(
+    view: View,
+    setting: Setting,
+    say: Progress,
+    depths: int = BRUTE_DEPTHS,
+    kept: Path | None = None,
+) -> dict[tuple[str, str], float]:
+    """Figures by (kind, tolerance) as `run` names them, for brute force at so many depths; kept: see
+    `_by_brute_force`."""
+    which = seen(view)
+    depth = view.inverse_depth[which]
     weights = channel_weights(setting.camera, view.wavelengths)
-    exact = view.to(dtype=torch.float64)
-    in_double = StreamedKernels(
-        lambda some: bank[torch.searchsorted(nodes, some)].double(),
-        nodes,
-        view.wavelengths,
-        bank.shape[-1],
-        ahead=1,
-    )
-    brute = Blurring(in_double, weights, METHODS["brute"])
-    exposure = automatic_exposure(view.crop_margin(all_in_focus(exact, weights)))
-    truth, brute_seconds = _timed(lambda: brute.light(exact, seen(exact)))
-    truth = view.crop_margin(truth) * exposure
-    figures = {"seconds_brute": brute_seconds, "seconds_brute_psfs": brute_psf_seconds}
+    nodes = torch.linspace(float(depth.min()), float(depth.max()), depths, dtype=torch.float64)
+    exposure = automatic_exposure(view.crop_margin(all_in_focus(view, weights.float())))
+    truth, figures = _by_brute_force(view, setting, weights, nodes, say, kept)
+    truth = truth * exposure
+    brute_seconds, brute_psf_seconds = figures["seconds_brute", ""], figures["seconds_brute_psfs", ""]
+    grid = Grid(*view.padded_shape, view.margin, setting.camera.recipe.psf.window_px)
     shortest = float(view.wavelengths.min())
+    groups = [joint_groups(weights.float()), band_groups(weights.float())]
     for tolerance in TOLERANCES:
+        name = f"{tolerance:.0f}db"
+        say(0.85, f"low rank at {tolerance:.0f} dB")
         few = choose_nodes(
-            view.inverse_depth, view.coverage, setting.camera, shortest, "low_rank", "auto", tolerance
+            depth, view.coverage[which], setting.camera, shortest, "low_rank", "auto", tolerance
         )
         psfs, psf_seconds = _timed(lambda few=few: _bank(setting, view.wavelengths, few))
         kernels = HeldKernels(psfs, few, view.wavelengths)
-        blurring = Blurring(kernels, weights.float(), METHODS["low_rank"], tolerance)
-        _, first_seconds = _timed(lambda b=blurring: b.light(view, seen(view)))  # factors, then blurs
-        seconds = _median_seconds(lambda b=blurring: b.light(view, seen(view)))
-        photo = view.crop_margin(blurring.light(view, seen(view))).double() * exposure
-        groups = [joint_groups(weights.float()), band_groups(weights.float())]
-        name = f"{tolerance:.0f}db"
-        with_psfs = (brute_seconds + brute_psf_seconds) / (first_seconds + psf_seconds)
+        factors, factor_seconds = _timed(lambda k=kernels, t=tolerance: factorise(k, groups, t))
+        blur = blur_with(factors, weights.float())
+
+        def photo(blur: Any = blur, few: Tensor = few) -> Tensor:
+            return blur(light_of(view, few, which), grid)
+
+        error = view.crop_margin(photo()).double() * exposure - truth
+        seconds = _median_seconds(photo)
+        all_brute, all_low = brute_seconds + brute_psf_seconds, seconds + psf_seconds + factor_seconds
         figures |= {
-            f"speedup.{name}": brute_seconds / seconds,
-            f"seconds.{name}": seconds,
-            f"speedup_with_psfs.{name}": with_psfs,
-            f"psnr_db.{name}": -10 * math.log10(float((photo - truth).square().mean())),
-            f"rank.{name}": sum(each.rank for each in factorise(kernels, groups, tolerance)),
+            ("speedup", name): brute_seconds / seconds,
+            ("speedup_with_psfs", name): all_brute / all_low,
+            ("psnr_db", name): -10 * math.log10(float(error.square().mean())),
+            ("rank", name): float(sum(each.rank for each in factors)),
+            ("nodes", name): float(few.numel()),
+            ("seconds", name): seconds,
+            ("seconds_psfs", name): psf_seconds,
+            ("seconds_factors", name): factor_seconds,
         }
     return figures
+
+
+@dataclass(frozen=True)
+class _SomeNodes(Light):
+    """Light of which only some depth nodes are looked at."""
+
+    nodes: range = range(0)
+
+    def occupied_nodes(self) -> list[int]:
+        return [node for node in super().occupied_nodes() if node in self.nodes]
+
+
+def _by_brute_force(
+    view: View, setting: Setting, weights: Tensor, nodes: Tensor, say: Progress, kept: Path | None
+) -> tuple[Tensor, dict[tuple[str, str], float]]:
+    """The unexposed photo in float64, [channel, y, x], and what it took.
+
+    Block by block of depths; kept: file from which an interrupted photo is gone on with.
+    """
+    light = light_of(view.to(dtype=torch.float64), nodes, seen(view))
+    grid = Grid(*view.padded_shape, view.margin, setting.camera.recipe.psf.window_px)
+    state: dict[str, Any] = {"photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
+    if kept is not None and kept.is_file():
+        state = torch.load(kept)
+    while state["done"] < nodes.numel():
+        block = range(state["done"], min(state["done"] + BLOCK, nodes.numel()))
+        say(0.05 + 0.8 * block.start / nodes.numel(), f"brute force, {block.start} of {nodes.numel()} depths")
+        some = nodes[block.start : block.stop]
+        psfs, psf_seconds = _timed(lambda some=some: _bank(setting, view.wavelengths, some))
+        kernels = StreamedKernels(
+            lambda one, psfs=psfs, some=some: psfs[torch.searchsorted(some, one)].double(),
+            nodes,
+            view.wavelengths,
+            psfs.shape[-1],
+            ahead=1,
+        )
+        blur = METHODS["brute"](kernels, weights, tolerance_db=math.inf)
+        part = _SomeNodes(**vars(light), nodes=block)
+        photo, seconds = _timed(lambda blur=blur, part=part: blur(part, grid))
+        state = {
+            "photo": state["photo"] + photo,
+            "seconds": state["seconds"] + seconds,
+            "psf_seconds": state["psf_seconds"] + psf_seconds,
+            "done": block.stop,
+        }
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            torch.save(state, kept)
+    return view.crop_margin(state["photo"]), {
+        ("seconds_brute", ""): state["seconds"],
+        ("seconds_brute_psfs", ""): state["psf_seconds"],
+        ("brute_depths", ""): float(len(light.occupied_nodes())),
+    }
 
 
 def growth(say: Progress) -> dict[str, float]:
@@ -177,29 +273,41 @@ def growth(say: Progress) -> dict[str, float]:
     nodes = torch.linspace(0, 2, 129, dtype=torch.float64)
     psfs = _bank(Setting(camera), view.wavelengths, nodes)
 
-    def seconds(view: View, step: int = 4, tolerance: float = 50.0, bands: int = 31) -> float:
+    def seconds(view: View, step: int = 4, tolerance: float = 50.0, bands: int = 31) -> tuple[float, int]:
         groups = torch.tensor_split(torch.arange(31), bands)
         middle = torch.tensor([int(group[len(group) // 2]) for group in groups])
         kernels = HeldKernels(psfs[::step][:, middle], nodes[::step], view.wavelengths)
         weights = channel_weights(camera, view.wavelengths).float()
-        blurring = Blurring(kernels, weights, METHODS["low_rank"], tolerance)
-        blurring.light(view, seen(view))
-        return _median_seconds(lambda: blurring.light(view, seen(view)))
+        factors = factorise(kernels, [joint_groups(weights), band_groups(weights)], tolerance)
+        blur, grid = blur_with(factors, weights), Grid(*view.padded_shape, view.margin, kernels.window)
+        which = seen(view)
+        blur(light_of(view, kernels.nodes, which), grid)
+        time = _median_seconds(lambda: blur(light_of(view, kernels.nodes, which), grid), 3 * REPEATS)
+        return time, sum(each.rank for each in factors)
 
-    tries: dict[str, dict[int, Callable[[], float]]] = {
+    tries: dict[str, dict[int, Callable[[], tuple[float, int]]]] = {
         "depths": {n: (lambda n=n: seconds(view, step=128 // n)) for n in (16, 32, 64, 128)},
         "bands": {n: (lambda n=n: seconds(merged_bands(view, n), bands=n)) for n in (4, 8, 16, 31)},
         "pixels": {n * n: (lambda n=n: seconds(synthetic_view(n, 31))) for n in (128, 256, 512)},
-        "tolerance_db": {n: (lambda n=n: seconds(view, tolerance=n)) for n in (30, 40, 50, 60)},
+        "tolerance_db": {n: (lambda n=n: seconds(view, tolerance=n)) for n in (30, 40, 50, 60, 70)},
     }
-    figures = {}
+    figures: dict[str, float] = {}
     for number, (name, of) in enumerate(tries.items()):
         say(number / len(tries), f"growth with {name}")
-        times = {n: measure() for n, measure in of.items()}
-        first = next(iter(times.values()))
-        figures |= {f"growth.{name}.{n}": t / first for n, t in times.items()}
+        found = {n: measure() for n, measure in of.items()}
+        first = next(iter(found.values()))[0]
+        figures |= {f"growth.{name}.{n}": time / first for n, (time, _) in found.items()}
+        if name == "tolerance_db":
+            figures |= {f"growth_rank.{n}": float(rank) for n, (_, rank) in found.items()}
     figures["growth.doubled_depths"] = figures["growth.depths.64"] / figures["growth.depths.32"]
     return figures
+
+
+def memory(depths: int, say: Progress) -> dict[str, float]:
+    """Peak memory of a photo of 1024 x 1024 pixels at so many depths, in a process of its own."""
+    say(0.0, "a photo of 1024 x 1024 pixels")
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return {f"peak_memory_mib.1024px_31b_{depths}d": pool.apply(memory_of_a_photo, (depths,))}
 
 
 def memory_of_a_photo(depths: int) -> float:
@@ -207,8 +315,6 @@ def memory_of_a_photo(depths: int) -> float:
 
     To be called in a process of its own.
     """
-    from ..expose import expose
-
     camera = settings()["clear"].camera
     view = synthetic_view(1024, 31, camera.pixel_angle)
     expose(view, camera, method="low_rank", layers=depths, occlusion="hidden")
@@ -242,19 +348,21 @@ def synthetic_view(size: int, bands: int, pixel_angle: float = 1.626e-4, margin:
 
 
 def plot(figures: dict[str, float], path: Path) -> Path:
-    """Time against depth nodes, bands, pixels and tolerance, each relative to its first. Returns the path."""
+    """Time against depth nodes, bands, pixels and rank, each relative to its first. Returns the path."""
     from .drawing import OKABE_ITO, new_figure, save
 
-    names = ("depths", "bands", "pixels", "tolerance_db")
-    figure, grid = new_figure(1, len(names))
-    for axes, name in zip(grid[0], names, strict=True):
-        points = sorted(
-            (float(key.rsplit(".", 1)[1]), value)
+    labels = {"depths": "depth nodes", "bands": "bands", "pixels": "pixels", "tolerance_db": "rank"}
+    figure, grid = new_figure(1, len(labels))
+    for axes, (name, label) in zip(grid[0], labels.items(), strict=True):
+        points = {
+            key.rsplit(".", 1)[1]: value
             for key, value in figures.items()
             if key.startswith(f"growth.{name}.")
-        )
-        axes.plot(*zip(*points, strict=True), "o-", color=OKABE_ITO[0])
-        axes.set_xlabel(name.replace("_db", " (dB)"))
+        }
+        ranks = {n: figures[f"growth_rank.{n}"] for n in points} if name == "tolerance_db" else {}
+        pairs = sorted((ranks.get(n, float(n)), value) for n, value in points.items())
+        axes.plot(*zip(*pairs, strict=True), "o-", color=OKABE_ITO[0])
+        axes.set_xlabel(label)
         axes.set_ylabel("time, relative to the first")
         axes.set_ylim(bottom=0)
     return save(figure, path)
@@ -274,5 +382,5 @@ def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
     return result, time.perf_counter() - start
 
 
-def _median_seconds(work: Callable[[], Any]) -> float:
-    return statistics.median(_timed(work)[1] for _ in range(REPEATS))
+def _median_seconds(work: Callable[[], Any], repeats: int = REPEATS) -> float:
+    return statistics.median(_timed(work)[1] for _ in range(repeats))

@@ -4,14 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from pathlib import Path
 
 from ..errors import InputError
 
 BENCHES = ("optics", "render", "expose", "learn")
 
 
-def run(names: Sequence[str], progress: Callable[[float, str], None] | None = None) -> dict[str, float]:
-    """Figures of the named benchmarks, each under its own prefix. Raises InputError for an unknown name."""
+WRITE = ("expose",)
+"""Benchmarks that draw, and keep what they have finished, in a folder."""
+
+
+def run(
+    names: Sequence[str],
+    progress: Callable[[float, str], None] | None = None,
+    out: Path | None = None,
+) -> dict[str, float]:
+    """Figures of the named benchmarks, each under its own prefix; out: a folder for what they write.
+
+    Raises InputError for an unknown name.
+    """
     unknown = [name for name in names if name not in BENCHES]
     if unknown:
         raise InputError(f"no benchmark {unknown[0]!r}; known: {', '.join(BENCHES)}")
@@ -23,5 +35,6 @@ def run(names: Sequence[str], progress: Callable[[float, str], None] | None = No
                 progress((index + done) / len(names), f"{name}: {text}")
 
         bench = import_module(f".bench_{name}", __package__)
-        found |= {f"{name}.{key}": value for key, value in bench.run(progress=part).items()}
+        more = {"out": out} if name in WRITE else {}
+        found |= {f"{name}.{key}": value for key, value in bench.run(progress=part, **more).items()}
     return found

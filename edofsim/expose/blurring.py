@@ -33,8 +33,8 @@ class Blurring:
         self.gap = gap
         self._prepare = prepare
         self._tolerance_db = tolerance_db
-        self._opaque: HeldKernels | None = None
-        self._ready: dict[tuple[Grid, bool], Blur] = {}
+        self._light: Blur | None = None
+        self._coverage: Blur | None = None
 
     @property
     def reach(self) -> int:
@@ -46,9 +46,10 @@ class Blurring:
 
         which: int64 [n]; part: [n], the fraction of each fragment's light (default: all).
         """
-        radiance = view.radiance[:, which]
-        light = light_of(view, self.kernels.nodes, which, radiance if part is None else radiance * part)
-        return self._blur(view, opaque=False)(light)
+        radiance = None if part is None else view.radiance.index_select(1, which) * part
+        if self._light is None:
+            self._light = self._prepare(self.kernels, self.response, tolerance_db=self._tolerance_db)
+        return self._light(light_of(view, self.kernels.nodes, which, radiance), self._grid(view))
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """How much some fragments block of what lies behind them: [channel, y, x] of the padded frame.
@@ -58,23 +59,14 @@ class Blurring:
         light may leave the PSFs' windows: these PSFs sum to 1.
         """
         white = amount.expand(self.response.shape[0], -1)
-        return self._blur(view, opaque=True)(light_of(view, self.kernels.nodes, which, white))
+        if self._coverage is None:
+            one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
+            opaque = opaque_kernels(self.kernels, self.response)
+            self._coverage = self._prepare(opaque, one_each, tolerance_db=self._tolerance_db)
+        return self._coverage(light_of(view, self.kernels.nodes, which, white), self._grid(view))
 
-    def _blur(self, view: View, opaque: bool) -> Blur:
-        grid = Grid(*view.padded_shape, view.margin, self.kernels.window)
-        key = (grid, opaque)
-        if key not in self._ready:
-            if opaque:
-                if self._opaque is None:
-                    self._opaque = opaque_kernels(self.kernels, self.response)
-                channels = torch.eye(
-                    len(self.response), dtype=self.response.dtype, device=self.response.device
-                )
-                blur = self._prepare(self._opaque, channels, grid, tolerance_db=self._tolerance_db)
-            else:
-                blur = self._prepare(self.kernels, self.response, grid, tolerance_db=self._tolerance_db)
-            self._ready[key] = blur
-        return self._ready[key]
+    def _grid(self, view: View) -> Grid:
+        return Grid(*view.padded_shape, view.margin, self.kernels.window)
 
 
 def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
@@ -85,4 +77,5 @@ def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
         whole = psf / psf.sum((-2, -1), keepdim=True)
         layers.append(torch.einsum("cb,byx->cyx", response, whole))
     colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
-    return HeldKernels(torch.stack(layers), kernels.nodes, colours)
+    key = None if kernels.key is None else f"{kernels.key} opaque {response.tolist()}"
+    return HeldKernels(torch.stack(layers), kernels.nodes, colours, key, kernels.folder)

@@ -3,7 +3,8 @@
 The PSFs p_i, i = (node, band), are weighted by what the prior expects of an image: G_ij = <p_i, p_j> weighted
 by the image's power at each frequency, C the correlation of bands. The leading eigenvectors of the small
 matrix C^1/2 G C^1/2 give the combinations of PSFs (`basis`) in which all are expressed (`coefficients`) with
-the least expected error; the discarded eigenvalues are that error.
+the least expected error. Where there are many nodes, the basis is made from some of them, from more if that
+is not enough; the coefficients, and the expected error, are those of all.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from .prior import band_correlation, image_power
 
 EXACT_BELOW = 700
 """Matrices up to this size are decomposed whole; larger ones by random projection."""
+MOST_PSFS = 1024
+"""PSFs that a basis is made from at first."""
 
 
 @dataclass(frozen=True)
@@ -39,15 +42,17 @@ class Group:
 class Factors:
     """PSFs of a group in few terms: weights[b] psf[d, b] = sum_k coefficients[k, d, b] basis[k].
 
-    basis: [rank, y, x]; coefficients: [rank, node, band of the group]; combination: [rank - 1, node * band
-    of the group], what makes the basis from the weighted PSFs (the last term keeps the energy);
-    predicted_db: PSNR at the worst node, under the prior, of the group's image against the unfactored one.
+    basis: [rank, y, x]; coefficients: [rank, node, band of the group]; combination: [rank - 1, node of
+    `sources`, band of the group], what makes the basis from the weighted PSFs of the nodes `sources`, int64
+    [source] (the last term keeps the energy); predicted_db: PSNR at the worst node, under the prior, of the
+    group's image against the unfactored one.
     """
 
     group: Group
     basis: Tensor
     coefficients: Tensor
     combination: Tensor
+    sources: Tensor
     predicted_db: float
 
     @property
@@ -81,41 +86,63 @@ def factorise(kernels: Kernels, groups: list[list[Group]], tolerance_db: float) 
     groups: the alternatives. The rank of a group is the least for which no depth node is expected to err by
     more than `tolerance_db` below full scale.
     """
-    gram = weighted_gram(kernels)
-    best = min(
-        ([_truncated(gram, kernels, group, tolerance_db) for group in way] for way in groups),
-        key=lambda way: sum(rank for *_, rank, _ in way),
-    )
+    nodes = kernels.nodes.numel()
+    count = min(nodes, max(2, MOST_PSFS // kernels.wavelengths.numel()))
+    found = _factorised(kernels, groups, tolerance_db, count)
+    while count < nodes and min(each.predicted_db for each in found) < tolerance_db:
+        count = min(nodes, 2 * count)
+        found = _factorised(kernels, groups, tolerance_db, count)
+    return found
+
+
+def _factorised(
+    kernels: Kernels, groups: list[list[Group]], tolerance_db: float, count: int
+) -> list[Factors]:
+    """The same with a basis from so many of the nodes."""
+    nodes, bands = kernels.nodes.numel(), kernels.wavelengths.numel()
+    sources = torch.linspace(0, nodes - 1, count, dtype=torch.float64).round().long()
+    psfs = torch.stack([kernels.layer(k).detach() for k in sources.tolist()])
+    rows = _weighted_spectra(psfs.flatten(0, 1))
+    gram = (rows @ rows.T).double().reshape(count, bands, count, bands)
+    allowed = 10 ** (-tolerance_db / 10)
+    mixes = [[_leading_mixes(gram, kernels, group, allowed) for group in way] for way in groups]
+    way = min(range(len(groups)), key=lambda k: sum(estimate for _, estimate in mixes[k]))
+    bases = [_combined(psfs, g, mix) for g, (mix, _) in zip(groups[way], mixes[way], strict=True)]
+    coefficients, energies, squares = _projected(kernels, groups[way], bases)
+    mean = psfs.sum((0, 1))
+    mean = mean / mean.sum()
     return [
-        _keeping_energy(Factors(group, _basis(kernels, group, mix), coefficients, mix, decibel), kernels)
-        for group, mix, coefficients, _, decibel in best
+        _truncated(kernels, group, mix, basis, c, e, s, sources, mean, allowed)
+        for group, (mix, _), basis, c, e, s in zip(
+            groups[way], mixes[way], bases, coefficients, energies, squares, strict=True
+        )
     ]
 
 
 def refreshed(factors: Factors, kernels: Kernels) -> Factors:
-    """The same combinations of PSFs that changed a little, as those of a DOE do between training steps."""
-    terms = slice(len(factors.combination))
-    same = replace(factors, coefficients=factors.coefficients[terms])
-    return _keeping_energy(replace(same, basis=_basis(kernels, factors.group, factors.combination)), kernels)
+    """The same combinations of PSFs that changed a little, as those of a DOE do between training steps.
+
+    Gradients pass through the basis to the PSFs.
+    """
+    group, last = factors.group, len(factors.combination)
+    psfs = torch.stack([kernels.layer(k) for k in factors.sources.tolist()])
+    basis = _combined(psfs, group, factors.combination)
+    layers = (kernels.layer(k).detach()[group.bands] for k in range(kernels.nodes.numel()))
+    energy = torch.stack([psf.sum((-2, -1)) * group.weights for psf in layers])
+    mean = factors.basis[last].detach()
+    return _keeping_energy(factors.coefficients[:last], basis, energy, mean, factors)
 
 
 def measured_db(factors: Factors, kernels: Kernels, nodes: list[int]) -> float:
     """Expected PSNR of factors for PSFs at some nodes, the worst of them: tells when to factor afresh."""
     bands = factors.group.bands
-    root = torch.linalg.cholesky(band_correlation(kernels.wavelengths[bands]))
+    root = _root(kernels, factors.group)
     worst = 0.0
     for node in nodes:
         psf = kernels.layer(node).detach()[bands] * factors.group.weights[:, None, None]
         error = psf - torch.einsum("kb,kyx->byx", factors.coefficients[:, node], factors.basis.detach())
-        rows = _weighted_spectra(error).double()
-        worst = max(worst, float((root.to(rows).T @ rows).square().sum()))
-    return -10 * math.log10(max(worst, 1e-30))
-
-
-def weighted_gram(kernels: Kernels) -> Tensor:
-    """G[i, j] of all PSFs, float64 [node * band, node * band], i = node * bands + band."""
-    rows = torch.cat([_weighted_spectra(kernels.layer(k).detach()) for k in range(kernels.nodes.numel())])
-    return (rows @ rows.T).double()
+        worst = max(worst, float((root.T @ _weighted_spectra(error).double()).square().sum()))
+    return _decibel(worst)
 
 
 def _weighted_spectra(images: Tensor) -> Tensor:
@@ -125,38 +152,96 @@ def _weighted_spectra(images: Tensor) -> Tensor:
     return torch.view_as_real(spectra).reshape(images.shape[0], -1)
 
 
+def _root(kernels: Kernels, group: Group) -> Tensor:
+    """Cholesky factor of the correlation of a group's bands, float64."""
+    return torch.linalg.cholesky(band_correlation(kernels.wavelengths[group.bands])).to(group.weights.device)
+
+
+def _leading_mixes(gram: Tensor, kernels: Kernels, group: Group, allowed: float) -> tuple[Tensor, int]:
+    """Combinations [k, source, band] of the weighted PSFs, best first, that are orthonormal under the prior;
+    and an estimate of how many are needed for a mean square error of `allowed`.
+
+    gram: [source, band, source, band] of all bands.
+    """
+    weights = group.weights.detach().double()
+    root = _root(kernels, group)
+    part = gram[:, group.bands][:, :, :, group.bands] * weights[:, None, None] * weights
+    matrix = torch.einsum("ibjc,bd,ce->idje", part, root, root)
+    count, bands = matrix.shape[:2]
+    values, vectors = _leading(matrix.reshape(count * bands, -1), allowed * count)
+    mixes = torch.einsum("kid,bd->kib", (vectors / values.sqrt()).T.reshape(-1, count, bands), root)
+    total = matrix.reshape(count * bands, -1).diagonal().sum()
+    left = (total - values.cumsum(0)) / count
+    return mixes.to(group.weights.dtype), int((left > allowed).sum()) + 1
+
+
+def _combined(psfs: Tensor, group: Group, mixes: Tensor) -> Tensor:
+    """Combinations [k, y, x] of a group's weighted PSFs [source, band, y, x]."""
+    return torch.einsum("kib,ibyx->kyx", mixes * group.weights, psfs[:, group.bands])
+
+
+def _projected(
+    kernels: Kernels, groups: list[Group], bases: list[Tensor]
+) -> tuple[list[Tensor], list[Tensor], list[Tensor]]:
+    """Of each group: coefficients [k, node, band] in its orthonormal basis, energies [node, band] of its
+    weighted PSFs, and what the prior expects of the squares of their images, [node]."""
+    axes = [_weighted_spectra(basis) for basis in bases]
+    roots = [_root(kernels, group) for group in groups]
+    found: list[tuple[list[Tensor], list[Tensor], list[Tensor]]] = [([], [], []) for _ in groups]
+    for node in range(kernels.nodes.numel()):
+        psf = kernels.layer(node).detach()
+        rows, sums = _weighted_spectra(psf), psf.sum((-2, -1))
+        for group, axis, root, (coefficients, energies, squares) in zip(
+            groups, axes, roots, found, strict=True
+        ):
+            own = rows[group.bands] * group.weights[:, None]
+            coefficients.append(axis @ own.T)
+            energies.append(sums[group.bands] * group.weights)
+            squares.append((root.T @ own.double()).square().sum())
+    stacked = [(torch.stack(c, 1), torch.stack(e), torch.stack(s)) for c, e, s in found]
+    return tuple(list(each) for each in zip(*stacked, strict=True))
+
+
 def _truncated(
-    gram: Tensor, kernels: Kernels, group: Group, tolerance_db: float
-) -> tuple[Group, Tensor, Tensor, int, float]:
-    """(group, combination, coefficients, rank, predicted PSNR) of one group."""
-    nodes, bands = kernels.nodes.numel(), group.bands.numel()
-    every = gram.shape[0] // nodes
-    index = (torch.arange(nodes, device=gram.device)[:, None] * every + group.bands[None, :]).reshape(-1)
-    weights = group.weights.detach().double().repeat(nodes)
-    gram = gram[index][:, index] * weights[:, None] * weights[None, :]
-    root = torch.linalg.cholesky(band_correlation(kernels.wavelengths[group.bands])).to(gram)
-    half = torch.einsum("nbm,bc->ncm", gram.reshape(nodes, bands, -1), root).reshape(nodes * bands, -1)
-    whole = torch.einsum("mnb,bc->mnc", half.reshape(-1, nodes, bands), root).reshape(nodes * bands, -1)
-    allowed = 10 ** (-tolerance_db / 10)
-    at_nodes = whole.diagonal().reshape(nodes, bands).sum(1)  # expected square of each node's image
-    values, vectors = _leading(whole, allowed)
-    mix = torch.einsum("bc,knc->knb", root, (vectors / values.sqrt()).T.reshape(-1, nodes, bands))
-    mix = mix.reshape(-1, nodes * bands)
-    coefficients = (mix @ gram).reshape(-1, nodes, bands)
-    explained = torch.einsum("knb,bc->knc", coefficients, root).square().sum(2)  # [rank, node]
-    errors = (at_nodes - explained.cumsum(0)).clamp_min(0).amax(1)  # of the worst node, by rank
+    kernels: Kernels,
+    group: Group,
+    mix: Tensor,
+    basis: Tensor,
+    coefficients: Tensor,
+    energy: Tensor,
+    squares: Tensor,
+    sources: Tensor,
+    mean: Tensor,
+    allowed: float,
+) -> Factors:
+    """As few terms as keep the error of every node within `allowed`, and one that keeps the energy."""
+    root = _root(kernels, group)
+    explained = torch.einsum("knb,bc->knc", coefficients.double(), root).square().sum(2)  # [term, node]
+    errors = (squares - explained.cumsum(0)).clamp_min(0).amax(1)  # of the worst node, by rank
     enough = torch.nonzero(errors <= allowed).squeeze(1)
     rank = int(enough[0]) + 1 if enough.numel() else errors.numel()
-    decibel = -10 * math.log10(max(float(errors[rank - 1]), 1e-30))
-    dtype = group.weights.dtype
-    return group, mix[:rank].to(dtype), coefficients[:rank].to(dtype), rank, decibel
+    found = Factors(group, basis[:rank], coefficients[:rank], mix[:rank], sources, _decibel(errors[rank - 1]))
+    return _keeping_energy(coefficients[:rank], basis[:rank], energy, mean, found)
+
+
+def _keeping_energy(
+    coefficients: Tensor, basis: Tensor, energy: Tensor, mean: Tensor, factors: Factors
+) -> Factors:
+    """One more term, the mean PSF, with which every PSF has the energy [node, band] that it should have."""
+    has = torch.einsum("kdb,k->db", coefficients, basis.detach().sum((-2, -1)))
+    return replace(
+        factors,
+        basis=torch.cat([basis, mean[None]]),
+        coefficients=torch.cat([coefficients, (energy - has)[None]]),
+    )
 
 
 def _leading(matrix: Tensor, allowed: float) -> tuple[Tensor, Tensor]:
-    """Eigenvalues, descending, and vectors of a symmetric matrix, until what is left is below `allowed`."""
+    """Eigenvalues, descending, and vectors of a symmetric matrix, until little against `allowed` is left."""
     size = matrix.shape[0]
-    floor = float(matrix.diagonal().sum()) * 1e-13
-    count = 192
+    total = float(matrix.diagonal().sum())
+    floor = total * 1e-13
+    count = 128
     generator = torch.Generator().manual_seed(0)
     while size > EXACT_BELOW and count < size // 3:
         probe = torch.randn(size, count + 16, generator=generator, dtype=matrix.dtype).to(matrix.device)
@@ -164,39 +249,15 @@ def _leading(matrix: Tensor, allowed: float) -> tuple[Tensor, Tensor]:
             probe = torch.linalg.qr(matrix @ probe).Q
         values, vectors = torch.linalg.eigh(probe.T @ matrix @ probe)
         values, vectors = values.flip(0)[:count], (probe @ vectors).flip(1)[:, :count]
-        if float(matrix.diagonal().sum() - values.sum()) < allowed or float(values[-1]) < floor:
-            keep = values > floor
-            return values[keep], vectors[:, keep]
+        if total - float(values.sum()) < allowed / 100 or float(values[-1]) < floor:
+            break
         count *= 2
-    values, vectors = torch.linalg.eigh(matrix)
-    values, vectors = values.flip(0), vectors.flip(1)
+    else:
+        values, vectors = torch.linalg.eigh(matrix)
+        values, vectors = values.flip(0), vectors.flip(1)
     keep = values > floor
     return values[keep], vectors[:, keep]
 
 
-def _keeping_energy(factors: Factors, kernels: Kernels) -> Factors:
-    """One more term, the mean PSF, with which every PSF has the energy that it should have, exactly."""
-    group = factors.group
-    layers = (kernels.layer(k).detach()[group.bands] for k in range(kernels.nodes.numel()))
-    energy, mean = [], 0
-    for psf in layers:
-        energy.append(psf.sum((-2, -1)) * group.weights)
-        mean = mean + psf.sum(0)
-    has = torch.einsum("kdb,k->db", factors.coefficients, factors.basis.detach().sum((-2, -1)))
-    lacks = (torch.stack(energy) - has)[None]
-    return replace(
-        factors,
-        basis=torch.cat([factors.basis, (mean / mean.sum())[None]]),
-        coefficients=torch.cat([factors.coefficients, lacks]),
-    )
-
-
-def _basis(kernels: Kernels, group: Group, mix: Tensor) -> Tensor:
-    """Combinations of the group's weighted PSFs: [rank, y, x]; gradients pass to the PSFs."""
-    bands = group.bands.numel()
-    weighted = mix.reshape(mix.shape[0], -1, bands) * group.weights
-    basis = 0
-    for node in range(kernels.nodes.numel()):
-        psf = kernels.layer(node)[group.bands]
-        basis = basis + (weighted[:, node] @ psf.reshape(bands, -1))
-    return basis.reshape(mix.shape[0], *psf.shape[-2:])
+def _decibel(square: Tensor | float) -> float:
+    return -10 * math.log10(max(float(square), 1e-30))

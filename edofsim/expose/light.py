@@ -56,19 +56,17 @@ class Light:
                 image.index_add_(1, self.pixel[part], self.radiance[bands, part] * weight)
         return image.reshape(-1, self.rows, self.columns)
 
-    def mixed(self, coefficients: Tensor, bands: Tensor) -> Tensor:
+    def mixed(self, coefficients: Tensor) -> Tensor:
         """Images in which each node and band counts with its own coefficient: [k, y, x].
 
-        coefficients: [k, node, band of `bands`]; bands: int64, those that count. Between two nodes the
-        coefficients are interpolated, as the hat weights say.
+        coefficients: [node, k, band]. Between two nodes they are interpolated, as the hat weights say.
         """
-        image = self.radiance.new_zeros(len(coefficients), self.rows * self.columns)
-        last = coefficients.shape[1] - 1
+        last, count = len(coefficients) - 1, coefficients.shape[1]
+        image = self.radiance.new_zeros(count, self.rows * self.columns)
         for cell, part in self.cells():
-            light = self.radiance[:, part] if len(bands) == self.bands else self.radiance[bands, part]
-            low, high = coefficients[:, cell], coefficients[:, min(cell + 1, last)]
-            mixed = low @ light + self.share[part] * ((high - low) @ light)
-            image.index_add_(1, self.pixel[part], mixed)
+            low, high = coefficients[cell], coefficients[min(cell + 1, last)]
+            both = torch.cat([low, high - low]) @ self.radiance[:, part]
+            image.index_add_(1, self.pixel[part], torch.addcmul(both[:count], self.share[part], both[count:]))
         return image.reshape(-1, self.rows, self.columns)
 
 
@@ -82,9 +80,11 @@ def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None =
     order = torch.argsort(cell, stable=True)
     counts = torch.bincount(cell, minlength=max(1, nodes.numel() - 1))
     starts = (0, *torch.cumsum(counts, 0).tolist())
-    shine = view.radiance[:, which[order]] if radiance is None else radiance[:, order]
+    ordered = which[order]
+    # index_select is several times faster than indexing here
+    shine = view.radiance.index_select(1, ordered) if radiance is None else radiance.index_select(1, order)
     rows, columns = view.padded_shape
-    return Light(rows, columns, view.pixel[which[order]], share[order], shine, starts)
+    return Light(rows, columns, view.pixel[ordered], share[order], shine, starts)
 
 
 def seen(view: View) -> Tensor:

@@ -54,7 +54,8 @@ def expose(
 
     view: one, or several of one size and the same bands; the photo then has a batch axis in front, one
     exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ...
-    method: `brute`, `layered`, `low_rank`, `constant`, or `auto`; layers: depth nodes, or "auto";
+    method: `brute`, `layered`, `low_rank`, `constant`, or `auto` (constant for one depth, layered where a
+    height map is trained, else low_rank); layers: depth nodes, or "auto";
     occlusion: `none`, `over`, `normalised`, `hidden`; tolerance_db: PSNR against the layered photo that
     `low_rank` keeps; exposure: factor from radiance to full scale, None for the camera's (which may be
     automatic, see `automatic_exposure`); effects: of the sensor, None for the camera's; seed: of its noise;
@@ -86,7 +87,8 @@ def expose(
         tolerance_db,
     )
     if method == "auto":
-        method = "constant" if nodes.numel() == 1 else "layered"
+        trained = height is not None and height.requires_grad
+        method = "constant" if nodes.numel() == 1 else "layered" if trained else "low_rank"
     kernels = kernels_of(
         camera, views[0].wavelengths, nodes, window, height=height, cache=cache, dtype=dtype, device=device
     )

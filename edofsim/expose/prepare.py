@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, psf_bank, response, response_curves
+from ..optics.cache import key as bank_key
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
 BRUTE_DEPTHS = 475
@@ -71,10 +72,16 @@ def kernels_of(
             device=device,
         ).values
 
+    trained = height is not None and height.requires_grad
+    key = None if trained else bank_key(camera, *_on_cpu(wavelengths, nodes), window, height, None, dtype)
     size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
-    if size <= HELD_BYTES or (height is not None and height.requires_grad):
-        return HeldKernels(compute(nodes), nodes, wavelengths)
-    return StreamedKernels(compute, nodes, wavelengths, window)
+    if size <= HELD_BYTES or trained:
+        return HeldKernels(compute(nodes), nodes, wavelengths, key, cache)
+    return StreamedKernels(compute, nodes, wavelengths, window, key=key, folder=cache)
+
+
+def _on_cpu(*tensors: Tensor) -> tuple[Tensor, ...]:
+    return tuple(each.detach().double().cpu().contiguous() for each in tensors)
 
 
 def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:

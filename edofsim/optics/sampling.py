@@ -51,13 +51,15 @@ def plan_sampling(
     inverse_depths: Tensor,
     window_px: int,
     map_pitch: float | None = None,
+    by_bound: bool = True,
 ) -> Sampling:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
     A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay
     out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, and
     keeps the steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope.
-    map_pitch: pitch [m] of a height map given in place of the recipe's mask.
+    map_pitch: pitch [m] of a height map given in place of the recipe's mask. by_bound: False leaves the
+    paper's bound out of "auto"; it is twice as fine as the steepest phase asks for.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.
@@ -69,7 +71,9 @@ def plan_sampling(
     reach = float(wavelengths.min()) * camera.sensor_distance
     fixed = camera.recipe.psf.pupil_sampling_um
     if fixed == "auto":
-        samples, pitch = _automatic(camera, wavelengths, psi, window, bound, map_pitch)
+        samples, pitch = _automatic(
+            camera, wavelengths, psi, window, bound if by_bound else math.inf, map_pitch
+        )
     else:
         pitch = fixed * 1e-6
         _check_fixed(camera, wavelengths, inverse_depths, psi, pitch, window)

@@ -1,6 +1,17 @@
 """The slow truths that `expose` is judged by: a thin lens and clipped pupils, both by tracing rays."""
 
-from .clipped_pupil import clipped_pupil
+from .clipped_pupil import Take, check_crop, clipped_pupil, clipped_pupils
+from .photograph import REFERENCES, check_reference, crop_of, reference_photo
 from .thin_lens import thin_lens
 
-__all__ = ["clipped_pupil", "thin_lens"]
+__all__ = [
+    "REFERENCES",
+    "Take",
+    "check_crop",
+    "check_reference",
+    "clipped_pupil",
+    "clipped_pupils",
+    "crop_of",
+    "reference_photo",
+    "thin_lens",
+]

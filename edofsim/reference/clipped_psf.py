@@ -3,7 +3,7 @@
 The field is F = E G E^T with E = exp(2 pi j x s / lambda z_i) and G the pupil function with defocus and
 visibility. Pupil and sensor are symmetric about the axis, so each product splits into one of even parts with
 cosines and one of odd parts with sines, of half the size. Written apart from the transforms of `optics`, so
-that the two can be held against each other.
+that the two can be held against each other; only what a pixel integrates is the same.
 """
 
 from __future__ import annotations
@@ -15,35 +15,37 @@ import torch
 from torch import Tensor
 
 from ..optics import Camera
-from ..optics.grid import PupilGrid
+from ..optics.grid import PupilGrid, bicubic_matrix
 from ..optics.pupil import Aperture
+from ..optics.transform import SensorWindow, pixel_weights
 
 
 @dataclass(frozen=True)
 class Transform:
     """From pupil cells to sub-pixels at one wavelength, on the non-negative halves of both axes.
 
-    cosine, sine: float32 [sub-pixel, cell]; window: pixels of a PSF, centred on pixel window // 2.
+    cosine, sine: float32 [sub-pixel, cell]; pixels: float32 [pixel, sub-pixel], what each pixel of the whole
+    axis integrates; window: pixels of a PSF, centred on pixel window // 2.
     """
 
     cosine: Tensor
     sine: Tensor
+    pixels: Tensor
     window: int
-    oversampling: int
 
 
 def make_transform(camera: Camera, grid: PupilGrid, wavelength: float, window: int) -> Transform:
     """Bases such that the energy of a field is that of its pupil, in cells."""
-    over = camera.recipe.psf.oversampling
-    sub = camera.pixel / over
+    sensor = SensorWindow(window, camera.pixel, camera.recipe.psf.oversampling)
+    sub = camera.pixel / sensor.oversampling
     reach = wavelength * camera.sensor_distance
-    place, cell = _half((window // 2 * 2 + 1) * over) * sub, _half(grid.samples) * grid.pitch
+    place, cell = _half(sensor.sub_pixels) * sub, _half(grid.samples) * grid.pitch
     angle = 2 * math.pi / reach * torch.outer(place, cell)
     scale = math.sqrt(grid.pitch * sub / reach)
     cosine, sine = torch.cos(angle) * scale, torch.sin(angle) * scale
     if grid.samples % 2:
         cosine[:, 0] /= 2  # the cell on the axis is in both halves
-    return Transform(cosine.float(), sine.float(), window, over)
+    return Transform(cosine.float(), sine.float(), pixel_weights(sensor).float(), window)
 
 
 def clipped_psf(pupil: Tensor, opening: Aperture, psi: Tensor, wave: Tensor, transform: Transform) -> Tensor:
@@ -81,13 +83,8 @@ def shadow(lets_by: Tensor, nearer: Tensor, width: float, wavelength: float, gri
     # the obstacle's part is what bends, so that a free pupil stays exactly free
     blocked = torch.fft.fft2((1 - lets_by).to(torch.complex64)) * line[:, :, None] * line[:, None, :]
     wave = 1 - torch.fft.ifft2(blocked)
-    place = (grid.centres / (count * pitch / 2)).float()
-    at = torch.stack(torch.meshgrid(place, place, indexing="ij")[::-1], -1).expand(len(wave), -1, -1, -1)
-    parts = torch.view_as_real(wave).permute(0, 3, 1, 2)
-    sampled = torch.nn.functional.grid_sample(
-        parts, at, mode="bicubic", padding_mode="border", align_corners=False
-    )
-    return torch.complex(sampled[:, 0], sampled[:, 1])
+    at = bicubic_matrix(grid.samples, grid.pitch, count, pitch).to(wave)
+    return at @ wave @ at.T
 
 
 def _propagated(field: Tensor, transform: Transform) -> Tensor:
@@ -104,17 +101,17 @@ def _propagated(field: Tensor, transform: Transform) -> Tensor:
         sides: value.abs().square().flip([axis for axis, side in zip((1, 2), sides, strict=True) if side < 0])
         for sides, value in quarter.items()
     }
-    odd = transform.cosine.shape[0] * 2 - _sub_pixels(transform)  # sub-pixels on the axis are in both halves
+    # a sub-pixel on the axis is in both halves
+    odd = transform.cosine.shape[0] * 2 - transform.pixels.shape[1]
     top = torch.cat([energy[-1, -1], energy[-1, 1][:, :, odd:]], 2)
     bottom = torch.cat([energy[1, -1], energy[1, 1][:, :, odd:]], 2)
     return torch.cat([top, bottom[:, odd:]], 1)
 
 
 def _pixels(sub: Tensor, transform: Transform) -> Tensor:
-    """Sub-pixels summed into pixels, and the window cut to its size."""
-    over, window = transform.oversampling, transform.window
-    count = sub.shape[-1] // over
-    return sub.double().reshape(-1, count, over, count, over).sum((2, 4))[:, :window, :window]
+    """Energy of pixels from sub-pixels, and the window cut to its size; float64."""
+    energy = transform.pixels @ sub @ transform.pixels.T
+    return energy[:, : transform.window, : transform.window].double()
 
 
 def _folded(parts: Tensor, axis: int) -> tuple[Tensor, Tensor]:
@@ -129,7 +126,3 @@ def _folded(parts: Tensor, axis: int) -> tuple[Tensor, Tensor]:
 def _half(count: int) -> Tensor:
     """Non-negative half of a symmetric axis of `count` unit steps, float64."""
     return torch.arange(count // 2, count, dtype=torch.float64) - (count - 1) / 2
-
-
-def _sub_pixels(transform: Transform) -> int:
-    return (transform.window // 2 * 2 + 1) * transform.oversampling

@@ -20,12 +20,16 @@ class Crop:
 
 
 def pixel_directions(
-    view: View, crop: Crop, margin: int, pixel: np.ndarray, shift: tuple[float, float] = (0.0, 0.0)
+    view: View,
+    crop: Crop,
+    margin: int,
+    pixel: np.ndarray,
+    shift: tuple[float | np.ndarray, float | np.ndarray] = (0.0, 0.0),
 ) -> np.ndarray:
     """(x/z, y/z, 1) of pixels of a cropped view, float64 [n, 3].
 
     view: the whole one; pixel: numbers in the crop's frame with its margin; shift: (down, right) from the
-    pixels' centres, in pixels.
+    pixels' centres, in pixels, for all or each [n].
     """
     columns = crop.width + 2 * margin
     row = pixel // columns - margin + crop.top + shift[0]

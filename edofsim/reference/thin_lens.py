@@ -38,8 +38,8 @@ def thin_lens(
     """Radiance of a part of a view's frame through a lens: [band, y, x], float64.
 
     view: gives the frame and the pixel angle; aperture_radius: metres; focus_distances: metres along the
-    axis, one for all bands or one a band (a real lens focuses each colour elsewhere; each distance is a
-    render of its own). samples: a pixel. A pixel is a box, as in a view.
+    axis, one for all bands or one a band (a real lens focuses each colour elsewhere; each distance that
+    differs is a render of its own). samples: a pixel. A pixel is a box, as in a view.
     Raises InputError for a focus behind the lens, EngineError where nothing can render.
     """
     distances = list(focus_distances)
@@ -54,15 +54,16 @@ def thin_lens(
     stage = build_stage(mi, model)
     say = progress or (lambda fraction, text: None)
     image = np.zeros((bands, where.height * where.width))
-    for number, distance in enumerate(distances):
+    each = np.array(distances * (bands // len(distances)))
+    different = np.unique(each)
+    for number, distance in enumerate(different.tolist()):
         sensor = _sensor(mi, view, aperture_radius, distance)
 
         def part(fraction: float, number: int = number) -> None:
-            say((number + fraction) / len(distances), f"thin lens, focus {number + 1} of {len(distances)}")
+            say((number + fraction) / len(different), f"thin lens, focus {number + 1} of {len(different)}")
 
         seen = _render(mi, stage, sensor, view, where, samples, max_depth, seed, part)
-        chosen = slice(None) if len(distances) == 1 else number
-        image[chosen] = seen[chosen]
+        image[each == distance] = seen[each == distance]
     return torch.from_numpy(image.reshape(bands, where.height, where.width))
 
 
@@ -116,8 +117,8 @@ def _render(
         own = combined(combined(dr.opaque(mi.UInt32, seed), pixel), dr.opaque(mi.UInt32, number))
         across, down = pair(index, combined(own, mi.UInt32(1)), mi.Float)
         lens = mi.Point2f(*pair(index, combined(own, mi.UInt32(2)), mi.Float))
-        at = mi.Point2f(
-            (mi.Float(column) + (across + float(where.left))) / float(view.width),
+        at = mi.Point2f(  # Mitsuba's picture has the camera's +x on its left
+            1.0 - (mi.Float(column) + (across + float(where.left))) / float(view.width),
             (mi.Float(row) + (down + float(where.top))) / float(view.height),
         )
         ray, _ = sensor.sample_ray(mi.Float(0), mi.Float(0.5), at, lens)

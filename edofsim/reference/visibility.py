@@ -12,7 +12,7 @@ DEPTH_SLACK = 0.01
 LAUNCH = 1 << 22
 """Rays of one launch."""
 PLACES = 4
-"""A fragment that fills a pixel in part is looked at from the pupil at up to 4 x 4 places in the pixel."""
+"""A fragment that fills a pixel in part is looked for at 4 x 4 places in the pixel."""
 SURFACES = 6
 """Surfaces along a pixel's ray that are looked at to find a fragment's own."""
 
@@ -32,27 +32,65 @@ def visible(
     inverse_depth: np.ndarray,
     points: np.ndarray,
     progress: Callable[[float], None] | None = None,
+    shift: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which pupil points see each fragment: (bool [fragment, y, x], how much nearer what blocks it is).
 
     directions: [fragment, 3] as `pixel_directions`; inverse_depth: [fragment] in 1/m, 0 at infinity; points:
     from `pupil_points`. The second is the sum over blocked points of the difference in inverse depth between
-    what blocks and what is blocked, [fragment] in 1/m.
+    what blocks and what is blocked, [fragment] in 1/m. shift: [fragment, 2], moves all points of a fragment
+    together by so many spacings: the edges of the shadows of many then lie where they should on average, and
+    not at the same points always.
     """
     flat = points.reshape(-1, 2)
+    moved = np.zeros((len(directions), 2)) if shift is None else shift * (points[0, 1, 0] - points[0, 0, 0])
     seen = np.empty((len(directions), len(flat)), bool)
     nearer = np.empty(len(directions))
     step = max(1, LAUNCH // len(flat))
     for start in range(0, len(directions), step):
         part = slice(start, start + step)
-        # towards the fragment's place if it has one: (P - S) / z, which for z = inf is the direction itself
-        towards = directions[part, None, :2] - flat[None] * inverse_depth[part, None, None]
-        gap = _first_hit(mi, scene, np.broadcast_to(flat, towards.shape), towards) - inverse_depth[part, None]
+        gap = _gaps(mi, scene, directions[part], inverse_depth[part], flat, moved[part])
         seen[part] = gap <= DEPTH_SLACK
         nearer[part] = np.where(seen[part], 0.0, gap).sum(1)
         if progress:
             progress(min(1.0, (start + step) / len(directions)))
     return seen.reshape(-1, *points.shape[:2]), nearer
+
+
+def _gaps(
+    mi: Any,
+    scene: Any,
+    directions: np.ndarray,
+    inverse_depth: np.ndarray,
+    points: np.ndarray,
+    shift: np.ndarray,
+) -> np.ndarray:
+    """How much nearer than fragments [n] lies what rays to them from pupil points [m] meet first, in 1/m:
+    [n, m]. shift: of all points of a fragment, [n, 2]."""
+    import drjit as dr
+
+    def floats(values: np.ndarray) -> Any:
+        return mi.Float(np.ascontiguousarray(values, np.float32))
+
+    count = len(points)
+    lane = dr.arange(mi.UInt32, len(directions) * count)
+    fragment = lane // dr.opaque(mi.UInt32, count)
+    point = lane - fragment * dr.opaque(mi.UInt32, count)
+
+    def of_fragment(values: np.ndarray) -> Any:
+        return dr.gather(mi.Float, floats(values), fragment)
+
+    s = dr.gather(mi.Float, floats(points[:, 0]), point) + of_fragment(shift[:, 0])
+    t = dr.gather(mi.Float, floats(points[:, 1]), point) + of_fragment(shift[:, 1])
+    depth = of_fragment(inverse_depth)
+    # towards the fragment's place if it has one: (P - S) / z, which for z = inf is the direction itself
+    towards = mi.Vector3f(
+        of_fragment(directions[:, 0]) - s * depth, of_fragment(directions[:, 1]) - t * depth, 1.0
+    )
+    length = dr.norm(towards)
+    hit = scene.ray_intersect_preliminary(mi.Ray3f(mi.Point3f(s, t, 0.0), towards / length))
+    here = dr.select(dr.isfinite(hit.t), length / dr.maximum(hit.t, 1e-9), 0.0)
+    return np.array(here - depth).reshape(len(directions), count)
 
 
 def places_of(
@@ -95,11 +133,9 @@ def _meets(
     return met
 
 
-def _first_hit(mi: Any, scene: Any, start: np.ndarray, towards: np.ndarray) -> np.ndarray:
-    """Inverse depth of what rays from the pupil plane meet first, 0 for nothing: [n, m]."""
-    flat = np.concatenate([start, np.zeros((*start.shape[:-1], 1))], axis=-1).reshape(-1, 3)
-    direction = np.concatenate([towards, np.ones((*towards.shape[:-1], 1))], axis=-1).reshape(-1, 3)
-    return _hits(mi, scene, flat, direction).reshape(towards.shape[:-1])
+def first_hits(mi: Any, scene: Any, directions: np.ndarray) -> np.ndarray:
+    """Inverse depth of what rays through the pinhole meet first, 0 for nothing: float64 [n]."""
+    return _hits(mi, scene, np.zeros((len(directions), 3)), directions)
 
 
 def _hits(mi: Any, scene: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -16,19 +14,22 @@ from edofsim.render.view import View
 from edofsim.scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
 
 BAND = 543e-9
+NEAR, FAR = 0.4, 0.8
 
 
 class Screens:
     """Makers of cameras, scenes and views; one band, so that everything is small."""
 
     @staticmethod
-    def camera(focus_m: float, window: int, mask=None, angle: float | None = None, radius_mm=1.0) -> Camera:
-        """A camera of one wavelength with a parabolic lens that is sharp at focus_m; `angle` sets its pixels."""
+    def camera(
+        focus_m: float, window: int, mask=None, angle: float | None = None, radius_mm=1.0, oversampling=2
+    ) -> Camera:
+        """A camera of one wavelength with a parabolic lens that sharp at focus_m; `angle`: of its pixels."""
         recipe = CameraRecipe(
             name="reference",
             lens=Lens(aperture_radius_mm=radius_mm, thickness="parabolic"),
             focus=Focus(distance_m=focus_m, wavelength_nm=BAND * 1e9),
-            psf=PsfSettings(window_px=window, oversampling=2),
+            psf=PsfSettings(window_px=window, oversampling=oversampling),
         )
         if mask is not None:
             recipe = recipe.model_copy(update={"mask": mask})
@@ -45,13 +46,13 @@ class Screens:
         return TriangleMesh(vertices, np.array([[0, 2, 1], [1, 2, 3]], np.uint32), uv)
 
     @classmethod
-    def model(cls, screens: list[tuple[TriangleMesh, np.ndarray]]) -> SceneModel:
-        """Lamps with a picture each: (mesh, radiance [y, x]); their light is all there is."""
-        objects = []
-        for number, (mesh, picture) in enumerate(screens):
-            black = BandTexture(np.zeros((1, 1), np.float32))
-            surface = Surface({"type": "diffuse"}, "reflectance", black)
-            objects.append(SceneObject(f"screen {number}", mesh, surface, emission=picture.astype(np.float32)))
+    def model(cls, screens: list[tuple[TriangleMesh, float]]) -> SceneModel:
+        """Lamps of one radiance each: their light is all there is."""
+        black = Surface({"type": "diffuse"}, "reflectance", BandTexture(np.zeros((1, 1), np.float32)))
+        objects = [
+            SceneObject(f"screen {number}", mesh, black, emission=np.array([radiance], np.float32))
+            for number, (mesh, radiance) in enumerate(screens)
+        ]
         return SceneModel("screens", np.array([BAND]), tuple(objects))
 
     @staticmethod
@@ -65,7 +66,9 @@ class Screens:
             for hidden, chosen in ((False, mask & left), (True, mask & ~left)):
                 pixel = torch.nonzero(chosen).squeeze(1)
                 light = radiance.reshape(-1)[pixel]
-                rows.append((pixel, torch.full_like(light, depth), light, torch.full_like(pixel, hidden), order))
+                rows.append(
+                    (pixel, torch.full_like(light, depth), light, torch.full_like(pixel, hidden), order)
+                )
             left &= ~mask
         pixel = torch.cat([r[0] for r in rows])
         order = torch.argsort(pixel * 8 + torch.cat([torch.full_like(r[0], r[4]) for r in rows]))
@@ -82,12 +85,36 @@ class Screens:
             pixel_angle=angle,
         )
 
+    @classmethod
+    def two(cls, angle: float, size: int, margin: int) -> tuple[SceneModel, View]:
+        """A screen at 0.4 m over the left half of the frame, before one at 0.8 m: (model, view).
 
-def texture(side: int, seed: int, scale: int = 3) -> Tensor:
-    """Positive random light [y, x] in patches of `scale` pixels."""
-    generator = torch.Generator().manual_seed(seed)
-    coarse = torch.rand(1, 1, math.ceil(side / scale), math.ceil(side / scale), generator=generator)
-    return torch.nn.functional.interpolate(coarse.double(), scale_factor=scale)[0, 0, :side, :side]
+        Stripes of light, across on the near one and upright on the far one, whose edges lie between pixels.
+        """
+        side = size + 2 * margin
+        reach = 2 * side  # screens go on beyond the margin: pupil points off the axis look there
+        lamps = []
+        shown = torch.zeros(2, side, side, dtype=torch.float64)
+        for number, (z, right) in enumerate(((NEAR, 0), (FAR, reach))):
+            low = np.arange(-reach, reach, 5 + number)
+            # from dark to light as in a well-exposed photograph: the PSNR is one of full scale
+            light = np.random.default_rng(number).uniform(0.1, 0.8, len(low))
+            for begin, radiance in zip(low, light, strict=True):
+                end = begin + 5 + number
+                if number == 0:
+                    x, y = (-reach, right), (-end, -begin)  # rows count downwards
+                    rows = slice(max(0, begin + side // 2), max(0, end + side // 2))
+                    shown[0, rows] = radiance
+                else:
+                    x, y = (begin, end), (-reach, reach)
+                    columns = slice(max(0, begin + side // 2), max(0, end + side // 2))
+                    shown[1, :, columns] = radiance
+                x, y = (tuple(value * angle * z for value in pair) for pair in (x, y))
+                lamps.append((cls.rectangle(x, y, z), float(radiance)))
+        left = torch.zeros(side, side, dtype=torch.bool)
+        left[:, : side // 2] = True
+        sheets = [(left, 1 / NEAR, shown[0]), (torch.ones_like(left), 1 / FAR, shown[1])]
+        return cls.model(lamps), cls.view(size, margin, angle, sheets)
 
 
 @pytest.fixture

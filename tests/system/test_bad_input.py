@@ -176,3 +176,19 @@ def test_a_damaged_cache_entry_is_rendered_again_and_kept_aside(edofsim: Run, tm
     assert status == 0 and "damaged" in said
     assert largest.read_bytes() == written[largest]
     assert any("damaged" in path.name and path.read_bytes() == bytes(damaged) for path in cache.rglob("*"))
+
+
+def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
+    scene = scene_file(tmp_path, SCENE)
+    base = ("expose", scene, "--out", tmp_path / "out", "--cache", tmp_path / "cache", "--quiet")
+    refused(edofsim(*base, "--reference", "pupil"), "--crop", "--reference")
+    refused(edofsim(*base, "--crop", "0,0,4,4"), "--crop", "--reference")
+    refused(edofsim(*base, "--reference", "pupil", "--crop", "4,4"), "X,Y,WIDTH,HEIGHT")
+    refused(edofsim(*base, "--reference", "wave", "--crop", "0,0,4,4"), "wave", "thinlens, pupil")
+    refused(edofsim(*base, "--reference", "thinlens", "--crop", "0,0,4,4"), "cubic", "pupil", "paper-clear")
+    refused(edofsim("evaluate", "occlusion", "no-such-scene", "--out", tmp_path / "out"), "no-such-scene")
+    assert not (tmp_path / "cache").exists()  # nothing was rendered
+    refused(
+        edofsim(*base, "--reference", "pupil", "--crop", "20,0,8,8"), "frame of 24 x 16", "X,Y,WIDTH,HEIGHT"
+    )
+    refused(edofsim(*base, "--bands", "3"), "3 bands", "1 to 2")

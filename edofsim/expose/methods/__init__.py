@@ -1,9 +1,9 @@
 """How light becomes channels' images. Each method is one function with the same signature:
 
-    prepare(kernels, response, grid, *, tolerance_db) -> blur;  blur(light) -> [channel, y, x]
+    prepare(kernels, response, *, tolerance_db) -> blur;  blur(light, grid) -> [channel, y, x]
 
-kernels: PSFs at depth nodes; response: [channel, band]; the image covers the padded frame. A blur is linear
-in the light's radiance, and may be called many times.
+kernels: PSFs at depth nodes; response: [channel, band]; grid: of the padded frame, which the image covers. A
+blur is linear in the light's radiance, and may be called many times, for frames of any size.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from ..kernels import Kernels
 from ..light import Light
 from . import brute, constant, layered, low_rank
 
-Blur = Callable[[Light], Tensor]
+Blur = Callable[[Light, Grid], Tensor]
 
 
 class Method(Protocol):
-    def __call__(self, kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float) -> Blur: ...
+    def __call__(self, kernels: Kernels, response: Tensor, *, tolerance_db: float) -> Blur: ...
 
 
 METHODS: Mapping[str, Method] = {

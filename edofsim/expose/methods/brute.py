@@ -14,10 +14,10 @@ from ..kernels import Kernels
 from ..light import Light
 
 
-def prepare(kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
     """Nothing to prepare and no tolerance: the error is that of the depth nodes alone."""
 
-    def blur(light: Light) -> Tensor:
+    def blur(light: Light, grid: Grid) -> Tensor:
         photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)
         one = torch.ones(1, 1, dtype=photo.dtype, device=photo.device)
         for node in light.occupied_nodes():

@@ -6,6 +6,8 @@ channels are summed as spectra, so that one transform back serves all depths and
 
 from __future__ import annotations
 
+import math
+
 from torch import Tensor
 
 from ..convolution import Grid, add_convolved, image_of
@@ -16,12 +18,11 @@ BLOCK_PIXELS = 1 << 22
 """Pixels of all transforms at work at one time: bounds memory whatever the bands and the frame."""
 
 
-def prepare(kernels: Kernels, response: Tensor, grid: Grid, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
     """Nothing to prepare; the tolerance is met by the choice of the nodes."""
-    rows, columns = grid.transform
-    block = max(1, BLOCK_PIXELS // (rows * columns))
 
-    def blur(light: Light) -> Tensor:
+    def blur(light: Light, grid: Grid) -> Tensor:
+        block = max(1, BLOCK_PIXELS // math.prod(grid.transform))
         total = None
         for node in light.occupied_nodes():
             psf = kernels.layer(node)

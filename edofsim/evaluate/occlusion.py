@@ -1,0 +1,230 @@
+"""Ways to composite occlusion, judged by the clipped-pupil reference at depth edges of shipped scenes.
+
+One crop a scene, where most of the scene's hard depth edges are; three masks; focus in front of both surfaces
+of the edge, between them, and behind both. The paper's camera in the green of its three-colour model alone,
+so that the reference takes minutes. Both sides see the same view: what is compared is occlusion.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..expose import SensorEffects, expose
+from ..expose.bands import chosen_bands
+from ..expose.crop import crop as cropped
+from ..expose.occlusion import OCCLUSIONS
+from ..expose.photograph import all_in_focus
+from ..expose.prepare import channel_weights
+from ..expose.sensor import automatic_exposure
+from ..optics import Camera
+from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
+from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
+from ..recipe.masks import ClearMask, CubicMask
+from ..reference import Take, clipped_pupils
+from ..reference.pinhole import Crop
+from ..render.view import View
+from .bench_expose import smooth_relief
+from .drawing import new_figure, save, without_grid, write_csv
+from .scores import psnr
+
+Progress = Callable[[float, str], None]
+
+SCENES = ("desk", "foliage", "bench")
+MASKS = ("clear", "cubic", "smooth")
+FOCI = ("front", "between", "behind")
+WINDOW = 64
+"""Side of the PSFs, and the margin around the crop twice."""
+SIZE = 64
+SAMPLES = 64
+GAPS = (0.25, 1.3)
+"""Depth edges of so many dioptres count: blurs are then no wider than the window."""
+GREEN = 1
+"""Index of the band that is used."""
+TOLERANCE_DB = 60.0
+"""Of the depth nodes of the compositors: their step is then no part of what is measured."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A crop, and the inverse depths in 1/m of what is in front and behind at its depth edges."""
+
+    where: Crop
+    near: float
+    far: float
+
+
+def run(
+    folder: Path,
+    scenes: Sequence[str] = SCENES,
+    *,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> dict[str, float]:
+    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden}, and {near,far}_dpt.{scene}.
+
+    Writes occlusion.csv and a picture a scene. Finished scenes are kept in the folder, and gone on from.
+    """
+    say = progress or (lambda fraction, text: None)
+    figures: dict[str, float] = {}
+    for number, scene in enumerate(scenes):
+
+        def tell(fraction: float, text: str, number: int = number, scene: str = scene) -> None:
+            say((number + fraction) / len(scenes), f"{scene}: {text}")
+
+        kept = folder / f"occlusion-{scene}.json"
+        if not kept.is_file():
+            found = of_scene(scene, folder / f"occlusion-{scene}.png", cache, device, tell)
+            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        figures |= json.loads(kept.read_text(encoding="utf-8"))
+    write_csv(folder / "occlusion.csv", ("scene", "mask", "focus", *OCCLUSIONS), table(figures))
+    return figures
+
+
+def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
+    """Rows (scene, mask, focus, PSNR of each way to composite) of the figures."""
+    cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
+    return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in OCCLUSIONS)) for case in cases]
+
+
+def of_scene(scene: str, picture: Path, cache: Path | None, device: str, say: Progress) -> dict[str, float]:
+    """Figures of one scene, and its picture."""
+    from ..render import render
+    from ..scene import build_scene
+
+    loaded = load_scene(scene)
+    recipe = three_bands(loaded)
+    view = render(recipe, loaded.base, cache=cache, device=device, progress=lambda f, t: say(0.2 * f, t))
+    view = chosen_bands(view, [GREEN])
+    edge = busiest_edge(view)
+    model = build_scene(recipe, loaded.base)
+    takes = {
+        (mask, focus): take(mask, distance, view.pixel_angle)
+        for mask in MASKS
+        for focus, distance in focus_distances(edge).items()
+    }
+    truths = clipped_pupils(
+        view,
+        model,
+        list(takes.values()),
+        edge.where,
+        window_px=WINDOW,
+        device=device,
+        progress=lambda f, t: say(0.2 + 0.7 * f, t),
+    )
+    say(0.9, "compositing")
+    figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
+    shown: dict[tuple[str, str], dict[str, Tensor]] = {}
+    for (mask, focus), truth in zip(takes, truths, strict=True):
+        photos, factor = composites(view, edge.where, takes[mask, focus])
+        for way, photo in photos.items():
+            figures[f"psnr_db.{scene}.{mask}.{focus}.{way}"] = psnr(photo, truth * factor)
+        shown[mask, focus] = {"reference": truth * factor, **photos}
+    draw(shown, picture)
+    return figures
+
+
+def three_bands(loaded: Loaded[SceneRecipe]) -> SceneRecipe:
+    """The scene at 482, 546.5 and 611 nm: a band for each colour, near those of the paper."""
+    bands = loaded.recipe.bands.model_copy(update={"start_nm": 482.0, "stop_nm": 611.0, "count": 3})
+    coarse = loaded.recipe.render.model_copy(update={"samples": SAMPLES})
+    return loaded.recipe.model_copy(update={"bands": bands, "render": coarse})
+
+
+def busiest_edge(view: View) -> Edge:
+    """The crop of `SIZE` pixels with the most depth edge in it, each pixel of edge counted by its jump of
+    inverse depth, on a raster of half its size. Raises InputError for a view without such edges."""
+    depth = view.crop_margin(view.mean_inverse_depth())
+    # two pixels apart: a pixel on an edge has a depth between those of its neighbours
+    pairs = ((depth[:-2, :-2], depth[2:, :-2]), (depth[:-2, :-2], depth[:-2, 2:]))
+    jumps = torch.stack([(a - b).abs() for a, b in pairs])
+    jumps = torch.where((jumps >= GAPS[0]) & (jumps <= GAPS[1]), jumps, torch.zeros_like(jumps))
+    best, most = (0, 0), -1.0
+    for top in range(0, view.height - SIZE + 1, SIZE // 2):
+        for left in range(0, view.width - SIZE + 1, SIZE // 2):
+            edge = float(jumps[:, top : top + SIZE, left : left + SIZE].sum())
+            if edge > most:
+                best, most = (top, left), edge
+    inside = (slice(best[0], best[0] + SIZE), slice(best[1], best[1] + SIZE))
+    near, far = (
+        torch.cat([which(a, b)[inside][jump[inside] > 0] for (a, b), jump in zip(pairs, jumps, strict=True)])
+        for which in (torch.maximum, torch.minimum)
+    )
+    if not near.numel():
+        raise InputError(f"the view has no depth edge between {GAPS[0]:g} and {GAPS[1]:g} dioptres")
+    return Edge(Crop(*best, SIZE, SIZE), float(near.median()), float(far.median()))
+
+
+def focus_distances(edge: Edge) -> dict[str, float]:
+    """Distances in metres a quarter of the gap in front of both surfaces, midway, and as far behind both."""
+    gap = edge.near - edge.far
+    places = {"front": edge.near + gap / 4, "between": edge.near - gap / 2, "behind": edge.far - gap / 4}
+    return {name: 1 / max(place, 0.05) for name, place in places.items()}
+
+
+def take(
+    mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
+) -> Take:
+    """The paper's lens with pixels that see the view's angle at this focus, and a mask."""
+    recipe = CameraRecipe(
+        name=f"paper-{mask}",
+        lens=Lens(aperture_radius_mm=aperture_mm),
+        focus=Focus(distance_m=distance),
+        mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
+        sensor=Sensor(read_noise=0.0),
+        psf=PsfSettings(window_px=window),
+    )
+    pixel = Camera.from_recipe(recipe).sensor_distance * pixel_angle * 1e6
+    sensor = recipe.sensor.model_copy(update={"pixel_um": pixel})
+    camera = Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}))
+    return Take(camera, smooth_relief() if mask == "smooth" else None)
+
+
+def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor], float]:
+    """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop."""
+    window = taken.camera.recipe.psf.window_px
+    part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
+    part = part.to(dtype=torch.float32)
+    weights = channel_weights(taken.camera, part.wavelengths).float()
+    factor = automatic_exposure(part.crop_margin(all_in_focus(part, weights)))
+    photos = {
+        way: expose(
+            part,
+            taken.camera,
+            height=taken.height,
+            method="layered",
+            tolerance_db=TOLERANCE_DB,
+            occlusion=way,
+            exposure=factor,
+            effects=SensorEffects(),
+        ).clean
+        for way in OCCLUSIONS
+    }
+    return photos, factor
+
+
+def draw(shown: dict[tuple[str, str], dict[str, Tensor]], path: Path) -> Path:
+    """For each mask and focus the reference, and for each way the photo with its error below, times ten."""
+    figure, grid = new_figure(2 * len(shown), 1 + len(OCCLUSIONS), width=1.3, height=1.3)
+    for number, ((mask, focus), images) in enumerate(shown.items()):
+        truth = images["reference"]
+        for column, (name, image) in enumerate(images.items()):
+            above, below = grid[2 * number][column], grid[2 * number + 1][column]
+            for axes in (above, below):
+                without_grid(axes)
+            above.imshow(image.clamp(0, 1).pow(1 / 2.2).permute(1, 2, 0).numpy(), interpolation="nearest")
+            above.set_title(name if column else f"{mask}, {focus}", fontsize=7)
+            if column:
+                error = (0.5 + 10 * (image - truth)).clamp(0, 1)
+                below.imshow(error.permute(1, 2, 0).numpy(), interpolation="nearest")
+                below.set_title(f"{psnr(image, truth):.1f} dB, error x 10", fontsize=6)
+            else:
+                below.set_visible(False)
+    return save(figure, path)

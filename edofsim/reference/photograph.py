@@ -1,0 +1,93 @@
+"""A reference photo of a part of a scene, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..expose.checks import check_pixel_angle
+from ..expose.prepare import channel_weights
+from ..optics import Camera
+from ..optics.camera import focus_distance
+from ..recipe import SceneRecipe
+from ..recipe.masks import ClearMask
+from ..render.view import View
+from ..scene import build_scene
+from .clipped_pupil import check_crop, clipped_pupil
+from .pinhole import Crop
+from .thin_lens import thin_lens
+
+Progress = Callable[[float, str], None]
+
+THIN_LENS, PUPIL = "thinlens", "pupil"
+REFERENCES = (THIN_LENS, PUPIL)
+
+
+def crop_of(text: str) -> Crop:
+    """`X,Y,WIDTH,HEIGHT` in pixels from the frame's top left corner. Raises InputError for anything else."""
+    try:
+        left, top, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"--crop {text}: give X,Y,WIDTH,HEIGHT in whole pixels, such as 200,150,64,64"
+        ) from None
+    return Crop(top, left, height, width)
+
+
+def check_reference(name: str, camera: Camera) -> None:
+    """Refuse what a reference cannot show. Raises InputError."""
+    if name not in REFERENCES:
+        raise InputError(f"reference {name!r} is not known: choose one of {', '.join(REFERENCES)}")
+    if name == THIN_LENS and not isinstance(camera.recipe.mask, ClearMask):
+        raise InputError(
+            f"the thin lens is geometric and has no mask, and {camera.recipe.name} has a "
+            f"{camera.recipe.mask.kind} mask: use --reference pupil, or --camera paper-clear"
+        )
+
+
+def reference_photo(
+    name: str,
+    view: View,
+    recipe: SceneRecipe,
+    base: Path,
+    camera: Camera,
+    where: Crop,
+    *,
+    samples: int = 1024,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Tensor:
+    """Noise-free, unexposed photo of a part of the frame: [channel, y, x], float64.
+
+    name: one of `REFERENCES`; view: of the recipe's scene; its bands may be those of the scene merged in
+    neighbouring groups (`merged_bands`). The pupil takes the light of the view; the thin lens renders, with
+    `samples` a pixel, all of a group's bands focused where the group's mean wavelength is.
+    Raises InputError for a crop outside the frame, and for what the reference cannot show.
+    """
+    check_reference(name, camera)
+    check_crop(view, where)
+    check_pixel_angle(view, camera.pixel_angle)
+    model = build_scene(recipe, base)
+    if name == PUPIL:
+        return clipped_pupil(view, model, camera, where, cache=cache, device=device, progress=progress)
+    groups = torch.tensor_split(torch.arange(len(model.wavelengths)), view.bands)
+    sharp = focus_distance(camera, view.wavelengths).tolist()
+    image = thin_lens(
+        model,
+        view,
+        where,
+        aperture_radius=camera.aperture_radius,
+        focus_distances=[d for d, group in zip(sharp, groups, strict=True) for _ in group],
+        samples=samples,
+        max_depth=recipe.render.max_depth,
+        seed=recipe.seed,
+        device=device,
+        progress=progress,
+    )
+    merged = torch.stack([image[group].mean(0) for group in groups])
+    return torch.einsum("cb,byx->cyx", channel_weights(camera, view.wavelengths), merged)

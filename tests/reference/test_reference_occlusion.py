@@ -1,0 +1,62 @@
+"""The experiment on occlusion, small: compositors against clipped pupils at the edge of a screen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.evaluate import occlusion
+from edofsim.evaluate.occlusion import Edge
+from edofsim.optics import focus_distance
+from edofsim.reference import clipped_pupils
+from edofsim.reference.pinhole import Crop
+
+ANGLE = 1.626e-4
+
+
+def test_focus_lies_in_front_between_and_behind():
+    places = occlusion.focus_distances(Edge(Crop(0, 0, 4, 4), 2.0, 1.0))
+    assert 1 / places["front"] > 2.0 > 1 / places["between"] > 1.0 > 1 / places["behind"]
+
+
+@pytest.mark.parametrize("mask", occlusion.MASKS)
+def test_cameras_see_the_view_s_pixels_and_are_sharp_where_asked(mask):
+    for distance in (0.6, 2.0):
+        camera = occlusion.take(mask, distance, ANGLE).camera
+        assert camera.pixel_angle == pytest.approx(ANGLE, rel=1e-9)
+        assert float(focus_distance(camera, 587.6e-9)) == pytest.approx(distance, rel=1e-6)
+
+
+def test_the_crop_lies_at_the_hard_edges(screens):
+    """The near screen ends in the middle of the frame, at column 96: the first crop that holds it all."""
+    _, view = screens.two(ANGLE, 192, 8)
+    edge = occlusion.busiest_edge(view)
+    assert edge.where == Crop(0, 32, occlusion.SIZE, occlusion.SIZE)
+    assert (edge.near, edge.far) == pytest.approx((2.5, 1.25))
+    flat = replace(view, inverse_depth=torch.ones_like(view.inverse_depth))
+    with pytest.raises(InputError, match="no depth edge"):
+        occlusion.busiest_edge(flat)
+
+
+def test_ways_to_composite_against_clipped_pupils(screens):
+    """At the edge of a screen: hidden surfaces bring the photo nearer to the truth than any way without them;
+    far from the edge, where nothing is hidden, all agree with it."""
+    window = 32
+    model, view = screens.two(ANGLE, 32, window // 2)
+    edge = Edge(Crop(10, 8, 8, 16), 2.5, 1.25)
+    behind = occlusion.focus_distances(edge)["behind"]
+    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=1.2)
+    truth = clipped_pupils(view, model, [taken], edge.where, rays=32)[0]
+    photos, factor = occlusion.composites(view, edge.where, taken)
+    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
+    assert scores["hidden"] > 30
+    beside = Crop(10, 28, 4, 4)
+    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=0.3)
+    truth = clipped_pupils(view, model, [taken], beside, rays=32)[0]
+    photos, factor = occlusion.composites(view, beside, taken)
+    for photo in photos.values():
+        assert torch.allclose(photo.double(), truth * factor, atol=0.02)
