@@ -179,7 +179,8 @@ def test_a_damaged_cache_entry_is_rendered_again_and_kept_aside(edofsim: Run, tm
 
 
 def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
-    scene = scene_file(tmp_path, SCENE)
+    text = SCENE.replace("start_nm = 540", "start_nm = 430").replace("stop_nm = 560", "stop_nm = 700")
+    scene = scene_file(tmp_path, text.replace("count = 2", "count = 4"))
     base = ("expose", scene, "--out", tmp_path / "out", "--cache", tmp_path / "cache", "--quiet")
     refused(edofsim(*base, "--reference", "pupil"), "--crop", "--reference")
     refused(edofsim(*base, "--crop", "0,0,4,4"), "--crop", "--reference")
@@ -191,4 +192,4 @@ def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
     refused(
         edofsim(*base, "--reference", "pupil", "--crop", "20,0,8,8"), "frame of 24 x 16", "X,Y,WIDTH,HEIGHT"
     )
-    refused(edofsim(*base, "--bands", "3"), "3 bands", "1 to 2")
+    refused(edofsim(*base, "--bands", "9"), "9 bands", "1 to 4")
