@@ -110,8 +110,10 @@ def measure(
     folder: keeps what was measured, and is gone on from.
     """
     path = folder / LINES
-    known = _read(path, _identity(view, camera, height))
+    identity = _identity(view, camera, height)
+    _read(path, identity)
     full = _reference(view, camera, cases, folder, height, device)
+    known = _read(path, identity)
     todo = [
         (repeat, case)
         for repeat in range(repeats)
