@@ -164,6 +164,8 @@ def render(
     members: Annotated[
         int | None, typer.Option("--members", min=1, help="So many different scenes of each family.")
     ] = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
     noise: Annotated[
         str | None, typer.Option("--noise", metavar="1%", help="Stop at this noise, not at a sample count.")
     ] = None,
@@ -182,16 +184,28 @@ def render(
     quiet: QuietOption = False,
 ) -> None:
     """Views into the cache; with --out a picture and a depth picture of each too. Interrupt it at any time:
-    the same command goes on from there.
+    the same command goes on from there. A view serves every camera, so all of a recipe is rendered unless
+    --accuracy or --time asks for what a photo through the scene's own camera calls for.
 
     Figures: views, views.rendered, seconds.{forecast,render}, seconds.SCENE, render_noise.SCENE,
     peak_memory_mib.
     """
-    from .commands import render_scenes
+    from .commands import Aim, render_scenes
 
     with console.progress("render", quiet=quiet) as progress:
         done = render_scenes(
-            scenes, members, noise, jobs, cluster, shard, out, json, cache, device.value, progress
+            scenes,
+            members,
+            Aim(accuracy, time),
+            noise,
+            jobs,
+            cluster,
+            shard,
+            out,
+            json,
+            cache,
+            device.value,
+            progress,
         )
     done.show()
 

@@ -141,6 +141,7 @@ def _cost_of(result: Any, folder: Path, progress: Progress) -> list[Any]:
 def render_scenes(
     scenes: Sequence[str],
     members: int | None,
+    aim: Aim,
     noise: str | None,
     jobs: int,
     cluster: str | None,
@@ -164,6 +165,8 @@ def render_scenes(
         for item in loaded
         for recipe in (family_members(item.recipe, members) if members else [item.recipe])
     ]
+    if aim.accuracy or aim.time:
+        tasks = [_as_planned(task, aim, cache, device, progress) for task in tasks]
     expected = forecast(tasks, cache=cache, jobs=jobs, noise=target)
     console.err.print(str(expected), markup=False)
     if len(tasks) == 1 and not cluster and part is None:  # no worker needs starting for one view
@@ -210,6 +213,21 @@ def render_scenes(
     numbers["peak_memory_mib"] = peak_memory_mib()
     inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": target}
     return _finish("render", [table], numbers, outputs, json, inputs=inputs)
+
+
+def _as_planned(task: Any, aim: Aim, cache: Path | None, device: str, progress: Progress) -> Any:
+    """A task without what the photo through the scene's own camera does not call for."""
+    from .optics import Camera
+    from .plan import look, plan_scene, simpler_recipe
+    from .render.jobs import Task
+
+    target = aim.target()
+    camera = load_camera(task.recipe.camera, task.base)
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
+    plan = plan_scene(looked, optics, target=target, progress=progress)
+    console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
+    return Task(simpler_recipe(task.recipe, plan.simulation), task.base)
 
 
 def _view_pictures(

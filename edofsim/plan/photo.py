@@ -28,6 +28,8 @@ Progress = Callable[[float, str], None]
 
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
+OCCLUSION_DB = 1.5
+"""And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 BASE_MIB = 450.0
 """Memory of the process before any photo: Python, torch, the renderer."""
 
@@ -93,7 +95,8 @@ class Planner:
                     f"{seconds(chosen):.2g} s, and this is it"
                 )
         else:
-            budget = 10 ** (-(asked + SAFETY_DB) / 20)
+            safety = SAFETY_DB + (OCCLUSION_DB if self.facts.full.occlusion != "none" else 0.0)
+            budget = 10 ** (-(asked + safety) / 20)
             chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
         return self._plan(chosen, fixed, target, asked, note, seconds)
