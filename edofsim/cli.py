@@ -97,7 +97,10 @@ OcclusionOption = Annotated[
 NetworkOption = Annotated[
     str | None,
     typer.Option(
-        "--network", metavar="CHECKPOINT", help="Restore with this checkpoint; default: Wiener deconvolution."
+        "--network",
+        metavar="CHECKPOINT",
+        help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
+        "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
     ),
 ]
 
@@ -137,9 +140,9 @@ def run(
 ) -> None:
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
-    Figures: psnr_db.{photo,restored,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,score,report,total}, peak_memory_mib, render_noise, and
-    what `edofsim plan` says.
+    Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
+    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, peak_memory_mib, render_noise,
+    and what `edofsim plan` says.
     """
     from .commands import Aim, run_scene
 
@@ -335,7 +338,7 @@ def restore(
     ],
     camera: Annotated[
         str, typer.Option("--camera", metavar="CAMERA", help="The camera that took it.")
-    ] = "paper-cubic",
+    ] = "paper-learned",
     network: NetworkOption = None,
     near_m: Annotated[
         float, typer.Option("--near", metavar="METRES", help="Nearest depth in the photo.")

@@ -95,6 +95,8 @@ def run_scene(
         "restored": result.restored,
         "lens-alone": result.lens_alone.image,
     }
+    if result.wiener is not None:
+        images["wiener"] = result.wiener
     outputs = {name: save_srgb(folder / f"{name}.png", image) for name, image in images.items()}
     outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
     outputs["report"] = report
@@ -471,15 +473,14 @@ def restore_file(
 
     from .expose import read_image, write_image
     from .optics import Camera
-    from .pipeline import depths_between
+    from .pipeline import choose_network, depths_between
     from .recipe.scene import Bands
     from .report import save_srgb
     from .restore import restore
-    from .restore.checkpoint import load_checkpoint
 
-    checkpoint = None if network is None else load_checkpoint(network, loaded.recipe)
+    checkpoint, recipe = choose_network(network, loaded)
     image = read_image(photo)
-    optics = Camera.from_recipe(loaded.recipe, loaded.base)
+    optics = Camera.from_recipe(recipe, loaded.base)
     wavelengths = torch.from_numpy(Bands().wavelengths())
     depths = depths_between(torch.tensor(1 / far_m), torch.tensor(1 / near_m))
     started = time.perf_counter()
@@ -817,7 +818,9 @@ def _plan_lines(plan: Any) -> list[str | Table]:
 
 
 def _score_table(result: Any) -> Table:
-    names = {"photo": "photo", "restored": f"restored ({result.restored_by})", "lens_alone": "lens alone"}
+    names = {"photo": "photo", "restored": f"restored ({result.restored_by})", "wiener": "Wiener instead"}
+    names = {name: label for name, label in names.items() if name in result.scores}
+    names["lens_alone"] = "lens alone"
     ranges = [(part.near_m, part.far_m) for part in result.by_depth["photo"]]
     table = Table("PSNR / dB (SSIM)", "whole", *(_range(near, far) for near, far in ranges), box=None)
     for name, label in names.items():

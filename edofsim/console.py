@@ -61,7 +61,9 @@ def show_outputs(outputs: Mapping[str, Any]) -> None:
 
 
 def exit_status(command: Callable[[], Any]) -> int:
-    """Run a command, with the warnings of the package on the error channel; what goes wrong ends in one message and in the status that says whose fault it was."""
+    """Run a command, with the warnings of the package on the error channel.
+
+    What goes wrong ends in one message and in the status that says whose fault it was."""
     log = logging.getLogger("edofsim")
     if not any(isinstance(handler, _Warnings) for handler in log.handlers):
         log.addHandler(_Warnings())

@@ -21,14 +21,18 @@ from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, render
 from .restore import restore
-from .restore.checkpoint import Checkpoint, load_checkpoint
+from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, network_of
 
 Progress = Callable[[float, str], None]
+
+WIENER = "wiener"
+"""In place of a checkpoint: Wiener deconvolution, whatever the camera."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """All that the main job made. Images are linear [channel, y, x], full scale 1."""
+    """All that the main job made. Images are linear [channel, y, x], full scale 1; wiener: the photo restored
+    by Wiener deconvolution, for comparison where a network restored."""
 
     scene: Loaded[SceneRecipe]
     camera: Loaded[CameraRecipe]
@@ -40,6 +44,7 @@ class Run:
     photo: Photo
     restored: Tensor
     restored_by: str
+    wiener: Tensor | None
     lens_alone: Photo
     scores: Mapping[str, Score]
     by_depth: Mapping[str, tuple[DepthScore, ...]]
@@ -77,15 +82,16 @@ def run(
     """Photograph a scene, restore the photo, and score both.
 
     cache: folder of rendered views, None for the default one. network: checkpoint (file or shipped name)
-    that restores, and whose DOE the camera then has; None for Wiener deconvolution. overrule: what replaces
-    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of the
-    sensor's noise. device: auto, cpu or cuda.
+    that restores, and whose DOE the camera then has; `wiener` for Wiener deconvolution; None for the network
+    that was trained with the camera's mask, or Wiener deconvolution where there is none. overrule: what
+    replaces the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of
+    the sensor's noise. device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch()
     compute = torch_device(device)
-    optics = Camera.from_recipe(camera.recipe, camera.base)
-    checkpoint = None if network is None else load_checkpoint(network, camera.recipe)
+    checkpoint, recipe = choose_network(network, camera)
+    optics = Camera.from_recipe(recipe, camera.base)
     height = None if checkpoint is None else checkpoint.height
     alone = optics.without_mask()
     with watch.stage("plan", progress, 0.0):
@@ -104,9 +110,19 @@ def run(
     with watch.stage("restore", progress, 0.92):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)
+    wiener = None
+    if checkpoint is not None:
+        with watch.stage("wiener", progress, 0.94):
+            wiener, _ = restore(photo.image, optics, view.wavelengths, depths, height=height)
     with watch.stage("score", progress, 0.96):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
-        images = {"photo": photo.image, "restored": restored, "lens_alone": lens_alone.image}
+        images = {
+            "photo": photo.image,
+            "restored": restored,
+            "wiener": wiener,
+            "lens_alone": lens_alone.image,
+        }
+        images = {name: image for name, image in images.items() if image is not None}
         scores = {name: score(image, photo.ideal) for name, image in images.items()}
         by_depth = {name: score_by_depth(image, photo.ideal, inverse_depth) for name, image in images.items()}
     return Run(
@@ -120,12 +136,28 @@ def run(
         photo=photo,
         restored=restored,
         restored_by=by,
+        wiener=wiener,
         lens_alone=lens_alone,
         scores=scores,
         by_depth=by_depth,
         seconds=watch.seconds,
         peak_memory_mib=peak_memory_mib(),
     )
+
+
+def choose_network(
+    network: str | Path | None, camera: Loaded[CameraRecipe]
+) -> tuple[Checkpoint | None, CameraRecipe]:
+    """What restores (None: Wiener deconvolution), and the camera with the mask that it was trained with.
+
+    network: see `run`. Raises InputError for a checkpoint that is damaged or of another camera.
+    """
+    if network == WIENER:
+        return None, camera.recipe
+    if network is None:
+        return network_of(camera), camera.recipe
+    checkpoint = load_checkpoint(network, camera.recipe)
+    return checkpoint, camera_with_mask(camera.recipe, checkpoint)
 
 
 def figures(result: Run) -> dict[str, float]:

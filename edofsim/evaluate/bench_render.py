@@ -1,14 +1,16 @@
 """What a view costs: against Mitsuba's own ways to many bands at equal noise, and against its own size.
 
 The three ways that are compared get the same scene, frame, number of samples, bounces and threads, and use no
-roulette. Times are of rendering alone, kernels compiled and scene loaded. Noise is the root mean square
-difference of two images with other seeds, relative to each band's mean; seconds times noise squared do not
-depend on how many samples were taken, so that their ratio is the ratio of times at equal noise.
+roulette. Times are of rendering alone, kernels compiled and scene loaded, in turns; on processors
+they are processor seconds, which other work on the machine disturbs least. Noise is the root mean square
+difference of two images with other seeds, relative to each band's mean. Seconds times noise squared is what
+an image of noise 1 would take, so that its ratio is that of times at equal noise.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,15 +22,17 @@ from ..recipe import load_scene
 from ..record import peak_memory_mib
 from ..render.engine import use_engine
 from ..render.packed import PackedScene
-from ..render.rendering import render_model
+from ..render.rendering import render_model, render_stage
 from ..render.settings import RenderSettings
+from ..render.translate import build_stage
 from ..scene import build_scene
 from ..scene.model import BandTexture, SceneModel
 
 Progress = Callable[[float, str], None]
 
-SAMPLES = 16
-WIDTH, HEIGHT = 320, 256
+SAMPLES = 64
+WIDTH, HEIGHT = 240, 192
+TURNS = 4
 
 
 def run(progress: Progress | None = None) -> dict[str, float]:
@@ -76,22 +80,26 @@ def compare_ways() -> dict[str, float]:
     model, settings = desk(WIDTH, HEIGHT, SAMPLES)
     plain = replace(settings, hidden=False, fragments=1)
     mi = use_engine()
-    ours = [_bands(model, plain, seed) for seed in (0, 1, 2)]
+    stage = build_stage(mi, model)
     packed_scene = PackedScene(mi, model, settings)
-    packed = [_packed(packed_scene, model, seed) for seed in (0, 1, 2)]
-    view = [_bands(model, settings, seed)[1] for seed in (0, 1)][-1]
-    spectral = use_engine(colours="spectral")
-    film = SpectralFilm(spectral, model, settings)
-    specfilm = [film.image(seed) for seed in (0, 1, 2)]
-    cost = {
-        name: _cost(images) for name, images in (("bands", ours), ("packed", packed), ("specfilm", specfilm))
+    ours = {
+        "bands": lambda seed: _bands(mi, stage, model, plain, seed),
+        "packed": lambda seed: _packed(packed_scene, model, seed),
+        "view": lambda seed: _bands(mi, stage, model, settings, seed),
     }
+    images = {name: [] for name in ours}
+    for seed in range(TURNS):
+        for name, way in ours.items():
+            images[name].append(_timed(way, seed))
+    film = SpectralFilm(use_engine(colours="spectral"), model, settings)
+    images["specfilm"] = [_timed(film.image, seed) for seed in range(TURNS)]
+    cost = {name: _cost(taken) for name, taken in images.items()}
     passes = -(-len(model.wavelengths) // 3)
     one_image = cost["packed"][0] / passes
     product = {name: seconds * noise**2 for name, (seconds, noise) in cost.items()}
     return {
         "times_path_image": cost["bands"][0] / one_image,
-        "times_path_image.view": view / one_image,
+        "times_path_image.view": cost["view"][0] / one_image,
         "equal_noise_speedup.packed": product["packed"] / product["bands"],
         "equal_noise_speedup.specfilm": product["specfilm"] / product["bands"],
         **{f"noise.{name}": noise for name, (_, noise) in cost.items()},
@@ -99,29 +107,39 @@ def compare_ways() -> dict[str, float]:
     }
 
 
+def _timed(way: Callable[[int], np.ndarray], seed: int) -> tuple[np.ndarray, float]:
+    """An image and its seconds: of the processors where they render, else of the clock."""
+    import mitsuba as mi
+
+    clock = time.perf_counter if mi.variant().startswith("cuda") else time.process_time
+    begun = clock()
+    image = way(seed)
+    return image, clock() - begun
+
+
 def _cost(images: list[tuple[np.ndarray, float]]) -> tuple[float, float]:
     """Median seconds without the first image, which compiled, and relative noise of one image."""
-    (_, _), (one, first), (two, second) = images
-    level = 0.5 * (one + two).mean(axis=(1, 2))
-    variance = ((one - two) ** 2).mean(axis=(1, 2)) / 2
-    return 0.5 * (first + second), float(np.sqrt((variance / level**2).mean()))
+    taken = [image for image, _ in images[1:]]
+    level = np.mean(taken, axis=(0, 2, 3))
+    variance = np.var(taken, axis=0, ddof=1).mean(axis=(1, 2))
+    seconds = statistics.median(seconds for _, seconds in images[1:])
+    return seconds, float(np.sqrt((variance / level**2).mean()))
 
 
-def _bands(model: SceneModel, settings: RenderSettings, seed: int) -> tuple[np.ndarray, float]:
-    view = render_model(model, replace(settings, seed=seed))
-    seconds = view.metadata["run"]["seconds"]
-    return view.all_in_focus().numpy().astype(np.float64), seconds["survey"] + seconds["paths"]
+def _bands(mi: Any, stage: Any, model: SceneModel, settings: RenderSettings, seed: int) -> np.ndarray:
+    """A view of a loaded scene, float64 [band, y, x]: survey, paths, sums and fragments."""
+    seeded = replace(settings, seed=seed)
+    view = render_stage(mi, stage, model.wavelengths, seeded, {}, lambda *_: None, None, time.perf_counter())
+    return view.all_in_focus().numpy().astype(np.float64)
 
 
-def _packed(scene: PackedScene, model: SceneModel, seed: int) -> tuple[np.ndarray, float]:
-    """All passes of the packed route; setting the bands is not counted."""
-    parts, seconds = [], 0.0
+def _packed(scene: PackedScene, model: SceneModel, seed: int) -> np.ndarray:
+    """All passes of the packed route, float64 [band, y, x]."""
+    parts = []
     for start in range(0, len(model.wavelengths), 3):
         scene.set_bands(scene.triple(start))
-        begun = time.perf_counter()
         parts.append(scene.image(SAMPLES, seed + 1))
-        seconds += time.perf_counter() - begun
-    return np.concatenate(parts)[: len(model.wavelengths)], seconds
+    return np.concatenate(parts)[: len(model.wavelengths)]
 
 
 class SpectralFilm:
@@ -197,11 +215,10 @@ class SpectralFilm:
         picture = np.ascontiguousarray(self._picture(value)[::-1]).clip(0, 0.98)
         return {"type": "bitmap", "bitmap": self._mi.Bitmap(picture), "raw": False, "wrap_mode": "repeat"}
 
-    def image(self, seed: int) -> tuple[np.ndarray, float]:
-        """One image, float64 [band, y, x], and the seconds it took."""
-        begun = time.perf_counter()
+    def image(self, seed: int) -> np.ndarray:
+        """One image, float64 [band, y, x]."""
         pixels = np.array(self._mi.render(self._scene, spp=SAMPLES, seed=seed + 1), np.float64)
-        return np.moveaxis(pixels, -1, 0), time.perf_counter() - begun
+        return np.moveaxis(pixels, -1, 0)
 
 
 def whole_view(size: int, bands: int, samples: int) -> tuple[float, float]:

@@ -20,6 +20,8 @@ from .grid import PupilGrid, resample
 from .masks import mask_phase
 
 KEY = "height_m"
+TRAINED, TRAINED_SAMPLING = "mask.height_m", "mask.sampling_m"
+"""Keys of the map, and of its sampling in metres, in the checkpoint of a training."""
 
 
 def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
@@ -35,7 +37,8 @@ def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
 def load_height_map(path: Path) -> tuple[Tensor, float | None]:
     """A height map [n, n] in metres, float64, and its pitch [m] where the file states it.
 
-    Reads .npy and .safetensors (key `height_m`). Raises InputError for a file that is missing or no such map.
+    Reads .npy and .safetensors (key `height_m`, or the map in the checkpoint of a training). Raises
+    InputError for a file that is missing or no such map.
     """
     if not path.is_file():
         raise InputError(
@@ -45,9 +48,12 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
     try:
         if path.suffix == ".safetensors":
             with safe_open(str(path), "pt") as file:
-                height = file.get_tensor(KEY)
-                stated = json.loads((file.metadata() or {}).get("edofsim", "{}")).get("pitch_um")
-                pitch = None if stated is None else float(stated) * 1e-6
+                if TRAINED in file.keys():  # noqa: SIM118 - no mapping
+                    height, pitch = file.get_tensor(TRAINED), float(file.get_tensor(TRAINED_SAMPLING))
+                else:
+                    height = file.get_tensor(KEY)
+                    stated = json.loads((file.metadata() or {}).get("edofsim", "{}")).get("pitch_um")
+                    pitch = None if stated is None else float(stated) * 1e-6
         else:
             height = torch.from_numpy(np.load(path, allow_pickle=False))
     except (OSError, ValueError, SafetensorError, TypeError) as error:

@@ -49,7 +49,7 @@ class Render(RecipeModel):
     depth_gap_dpt: Positive = 0.03
     hidden: bool = True
     pupil_radius_mm: Positive = 3.0
-    """widest pupil radius that the view is meant for: as far as it sees behind edges, hidden surfaces exist"""
+    """widest pupil radius that the view is meant for: hidden surfaces exist as far as it sees behind edges"""
 
 
 class SceneRecipe(RecipeModel):
@@ -61,7 +61,7 @@ class SceneRecipe(RecipeModel):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
     purpose: str = ""
-    camera: str = "paper-cubic"
+    camera: str = "paper-learned"
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
     bands: Bands = Bands()
     frame: Frame = Frame()

@@ -41,9 +41,9 @@ class DoeTable(RecipeModel):
 
 
 class LossTable(RecipeModel):
-    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. stray: weight of the fraction of
-    light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it, where a real camera
-    would show it as haze."""
+    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. stray: weight of the fraction
+    of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it, where a real
+    camera would show it as haze."""
 
     alpha: NotNegative = 0.01
     beta: NotNegative = 10.0

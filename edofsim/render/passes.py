@@ -19,8 +19,8 @@ LAUNCH_BYTES = 1 << 29
 """Radiance of one launch in the engine's memory."""
 
 MOST_SAMPLES = 1 << 16
-LEAST_PASSES = 4
-"""An error is estimated from the scatter between passes; fewer say too little."""
+LEAST_PASSES = 2
+"""An error is estimated from the scatter between passes, pixel by pixel."""
 
 
 @dataclass(frozen=True)

@@ -129,11 +129,15 @@ def spectrum(stage: Stage, row: Any, active: Any) -> Any:
     return mi.ArrayXf([packets[band] for band in range(stage.bands)])
 
 
-def mixed(stage: Stage, row: Any, coefficients: Any, active: Any) -> Any:
-    """sum_j coefficient_j spectrum(row + j), [band, lane]."""
+@dr.syntax
+def mixed(stage, row, coefficients, active):
+    """sum_j coefficient_j spectrum(row + j), [band, lane]; what no lane has any of is not looked up."""
     total = spectrum(stage, row, active) * coefficients[0]
     for j in range(1, ROWS):
-        total = dr.fma(spectrum(stage, row + j, active), coefficients[j], total)
+        share = coefficients[j]
+        mixes = active & (share != 0)
+        if dr.hint(mixes, exclude=[stage]):
+            total = dr.fma(spectrum(stage, row + j, mixes), share, total)
     return total
 
 

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 from ..recipe.scene import SceneRecipe
 
-INTEGRATOR = 2
+INTEGRATOR = 3
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give other pixels."""
+
+LARGEST_PASS = 64
+"""Samples beyond which stratifying them against each other gains little."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +41,9 @@ class RenderSettings:
 
     @property
     def pass_samples(self) -> int:
-        """Samples of one pass: a power of two, at least four passes a view so that their scatter is known."""
+        """Samples of one pass: a power of two, at least two passes a view so that their scatter is known."""
         size = 1
-        while size < 64 and 8 * size <= self.samples:
+        while size < LARGEST_PASS and 4 * size <= self.samples:
             size *= 2
         return size
 

@@ -24,6 +24,7 @@ from .plot import (
     MARKERS,
     MUTED,
     ORANGE,
+    PURPLE,
     SERIES,
     Plot,
     metre_axis,
@@ -31,7 +32,7 @@ from .plot import (
 )  # fmt: skip
 from .words import depth_range, distance, duration, number, shorten
 
-COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "lens_alone": GREEN}
+COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "wiener": PURPLE, "lens_alone": GREEN}
 
 
 def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:

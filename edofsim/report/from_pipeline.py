@@ -47,6 +47,7 @@ def write_run_report(path: Path, result: Run, cost: Sequence[Row] = ()) -> Path:
         photo=result.photo.image,
         restored=result.restored,
         lens_alone=lens_alone.image,
+        wiener=result.wiener,
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
         psfs=Psfs(psfs, PSF_DEPTHS_M, camera.pixel * 1e6),

@@ -13,7 +13,7 @@ from ..evaluate.scores import DepthScore, Score
 from .plot import Plot
 from .words import depth_range
 
-IMAGES = ("ideal", "photo", "restored", "lens_alone")
+IMAGES = ("ideal", "photo", "restored", "wiener", "lens_alone")
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,11 @@ class RunReport:
     """Everything on the page of a run. Images are linear, [3, y, x], full scale 1, all of one shape.
 
     title, purpose: name of the scene and what it is for; camera: name of the camera
-    ideal, photo, restored, lens_alone: the images; the last two may be missing
+    ideal, photo, restored, wiener, lens_alone: the images, wiener by Wiener deconvolution where something
+        else restored; the last three may be missing
     inverse_depth: [y, x] in 1/m; 0 is infinity
-    scores: by image, under the image's name (`photo`, `restored`, `lens_alone`), in the order of the table
+    scores: by image, under the image's name (`photo`, `restored`, `wiener`, `lens_alone`), in the order of
+        the table
     psfs, mtfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
         sensor, with mask_width_m the width that it covers, optional
     focus_m: distance in focus without a mask, marked in the figures
@@ -126,6 +128,7 @@ class RunReport:
     inverse_depth: Tensor
     restored: Tensor | None = None
     lens_alone: Tensor | None = None
+    wiener: Tensor | None = None
     scores: Mapping[str, ImageScore] = field(default_factory=dict)
     psfs: Psfs | None = None
     mtfs: Mtfs | None = None

@@ -30,7 +30,7 @@ from .page import (
     write_page,
 )  # fmt: skip
 from .pictures import Box, Picture, clipped_fraction, display_gain, picture, with_boxes
-from .words import DASH, decibels, depth_range, distance, duration, number, percent, significant
+from .words import DASH, decibels, depth_range, distance, duration, listed, number, percent, significant
 
 CROP_PX = 72
 LETTERS = "ABC"
@@ -75,11 +75,15 @@ def verdict(report: RunReport) -> str:
     whole = {name: score.whole.psnr_db for name, score in report.scores.items()}
     restored = whole.get("restored", math.nan)
     gains = []
-    for name, text in (("photo", "the photo"), ("lens_alone", "the lens alone")):
+    for name, text in (
+        ("photo", "the photo"),
+        ("wiener", "Wiener deconvolution"),
+        ("lens_alone", "the lens alone"),
+    ):
         gain = restored - whole.get(name, math.nan)
         if math.isfinite(gain):
             gains.append(f"{decibels(abs(gain))} {'above' if gain >= 0 else 'below'} {text}")
-    return f"Restored is {' and '.join(gains)}." if gains else ""
+    return f"Restored is {listed(gains)}." if gains else ""
 
 
 def _head(report: RunReport) -> tuple[Block, ...]:
@@ -120,6 +124,7 @@ def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
         "ideal": "all in focus, without noise",
         "photo": f"as the sensor of {report.camera} records it",
         "restored": "computed from the photo",
+        "wiener": "computed from the same photo by Wiener deconvolution",
         "lens_alone": "through the lens without a mask",
     }
     pictures = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import SupportsFloat
 
 DASH = "–"  # no value
@@ -23,6 +24,11 @@ def number(value: SupportsFloat | None, digits: int = 1) -> str:
     if float(text) == 0:  # never "-0.0"
         text = text.lstrip("-")
     return text.replace("-", MINUS)
+
+
+def listed(parts: Sequence[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    return " and ".join([", ".join(parts[:-1]), *parts[-1:]] if len(parts) > 1 else parts)
 
 
 def significant(value: SupportsFloat | None, digits: int = 3) -> str:

@@ -28,7 +28,7 @@ from torch import Tensor, nn
 from ..errors import EdofsimError, InputError
 from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
-from ..recipe.load import shipped_folder
+from ..recipe.load import Loaded, shipped_folder
 from ..recipe.masks import HeightMapMask
 from .network import build_network
 
@@ -162,6 +162,17 @@ def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraReci
             pitch_um=checkpoint.sampling * 1e6,
         )
     return recipe.model_copy(update={"mask": mask})
+
+
+def network_of(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
+    """The network that was trained together with a camera's mask: that of the checkpoint which the mask's
+    height map comes from. None for any other mask. Raises InputError for a damaged checkpoint."""
+    mask = camera.recipe.mask
+    if not isinstance(mask, HeightMapMask) or mask.file is None or not mask.file.endswith(SUFFIX):
+        return None
+    path = camera.base / mask.file
+    _, metadata = load_arrays(path, "checkpoint")
+    return load_checkpoint(path, camera.recipe) if "card" in metadata else None
 
 
 def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, Any]) -> None:

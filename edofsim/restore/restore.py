@@ -18,17 +18,18 @@ def restore(
     inverse_depths: Tensor,
     *,
     checkpoint: Checkpoint | None = None,
+    height: Tensor | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely.
+    equally likely. height: [n, n] in metres in place of the mask of the camera's recipe.
     """
     if checkpoint is not None:
         with torch.inference_mode():
             return apply_network(checkpoint.network, image), checkpoint.name
-    psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
+    psf = channel_psfs(camera, wavelengths, inverse_depths, height).to(image)
     return wiener(image, psf, camera.read_noise), "Wiener"
 
 

@@ -16,7 +16,10 @@ ROOT = shipped_folder("scenes")
 RECIPES = [
     *((path, "scene", "./schema/scene.json") for path in sorted(ROOT.glob("*.toml"))),
     *((path, "camera", "../schema/camera.json") for path in sorted((ROOT / "cameras").glob("*.toml"))),
-    *((path, "train", "../scenes/schema/train.json") for path in sorted(shipped_folder("train").glob("*.toml"))),
+    *(
+        (path, "train", "../scenes/schema/train.json")
+        for path in sorted(shipped_folder("train").glob("*.toml"))
+    ),
 ]
 
 
