@@ -495,6 +495,26 @@ def occlusion(
 
 
 @evaluate_app.command()
+def stability(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[CASE...]", help="Cases or groups of cases; default all.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """The catalogue of hard cases: error against a truth of every method, mask and precision.
+
+    Figures: cases, findings, beyond_bound, failed, single_precision, seconds.
+    """
+    from .commands import evaluate_stability
+
+    with console.progress("stability", quiet=quiet) as progress:
+        done = evaluate_stability(names or (), out, json, progress)
+    done.show()
+
+
+@evaluate_app.command()
 def bench(
     names: Annotated[
         list[str] | None,

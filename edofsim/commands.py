@@ -650,6 +650,36 @@ def evaluate_occlusion(
     return _finish("evaluate occlusion", [table], numbers, outputs, json, inputs={"scenes": list(chosen)})
 
 
+def evaluate_stability(names: Sequence[str], out: Path | None, json: Path | None, progress: Progress) -> Done:
+    """`edofsim evaluate stability`."""
+    from .evaluate import stability
+    from .report.stability_page import stability_page, write_page
+
+    stability.choose(names)  # a wrong name is told before any time is spent
+    folder = writable_folder(out or Path("out") / "stability")
+    results = stability.run(names, progress)
+    numbers = stability.figures(results)
+    table = Table("case", "group", "ways", "holds", "nearest to its bound", "error", "bound", box=None)
+    for result in results:
+        worst = result.worst
+        cells = ("", "", "") if worst is None else (worst.way, f"{worst.error:.2g}", f"{worst.bound:.2g}")
+        holds = result.failed or ("yes" if result.holds else "NO")
+        table.add_row(result.case.name, result.case.group, str(len(result.findings)), holds, *cells)
+    summary = (
+        f"{numbers['cases']:.0f} cases, {numbers['findings']:.0f} findings in {numbers['seconds']:.0f} s: "
+        f"{numbers['beyond_bound']:.0f} beyond their bound, {numbers['failed']:.0f} cases without an end; "
+        f"float32 photos differ from float64 by at most {numbers['single_precision']:.1g} of their brightest "
+        "value"
+    )
+    outputs = {
+        "findings": stability.write_csv(folder / "stability.csv", results),
+        "page": write_page(folder / "stability.html", stability_page(results, numbers)),
+    }
+    return _finish(
+        "evaluate stability", [table, summary], numbers, outputs, json, inputs={"cases": list(names)}
+    )
+
+
 def evaluate_bench(names: Sequence[str], out: Path | None, json: Path | None, progress: Progress) -> Done:
     """`edofsim evaluate bench`."""
     from .evaluate import benches

@@ -40,15 +40,15 @@ def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tens
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
-    photo. Computed on
-    the image's device in float32. Raises InputError for a photo that is not [3, y, x] or not finite.
+    photo. Computed on the image's device in the precision of the network's weights. Raises InputError for a
+    photo that is not [3, y, x] or not finite.
     """
     if image.ndim != 3 or image.shape[0] != 3:
         raise InputError(f"the network restores photos of 3 channels [3, y, x], not {list(image.shape)}")
     if not torch.isfinite(image).all():
         raise InputError("the photo holds values that are not finite; nothing can be restored from it")
     network = network.eval().to(image.device)
-    photo = image.to(torch.float32)[None].contiguous(memory_format=torch.channels_last)
+    photo = image.to(next(network.parameters()).dtype)[None].contiguous(memory_format=torch.channels_last)
     rows, columns = image.shape[-2:]
     if network.radius is None:
         with torch.inference_mode():
