@@ -90,7 +90,7 @@ def save_checkpoint(
     and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """
-    arrays = {f"network.{name}": value for name, value in network.state_dict().items()}
+    arrays = {f"network.{name}": without_denormals(value) for name, value in network.state_dict().items()}
     if height is not None:
         arrays["mask.height_m"] = height
         arrays["mask.sampling_m"] = torch.tensor(sampling, dtype=torch.float64)
@@ -126,7 +126,11 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
         _check_camera(path, card.get("camera", {}), camera_recipe.model_dump(mode="json"))
     network = build_network(kind, settings)
     prefix = "network."
-    weights = {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
+    weights = {
+        name.removeprefix(prefix): without_denormals(value)
+        for name, value in arrays.items()
+        if name.startswith(prefix)
+    }
     try:
         network.load_state_dict(weights)
     except RuntimeError as error:
@@ -137,6 +141,14 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
     if height is not None and (sampling is None or height.ndim != 2 or height.shape[0] != height.shape[1]):
         raise InputError(f"{path}: its height map is not a square array with a sampling; it is damaged")
     return Checkpoint(network.eval(), height, None if sampling is None else float(sampling), card, path)
+
+
+def without_denormals(values: Tensor) -> Tensor:
+    """The values, with 0 in place of those too small for a normal number: weight decay leaves such weights in
+    channels that died, and processors multiply them a hundred times slower."""
+    if not values.is_floating_point():
+        return values
+    return values.masked_fill(values.abs() < torch.finfo(values.dtype).tiny, 0)
 
 
 def trained_camera(checkpoint: Checkpoint) -> CameraRecipe:

@@ -18,6 +18,7 @@ from ...render.exr import read_view, write_view
 from .case import Case, Finding, timed
 from .photos import (
     COLUMNS,
+    LAYERED,
     METHODS,
     NANOMETRES,
     QUIET,
@@ -133,11 +134,11 @@ def _line_spectrum() -> HardView:
     return HardView(replace(view, radiance=radiance))
 
 
-def _sized(rows: int, columns: int) -> HardView:
+def _sized(rows: int, columns: int, layered: float = LAYERED) -> HardView:
     # not linear: a depth exactly between two layers may fall into either, by the rounding of a precision
     along = torch.linspace(0, 1, columns + 2 * (WINDOW // 2), dtype=torch.float64)
     depth = 0.4 + 0.8 * along.square()
-    return HardView(flat(depth.expand(rows + 2 * (WINDOW // 2), -1), rows=rows, columns=columns))
+    return HardView(flat(depth.expand(rows + 2 * (WINDOW // 2), -1), rows=rows, columns=columns), layered)
 
 
 DEPTH = (
@@ -325,7 +326,7 @@ SPECTRUM = (
 )
 
 IMAGE = (
-    ("one pixel", "1 x 1", "an axis of length 1", lambda: _sized(1, 1)),
+    ("one pixel", "1 x 1", "an axis of length 1", lambda: _sized(1, 1, 0.02)),
     ("one row", "1 x 23", "an axis of length 1", lambda: _sized(1, 23)),
     ("one column", "23 x 1", "an axis of length 1", lambda: _sized(23, 1)),
     ("primes", "31 x 37", "transforms of prime length", lambda: _sized(31, 37)),

@@ -39,13 +39,19 @@ def _beyond(image: Tensor, low: float, high: float) -> float:
 
 
 def blurred(rows: int, columns: int, noise: float) -> tuple[Tensor, Tensor]:
-    """A smooth picture, and its photo through `box(5)` with noise: [3, y, x] each, the frame's surroundings
-    its mirror images."""
-    coarse = uniform(1, 3, 8, 8, seed=7)
-    sharp = torch.nn.functional.interpolate(coarse, (rows, columns), mode="bicubic", align_corners=True)[0]
-    around = torch.nn.functional.pad(sharp[None], (2, 2, 2, 2), mode="replicate")
-    photo = torch.nn.functional.avg_pool2d(around, 5, 1)[0]
+    """A picture whose power falls with the square of the frequency, and its photo through `box(5)` with noise:
+    [3, y, x] each. Around the frame lie its mirror images, as the filter assumes."""
     generator = torch.Generator().manual_seed(8)
+    frequency = torch.fft.fftfreq(rows, dtype=torch.float64)[:, None].square()
+    frequency = (frequency + torch.fft.rfftfreq(columns, dtype=torch.float64).square()).sqrt()
+    white = torch.fft.rfft2(torch.randn(3, rows, columns, dtype=torch.float64, generator=generator))
+    sharp = torch.fft.irfft2(white / frequency.clamp_min(1 / max(rows, columns)), s=(rows, columns))
+    sharp = 0.5 + 0.15 * sharp / sharp.std()
+    around = sharp
+    for axis in (-2, -1):
+        first, last = around.narrow(axis, 0, 2), around.narrow(axis, around.shape[axis] - 2, 2)
+        around = torch.cat([first.flip(axis), around, last.flip(axis)], axis)
+    photo = torch.nn.functional.avg_pool2d(around[None], 5, 1)[0]
     return sharp, photo + noise * torch.randn(photo.shape, dtype=torch.float64, generator=generator)
 
 
@@ -53,7 +59,7 @@ def _deblurred(noise: float) -> Callable[[], Iterator[Finding]]:
     """The filter lowers the error of a photo whose blur passes nothing at some frequencies."""
 
     def check() -> Iterator[Finding]:
-        sharp, photo = blurred(40, 41, noise)
+        sharp, photo = blurred(96, 97, noise)
         before = float((photo - sharp).square().mean())
         for dtype in PRECISIONS:
 

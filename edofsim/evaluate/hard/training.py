@@ -16,8 +16,10 @@ from ...errors import EdofsimError
 from ...learn import train, trainer
 from ...recipe.load import Loaded
 from ...recipe.train import TrainRecipe
-from ...restore.checkpoint import load_arrays, load_checkpoint
+from ...restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
+from ...restore.network import apply_network, build_network
 from .case import Case, Finding, timed
+from .photos import distance, uniform
 
 STEPS = 3
 
@@ -113,7 +115,37 @@ def _resumed() -> Iterator[Finding]:
         yield timed(f"killed in step {stop}, float32", 0.0, run)
 
 
+def _dead_channels() -> Iterator[Finding]:
+    """A network whose weights shrank to 1e-40: its checkpoint holds zeros, and restores the same picture."""
+    for kind in ("dcnn", "local-unet"):
+
+        def kept(kind: str = kind) -> float:
+            torch.manual_seed(0)
+            network = build_network(kind).eval()
+            with torch.no_grad():
+                next(network.parameters()).mul_(1e-39)
+            photo = uniform(3, 12, 12).float()
+            before = apply_network(network, photo)
+            with TemporaryDirectory() as folder:
+                path = save_checkpoint(Path(folder) / "dead.safetensors", network, {"name": "dead"})
+                arrays, _ = load_arrays(path, "checkpoint")
+                after = apply_network(load_checkpoint(path).network, photo)
+            sizes = torch.cat([value.abs().flatten() for name, value in arrays.items() if "weight" in name])
+            left = (sizes > 0) & (sizes < torch.finfo(torch.float32).tiny)
+            return distance(after, before) + float(left.sum())
+
+        yield timed(f"{kind}, float32", 1e-6, kept)
+
+
 CASES: tuple[Case, ...] = (
+    Case(
+        "dead channels",
+        "training",
+        "weights that decayed to 1e-40",
+        "arithmetic a hundred times slower",
+        "zeros in their place, the same picture",
+        _dead_channels,
+    ),
     Case(
         "NaN in one sample",
         "training",
