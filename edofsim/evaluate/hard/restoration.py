@@ -39,7 +39,7 @@ def _beyond(image: Tensor, low: float, high: float) -> float:
 
 
 def blurred(rows: int, columns: int, noise: float) -> tuple[Tensor, Tensor]:
-    """A picture whose power falls with the square of the frequency, and its photo through `box(5)` with noise:
+    """A picture whose power falls as its frequency squared, and its photo through `box(5)` with noise:
     [3, y, x] each. Around the frame lie its mirror images, as the filter assumes."""
     generator = torch.Generator().manual_seed(8)
     frequency = torch.fft.fftfreq(rows, dtype=torch.float64)[:, None].square()
