@@ -3,6 +3,10 @@
 One crop a scene, where most of the scene's hard depth edges are; three masks; focus in front of both surfaces
 of the edge, between them, and behind both. The paper's camera in the green of its three-colour model alone,
 so that the reference takes minutes. Both sides see the same view: what is compared is occlusion.
+
+What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
+averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
+band along the edge. The other ways know the visible surfaces alone.
 """
 
 from __future__ import annotations
