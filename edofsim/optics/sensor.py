@@ -85,14 +85,21 @@ def _lines(wavelengths: Tensor) -> Tensor:
     return torch.eye(3, dtype=torch.float64)[torch.argsort(order)].T
 
 
-@lru_cache(maxsize=8)
 def _table(name: str, base: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """Wavelengths [n] in nm, curves [3, n], and where they come from."""
+    """Wavelengths [n] in nm, curves [3, n], and where they come from. A file is read anew, since it may have
+    changed."""
+    return _known(name) if name == PAPER or name in COLOUR_SCIENCE else _file(name, base)
+
+
+@lru_cache(maxsize=8)
+def _known(name: str) -> tuple[np.ndarray, np.ndarray, str]:
     if name == PAPER:
         path = resources.files("edofsim.optics") / "data" / "sensor_response.csv"
         return (*_read_csv(path.read_text(encoding="utf-8"), name), "read off a figure of Akpinar et al.")
-    if name in COLOUR_SCIENCE:
-        return (*_from_colour_science(COLOUR_SCIENCE[name]), "NPL, through colour-science")
+    return (*_from_colour_science(COLOUR_SCIENCE[name]), "NPL, through colour-science")
+
+
+def _file(name: str, base: Path) -> tuple[np.ndarray, np.ndarray, str]:
     path = base / name
     if not path.is_file():
         known = [PAPER, LINES, *COLOUR_SCIENCE]

@@ -138,25 +138,31 @@ def read_view(path: Path) -> View:
     import OpenEXR
 
     try:
-        file = OpenEXR.File(str(path), separate_channels=True)
-        image, table = file.parts
-        header = image.header
-        about = json.loads(header["edofsim"])
-        if about["format"] != FORMAT:
-            raise ValueError(f"it has layout {about['format']}, and this version reads {FORMAT}")
-        wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
-        names = [channel_name(w) for w in wavelengths.tolist()]
-        scale = 2.0 ** float(header["EV"])
-        cells = {name: channel.pixels.reshape(-1) for name, channel in table.channels.items()}
-        radiance = np.stack([image.channels[name].pixels for name in names]).astype(np.float32)
-        depth = image.channels["Z"].pixels
-        more = np.stack([cells[name] for name in names]).astype(np.float32)
-        margin = -int(header["dataWindow"][0][0])
-    except (RuntimeError, KeyError, TypeError, ValueError) as error:
+        return _view_of(OpenEXR.File(str(path), separate_channels=True))
+    except (RuntimeError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise ValueError(f"{path} is not a readable view: {error}") from error
+
+
+def _view_of(file: Any) -> View:
+    """The view in an open file; any kind of error for one that is damaged."""
+    image, table = file.parts
+    header = image.header
+    about = json.loads(header["edofsim"])
+    if about["format"] != FORMAT:
+        raise ValueError(f"it has layout {about['format']}, and this version reads {FORMAT}")
+    wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
+    names = [channel_name(w) for w in wavelengths.tolist()]
+    scale = 2.0 ** float(header["EV"])
+    cells = {name: channel.pixels.reshape(-1) for name, channel in table.channels.items()}
+    radiance = np.stack([image.channels[name].pixels for name in names]).astype(np.float32)
+    depth = image.channels["Z"].pixels
+    more = np.stack([cells[name] for name in names]).astype(np.float32)
+    margin = -int(header["dataWindow"][0][0])
     used = cells["pixel"] != EMPTY
     bands = len(names)
     rows, columns = depth.shape
+    if not 0 <= 2 * margin < min(rows, columns):
+        raise ValueError(f"its margin of {margin} pixels does not fit its {columns} x {rows}")
     plain = np.ones(rows * columns, bool)
     plain[cells["pixel"][used].astype(np.int64)] = False
     alone = np.flatnonzero(plain)

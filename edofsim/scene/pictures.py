@@ -86,7 +86,7 @@ def _exr_rgb(path: Path, what: str) -> np.ndarray:
 def read_pfm(path: Path, what: str) -> np.ndarray:
     """A Portable Float Map, float32 [y, x] or [y, x, 3]; the file counts rows from below."""
     data = existing(path, what).read_bytes()
-    header = re.match(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+([-+0-9.eE]+)\s", data)
+    header = re.match(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s", data)
     if header is None:
         raise InputError(f"{what}: {str(path)!r} does not begin as a PFM file does (Pf or PF, size, scale)")
     columns, rows = int(header[2]), int(header[3])

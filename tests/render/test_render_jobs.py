@@ -56,7 +56,7 @@ def same(a, b):
 
 
 def test_same_bytes_for_one_thread_and_two(mi, make, monkeypatch):
-    settings = make.settings(24, 16, angle=0.01, samples=32, pupil_radius=0.03)
+    settings = make.settings(24, 16, angle=0.01, samples=256, pupil_radius=0.03)
     views = []
     for threads in (1, 2):
         monkeypatch.setattr(engines, "_threads", threads)
@@ -77,7 +77,7 @@ def test_same_bytes_however_samples_are_launched(mi, make, monkeypatch):
 @pytest.mark.parametrize("after", [1, 3, 7])
 def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypatch, after):
     """Ctrl-C keeps finished launches; the second start traces only the others and gives the same bytes."""
-    settings = make.settings(24, 16, angle=0.01, samples=32, pupil_radius=0.03)
+    settings = make.settings(24, 16, angle=0.01, samples=256, pupil_radius=0.03)
     whole = render_model(scene(make), settings)
     traced = []
     real = tracing.run_launch

@@ -49,6 +49,11 @@ def read_mesh(path: Path, what: str, smooth: bool = True) -> TriangleMesh:
         raise InputError(f"{what}: {str(path)!r} cannot be read as a mesh: {text}") from error
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), float)
     faces = np.asarray(getattr(loaded, "faces", np.empty((0, 3))), np.int64)
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise InputError(
+            f"{what}: the mesh {str(path)!r} has faces or vertices without three numbers each; export it "
+            "again as triangles"
+        )
     if len(faces) == 0 or len(vertices) == 0:
         raise InputError(f"{what}: the mesh {str(path)!r} has no triangles")
     if faces.min() < 0 or faces.max() >= len(vertices):
