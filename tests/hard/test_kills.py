@@ -1,0 +1,127 @@
+"""Commands killed at random moments: nothing that was finished is lost, and the next start ends well."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from edofsim.render import cache
+
+SCENE = """
+name = "small"
+[frame]
+width_px = 32
+height_px = 24
+margin_px = 16
+pixel_angle_mrad = 0.1626126
+[bands]
+count = 5
+[render]
+samples = 16
+[[objects]]
+kind = "wall"
+depth_m = 3.0
+surface = { kind = "matt", reflectance = 0.6 }
+[[objects]]
+kind = "panel"
+depth_m = 0.8
+width_mm = 4
+height_mm = 4
+surface = { kind = "matt", reflectance = 0.3 }
+[[lights]]
+kind = "sky"
+radiance = 1.0
+"""
+CAMERA = """
+name = "small"
+[psf]
+window_px = 16
+oversampling = 1
+[sensor]
+read_noise = 0.005
+"""
+TRAINING = """
+name = "small"
+camera = "camera.toml"
+seed = 3
+device = "cpu"
+[mask]
+kind = "height-map"
+pitch_um = 100.0
+[psf]
+window_px = 16
+oversampling = 1
+pupil_sampling_um = 21.0
+[data]
+patch_px = 16
+validation_patches = 2
+[[data.sources]]
+kind = "packaged"
+[optimiser]
+steps = 60
+batch = 2
+precision = "float32"
+[journal]
+log_every = 10
+save_every = 5
+validate_every = 50
+pictures_every = 100
+"""
+
+
+def command(name: str, folder: Path) -> list[str]:
+    """The command line of a small job in `folder`; it can be started again and again."""
+    base = [sys.executable, "-m", "edofsim.cli"]
+    scene, camera = str(folder / "small.toml"), ["--camera", str(folder / "camera.toml")]
+    where = ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--quiet"]
+    resume = ["--resume"] if (folder / "out" / "state.safetensors").exists() else []
+    record = ["--json", str(folder / "record.json")]
+    return {
+        "run": [*base, "run", scene, *camera, *where, *record],
+        "render": [*base, "render", scene, *where, *record],
+        "cost": [*base, "cost", scene, *camera, *where, *record],
+        "train": [*base, "train", str(folder / "train.toml"), *where, *resume, *record],
+        "evaluate": [
+            *[*base, "evaluate", "stability", "restoration", "--out", str(folder / "out"), "--quiet"],
+            *record,
+        ],
+    }[name]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["run", "render", "cost", "train", "evaluate"])
+def test_killed_twenty_times(name, tmp_path):
+    kills = int(os.environ.get("EDOFSIM_KILLS", "20"))
+    rng = np.random.default_rng(len(name))
+    (tmp_path / "small.toml").write_text(SCENE)
+    (tmp_path / "train.toml").write_text(TRAINING)
+    (tmp_path / "camera.toml").write_text(CAMERA)
+    complete: dict[str, float] = {}
+    for _ in range(kills):
+        process = subprocess.Popen(
+            command(name, tmp_path),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        time.sleep(rng.uniform(0, 15))
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if (tmp_path / "cache").is_dir():
+            for entry in cache.ls(tmp_path / "cache"):
+                stamp = entry.record["written"]
+                assert complete.setdefault(entry.key, stamp) == stamp, "a finished view was rendered again"
+    done = subprocess.run(command(name, tmp_path), capture_output=True, text=True, check=False, timeout=900)
+    assert done.returncode == 0, done.stderr
+    assert json.loads((tmp_path / "record.json").read_text())["command"].startswith(name)
+    if (tmp_path / "cache").is_dir():
+        assert not cache.verify(tmp_path / "cache").damaged
+        assert set(complete) <= {entry.key for entry in cache.ls(tmp_path / "cache")}
