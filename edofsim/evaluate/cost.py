@@ -74,7 +74,7 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     fine = planner.plan(parse_target(f"{FINE_DB:g}dB", None)).simulation
     for row in planner.estimates.rows:
         stage = row.effect.stage
-        if row.full == 0 or stage in ("render", "sensor") or row.effect.added != "image":
+        if row.full == 0 or stage in ("render", "sensor"):
             continue
         error = row.errors[0]
         mean = (sum(e * e for e in error) / len(error)) ** 0.5

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from ..evaluate.cost import Row, pareto
 from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, Plot, new_figure
@@ -45,6 +46,8 @@ def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
             color=GREEN, linestyle="", marker="*", markersize=14, label="chosen by default",
         )  # fmt: skip
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter("{x:g}" if _narrow(rows) else NullFormatter())
         axes.set_xlabel("seconds of a photo")
         axes.set_ylabel("PSNR against the full simulation (dB)")
         axes.legend(loc="best")
@@ -58,3 +61,9 @@ def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
         "Crosses: one effect left out of a plan for 60 dB.",
         paint_narrow=lambda: paint(NARROW_IN),
     )
+
+
+def _narrow(rows: Sequence[Row]) -> bool:
+    """Whether so few decades of time are shown that their parts want numbers too."""
+    seconds = [row.seconds for row in rows]
+    return bool(seconds) and max(seconds) < 10 * min(seconds)

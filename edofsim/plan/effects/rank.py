@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..effect import Effect, Level
+from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
 
@@ -16,10 +16,14 @@ def levels(facts: Facts) -> list[Level]:
     return [low, Level("every PSF", {})]
 
 
+def error(facts: Facts, level: Level) -> Errors:
+    """The tolerance that the factorisation is asked for: it leaves out as much as that allows."""
+    tolerance = 10 ** (-level.change["tolerance_db"] / 20) if "tolerance_db" in level.change else 0.0
+    return (tolerance,) * len(facts.sample.response)
+
+
 def why(facts: Facts) -> str:
     return "with bands gathered, each PSF is convolved on its own in less time than a factorisation takes"
 
 
-EFFECT = Effect(
-    "rank", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 7, "occlusion": "none"}
-)
+EFFECT = Effect("rank", levels, why, absent, error=error)
