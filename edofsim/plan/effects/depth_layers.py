@@ -32,5 +32,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 2, "occlusion": "none", "layers": None},
+    sample={"groups": 1, "colours": 1, "occlusion": "none", "layers": None},
 )
