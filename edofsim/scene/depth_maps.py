@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +114,7 @@ def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
 def load_mat(path: Path, what: str) -> dict[str, Any]:
     """All of a MAT file; structures become objects with attributes."""
     existing(path, what)
+    _survive(path, what)
     from scipy.io import loadmat
 
     try:
@@ -124,6 +127,19 @@ def load_mat(path: Path, what: str) -> dict[str, Any]:
         raise InputError(
             f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(error)}"
         ) from error
+
+
+def _survive(path: Path, what: str) -> None:
+    """Have another process read the file first: some damaged MAT files crash the reader of SciPy, which would
+    take this process with it."""
+    code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(path)]
+    try:
+        crashed = subprocess.run(command, capture_output=True, timeout=300, check=False).returncode < 0
+    except subprocess.TimeoutExpired:
+        crashed = True
+    if crashed:
+        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
 
 
 def mat_value(data: dict[str, Any], key: str | None, path: Path, what: str) -> Any:

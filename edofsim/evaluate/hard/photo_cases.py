@@ -153,7 +153,7 @@ DEPTH = (
         lambda: HardView(flat(0.0), methods=ONE_DEPTH),
     ),
     (
-        "a thousand kilometres",
+        "a million kilometres",
         "z = 1e9 m, next to infinity",
         "1/z lost in a sum",
         lambda: HardView(flat(1e-9)),
