@@ -186,7 +186,7 @@ def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
     refused(edofsim(*base, "--crop", "0,0,4,4"), "--crop", "--reference")
     refused(edofsim(*base, "--reference", "pupil", "--crop", "4,4"), "X,Y,WIDTH,HEIGHT")
     refused(edofsim(*base, "--reference", "wave", "--crop", "0,0,4,4"), "wave", "thinlens, pupil")
-    refused(edofsim(*base, "--reference", "thinlens", "--crop", "0,0,4,4"), "cubic", "pupil", "paper-clear")
+    refused(edofsim(*base, "--reference", "thinlens", "--crop", "0,0,4,4"), "mask", "pupil", "paper-clear")
     refused(edofsim("evaluate", "occlusion", "no-such-scene", "--out", tmp_path / "out"), "no-such-scene")
     assert not (tmp_path / "cache").exists()  # nothing was rendered
     refused(
