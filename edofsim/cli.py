@@ -10,6 +10,26 @@ from typing import Annotated
 import typer
 
 from . import __version__, console
+from .cli_evaluate import evaluate_app
+from .cli_options import (
+    AccuracyOption,
+    CacheOption,
+    CameraOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    LayersOption,
+    MethodOption,
+    NetworkOption,
+    OcclusionOption,
+    OutOption,
+    QuietOption,
+    Scene,
+    SeedOption,
+    TimeOption,
+    WithOption,
+    WithoutOption,
+)
 from .errors import InputError
 
 app = typer.Typer(
@@ -19,90 +39,14 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 cache_app = typer.Typer(help="Rendered views that are kept: list, check, clear.", no_args_is_help=True)
-evaluate_app = typer.Typer(
-    help="The paper's experiments: each writes figures, a CSV and a picture.", no_args_is_help=True
-)
 app.add_typer(cache_app, name="cache")
 app.add_typer(evaluate_app, name="evaluate")
-
-
-class Device(StrEnum):
-    auto = "auto"
-    cpu = "cpu"
-    cuda = "cuda"
 
 
 class RecipeKind(StrEnum):
     scene = "scene"
     camera = "camera"
     train = "train"
-
-
-Scene = Annotated[
-    str, typer.Argument(metavar="SCENE", help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.")
-]
-CameraOption = Annotated[
-    str | None,
-    typer.Option(
-        "--camera", metavar="CAMERA", help="Camera recipe or shipped name; default: what the scene names."
-    ),
-]
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder for what is written; default out/NAME.")
-]
-JsonOption = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="All printed figures, machine-readable.")
-]
-DeviceOption = Annotated[Device, typer.Option("--device", help="Where to compute.")]
-SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Seed of everything random that is not in the scene recipe.")
-]
-CacheOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--cache", metavar="DIR", help="Folder of rendered views; default render_cache in a checkout."
-    ),
-]
-QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-LayersOption = Annotated[
-    int | None, typer.Option("--layers", help="Depth layers; default: what the plan says.")
-]
-MethodOption = Annotated[
-    str | None,
-    typer.Option("--method", help="brute, layered, low_rank or constant; default: what the plan says."),
-]
-AccuracyOption = Annotated[
-    str | None,
-    typer.Option(
-        "--accuracy",
-        metavar="45dB|noise|full",
-        help="What all left-out effects may err by together; default noise: half of the sensor's.",
-    ),
-]
-TimeOption = Annotated[
-    str | None, typer.Option("--time", metavar="20s", help="Instead: the best accuracy within a time.")
-]
-WithOption = Annotated[
-    list[str] | None,
-    typer.Option("--with", metavar="EFFECT", help="Simulate an effect in full, whatever the plan says."),
-]
-WithoutOption = Annotated[
-    list[str] | None,
-    typer.Option("--without", metavar="EFFECT", help="Leave an effect out, whatever the plan says."),
-]
-OcclusionOption = Annotated[
-    str | None,
-    typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
-]
-NetworkOption = Annotated[
-    str | None,
-    typer.Option(
-        "--network",
-        metavar="CHECKPOINT",
-        help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
-        "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
-    ),
-]
 
 
 @app.callback(invoke_without_command=True)
@@ -144,7 +88,8 @@ def run(
     seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, peak_memory_mib, render_noise,
     and what `edofsim plan` says.
     """
-    from .commands import Aim, run_scene
+    from .commands.base import Aim
+    from .commands.scenes import run_scene
 
     overrule = {
         "method": method,
@@ -193,7 +138,8 @@ def render(
     Figures: views, views.rendered, seconds.{forecast,render}, seconds.SCENE, render_noise.SCENE,
     peak_memory_mib.
     """
-    from .commands import Aim, render_scenes
+    from .commands.base import Aim
+    from .commands.scenes import render_scenes
 
     with console.progress("render", quiet=quiet) as progress:
         done = render_scenes(
@@ -251,7 +197,8 @@ def expose(
     Figures: psnr_db.{photo,against_reference}, seconds.{plan,render,expose,reference}, light_lost.{r,g,b},
     peak_memory_mib, and what `edofsim plan` says.
     """
-    from .commands import Aim, expose_scene
+    from .commands.base import Aim
+    from .commands.scenes import expose_scene
 
     overrule = {
         "method": method,
@@ -298,7 +245,8 @@ def plan(
     Figures: plan.{psnr_db,memory_mib,seconds}, plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and
     for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
-    from .commands import Aim, plan_scene
+    from .commands.base import Aim
+    from .commands.scenes import plan_scene
 
     overrule = {"with_": with_, "without": without}
     aim = Aim(accuracy, time)
@@ -324,7 +272,7 @@ def cost(
     Figures: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE], predicted_seconds.CASE for each case
     target.N_dB, chosen, without.EFFECT and full; times_faster.chosen.
     """
-    from .commands import cost_scene
+    from .commands.scenes import cost_scene
 
     with console.progress("cost", quiet=quiet) as progress:
         done = cost_scene(scene, camera, repeats, out, json, cache, device.value, progress)
@@ -354,7 +302,7 @@ def restore(
 
     Figures: seconds.restore, peak_memory_mib.
     """
-    from .commands import restore_file
+    from .commands.learning import restore_file
 
     restore_file(photo, camera, network, near_m, far_m, out, json).show()
 
@@ -381,7 +329,7 @@ def train(
 
     Figures: psnr_db.validation, psnr_db.validation_photo, validation_loss, steps, seconds.training.
     """
-    from .commands import train_recipe
+    from .commands.learning import train_recipe
 
     with console.progress("train", quiet=quiet) as progress:
         done = train_recipe(recipe, data, resume, max_minutes, out, json, cache, device.value, progress)
@@ -398,147 +346,15 @@ def psf(
     json: JsonOption = None,
 ) -> None:
     """PSFs and MTFs of a camera as picture and EXR."""
-    from .commands import draw_masks, draw_psf
+    from .commands.tools import draw_masks, draw_psf
 
     (draw_masks(out, json) if masks else draw_psf(camera, out, json)).show()
-
-
-@evaluate_app.command()
-def mtf(camera: CameraOption = None, out: OutOption = None, json: JsonOption = None) -> None:
-    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7)."""
-    from .commands import evaluate_mtf
-
-    evaluate_mtf(camera, out, json).show()
-
-
-@evaluate_app.command()
-def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
-    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6)."""
-    from .commands import evaluate_bandwidth
-
-    evaluate_bandwidth(out, json).show()
-
-
-@evaluate_app.command()
-def table(
-    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of photographs.")],
-    systems: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--network", metavar="SYSTEM", help="Checkpoint or shipped camera; repeat it for several."
-        ),
-    ] = None,
-    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")] = None,
-    seed: SeedOption = 0,
-    out: OutOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m (paper, Table I).
-
-    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* alike.
-    """
-    from .commands import evaluate_table
-
-    with console.progress("table", quiet=quiet) as progress:
-        done = evaluate_table(data, systems, limit, seed, out, json, progress)
-    done.show()
-
-
-@evaluate_app.command()
-def predictions(
-    scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
-    ] = None,
-    small: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
-    learned). Interrupt it at any time: the same command goes on from there.
-
-    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
-    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
-    """
-    from .commands import evaluate_predictions
-
-    with console.progress("predictions", quiet=quiet) as progress:
-        done = evaluate_predictions(scenes or (), small, out, json, cache, progress)
-    done.show()
-
-
-@evaluate_app.command()
-def occlusion(
-    scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Default: desk, foliage, bench.")
-    ] = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
-) -> None:
-    """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
-    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind.
-
-    Interrupt it at any time: scenes that are finished are kept in --out.
-
-    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden}, {near,far}_dpt.SCENE.
-    """
-    from .commands import evaluate_occlusion
-
-    with console.progress("occlusion", quiet=quiet) as progress:
-        done = evaluate_occlusion(scenes or (), out, json, cache, device.value, progress)
-    done.show()
-
-
-@evaluate_app.command()
-def stability(
-    names: Annotated[
-        list[str] | None, typer.Argument(metavar="[CASE...]", help="Cases or groups of cases; default all.")
-    ] = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """The catalogue of hard cases: error against a truth of every method, mask and precision.
-
-    Figures: cases, findings, beyond_bound, failed, single_precision, seconds.
-    """
-    from .commands import evaluate_stability
-
-    with console.progress("stability", quiet=quiet) as progress:
-        done = evaluate_stability(names or (), out, json, progress)
-    done.show()
-
-
-@evaluate_app.command()
-def bench(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
-    ] = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
-
-    `expose` keeps each piece that it has finished in --out; delete them there to measure anew.
-    """
-    from .commands import evaluate_bench
-
-    with console.progress("bench", quiet=quiet) as progress:
-        done = evaluate_bench(names or (), out, json, progress)
-    done.show()
 
 
 @cache_app.command("ls")
 def cache_ls(cache: CacheOption = None, json: JsonOption = None) -> None:
     """Every entry with its scene, size and age."""
-    from .commands import cache_list
+    from .commands.tools import cache_list
 
     cache_list(cache, json).show()
 
@@ -546,7 +362,7 @@ def cache_ls(cache: CacheOption = None, json: JsonOption = None) -> None:
 @cache_app.command("verify")
 def cache_verify(cache: CacheOption = None, json: JsonOption = None) -> None:
     """Check every entry against its checksum; damaged ones are set aside."""
-    from .commands import cache_check
+    from .commands.tools import cache_check
 
     cache_check(cache, json).show()
 
@@ -560,7 +376,7 @@ def cache_prune(
     json: JsonOption = None,
 ) -> None:
     """Remove old entries, what was set aside, and what interrupted work left."""
-    from .commands import cache_clear
+    from .commands.tools import cache_clear
 
     cache_clear(cache, older_than_days, json).show()
 
@@ -571,7 +387,7 @@ def doctor(
     json: JsonOption = None,
 ) -> None:
     """Engines and devices found, which works, what to install for a faster one."""
-    from .commands import examine_engines
+    from .commands.tools import examine_engines
 
     examine_engines(again, json).show()
 
@@ -584,7 +400,7 @@ def schema(
     ] = None,
 ) -> None:
     """JSON Schema of a recipe, for editors."""
-    from .commands import recipe_schema
+    from .commands.tools import recipe_schema
 
     recipe_schema(kind.value, out)
 

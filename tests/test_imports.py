@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "evaluate": {"recipe", "scene", "render", "optics", "expose", "reference", "plan", "restore", "learn"},
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"}
+MAY_IMPORT["commands"] = {*MAY_IMPORT, "pipeline", "console"}
 COMMON = {"errors", "record"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
 ONLY_IN = {"mitsuba": {"render", "reference", "evaluate"}, "drjit": {"render", "reference", "evaluate"}}

@@ -1,0 +1,156 @@
+"""`edofsim evaluate`: one short function an experiment, no logic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import console
+from .cli_options import (
+    CacheOption,
+    CameraOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    OutOption,
+    QuietOption,
+    SeedOption,
+)
+
+evaluate_app = typer.Typer(
+    help="The paper's experiments: each writes figures, a CSV and a picture.", no_args_is_help=True
+)
+
+
+@evaluate_app.command()
+def mtf(camera: CameraOption = None, out: OutOption = None, json: JsonOption = None) -> None:
+    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7)."""
+    from .commands.experiments import evaluate_mtf
+
+    evaluate_mtf(camera, out, json).show()
+
+
+@evaluate_app.command()
+def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
+    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6)."""
+    from .commands.experiments import evaluate_bandwidth
+
+    evaluate_bandwidth(out, json).show()
+
+
+@evaluate_app.command()
+def table(
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of photographs.")],
+    systems: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--network", metavar="SYSTEM", help="Checkpoint or shipped camera; repeat it for several."
+        ),
+    ] = None,
+    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")] = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m (paper, Table I).
+
+    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* alike.
+    """
+    from .commands.experiments import evaluate_table
+
+    with console.progress("table", quiet=quiet) as progress:
+        done = evaluate_table(data, systems, limit, seed, out, json, progress)
+    done.show()
+
+
+@evaluate_app.command()
+def predictions(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
+    ] = None,
+    small: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
+    learned). Interrupt it at any time: the same command goes on from there.
+
+    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
+    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
+    """
+    from .commands.experiments import evaluate_predictions
+
+    with console.progress("predictions", quiet=quiet) as progress:
+        done = evaluate_predictions(scenes or (), small, out, json, cache, progress)
+    done.show()
+
+
+@evaluate_app.command()
+def occlusion(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Default: desk, foliage, bench.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> None:
+    """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
+    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind.
+
+    Interrupt it at any time: scenes that are finished are kept in --out.
+
+    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden}, {near,far}_dpt.SCENE.
+    """
+    from .commands.experiments import evaluate_occlusion
+
+    with console.progress("occlusion", quiet=quiet) as progress:
+        done = evaluate_occlusion(scenes or (), out, json, cache, device.value, progress)
+    done.show()
+
+
+@evaluate_app.command()
+def stability(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[CASE...]", help="Cases or groups of cases; default all.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """The catalogue of hard cases: error against a truth of every method, mask and precision.
+
+    Figures: cases, findings, beyond_bound, failed, single_precision, seconds.
+    """
+    from .commands.experiments import evaluate_stability
+
+    with console.progress("stability", quiet=quiet) as progress:
+        done = evaluate_stability(names or (), out, json, progress)
+    done.show()
+
+
+@evaluate_app.command()
+def bench(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
+
+    `expose` keeps each piece that it has finished in --out; delete them there to measure anew.
+    """
+    from .commands.experiments import evaluate_bench
+
+    with console.progress("bench", quiet=quiet) as progress:
+        done = evaluate_bench(names or (), out, json, progress)
+    done.show()

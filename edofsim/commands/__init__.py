@@ -1,0 +1,1 @@
+"""What each command does: from its options to files, figures and lines to print."""
