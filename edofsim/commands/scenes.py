@@ -35,9 +35,9 @@ def run_scene(
     target = aim.target()
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
+    from .. import pipeline
     from ..expose import write_photo
     from ..report import save_srgb, write_run_report
-    from .. import pipeline
 
     result = pipeline.run(
         scene_recipe,
