@@ -13,7 +13,7 @@ OUT ?= out
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -3; echo "targets: setup run test test-all bench lint clean"
+	@sed -n 's/^#  *//p' Makefile | head -3; echo "targets: setup run test test-all bench paper lint clean"
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "edofsim needs Python 3.11 or newer; install it and try again"; exit 2; }
@@ -41,6 +41,11 @@ test-all: setup
 
 bench: setup
 	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json
+
+# PHOTOS=dir CUBES=path CHART=file name data of your own, FULL=1 takes the paper's sizes
+paper: setup
+	$(BIN)/edofsim evaluate paper --out $(OUT)/paper $(if $(PHOTOS),--photos $(PHOTOS)) $(if $(CUBES),--cubes $(CUBES)) \
+	  $(if $(CHART),--chart $(CHART)) $(if $(FULL),--full)
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check edofsim tests

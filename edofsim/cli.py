@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from . import __version__, console
-from .cli_evaluate import evaluate_app
 from .cli_options import (
     AccuracyOption,
     CacheOption,
@@ -30,6 +29,7 @@ from .cli_options import (
     WithOption,
     WithoutOption,
 )
+from .cli_paper import evaluate_app
 from .errors import InputError
 
 app = typer.Typer(

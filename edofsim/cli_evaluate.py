@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,60 +9,16 @@ import typer
 from . import console
 from .cli_options import (
     CacheOption,
-    CameraOption,
     Device,
     DeviceOption,
     JsonOption,
     OutOption,
     QuietOption,
-    SeedOption,
 )
 
 evaluate_app = typer.Typer(
     help="The paper's experiments: each writes figures, a CSV and a picture.", no_args_is_help=True
 )
-
-
-@evaluate_app.command()
-def mtf(camera: CameraOption = None, out: OutOption = None, json: JsonOption = None) -> None:
-    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7)."""
-    from .commands.experiments import evaluate_mtf
-
-    evaluate_mtf(camera, out, json).show()
-
-
-@evaluate_app.command()
-def bandwidth(out: OutOption = None, json: JsonOption = None) -> None:
-    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6)."""
-    from .commands.experiments import evaluate_bandwidth
-
-    evaluate_bandwidth(out, json).show()
-
-
-@evaluate_app.command()
-def table(
-    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="Folder of photographs.")],
-    systems: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--network", metavar="SYSTEM", help="Checkpoint or shipped camera; repeat it for several."
-        ),
-    ] = None,
-    limit: Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")] = None,
-    seed: SeedOption = 0,
-    out: OutOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m (paper, Table I).
-
-    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* alike.
-    """
-    from .commands.experiments import evaluate_table
-
-    with console.progress("table", quiet=quiet) as progress:
-        done = evaluate_table(data, systems, limit, seed, out, json, progress)
-    done.show()
 
 
 @evaluate_app.command()

@@ -7,50 +7,9 @@ from pathlib import Path
 
 from rich.table import Table
 
-from ..recipe import load_camera, load_scene
+from ..recipe import load_scene
 from ..record import writable_folder
-from .base import Done, Progress, experiment, finish
-
-
-def evaluate_table(
-    data: Path,
-    systems: Sequence[str] | None,
-    limit: int | None,
-    seed: int,
-    out: Path | None,
-    json: Path | None,
-    progress: Progress,
-) -> Done:
-    """`edofsim evaluate table`."""
-    folder = writable_folder(out or Path("out") / "table")
-    from ..evaluate import table
-
-    numbers = table.run(folder, data, systems=systems or None, seed=seed, limit=limit, progress=progress)
-    return experiment("evaluate table", numbers, folder, json, {"data": str(data), "seed": seed})
-
-
-def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
-    """`edofsim evaluate mtf`."""
-    loaded = load_camera(camera or "paper-cubic")
-    from ..evaluate import mtf
-    from ..optics import Camera
-
-    folder = writable_folder(out or Path("out") / "mtf")
-    return experiment(
-        "evaluate mtf",
-        mtf.run(folder, Camera.from_recipe(loaded.recipe, loaded.base)),
-        folder,
-        json,
-        {"camera": loaded.recipe.name},
-    )
-
-
-def evaluate_bandwidth(out: Path | None, json: Path | None) -> Done:
-    """`edofsim evaluate bandwidth`."""
-    from ..evaluate import bandwidth
-
-    folder = writable_folder(out or Path("out") / "bandwidth")
-    return experiment("evaluate bandwidth", bandwidth.run(folder), folder, json, {})
+from .base import Done, Progress, finish
 
 
 def evaluate_predictions(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 from torch import Tensor
 
 from ..errors import InputError
@@ -33,18 +33,32 @@ def read_folder(folder: Path, smallest: int) -> Images:
     smallest: pixels that each side must have. Raises InputError for a missing or empty folder, and lists
     all pictures that cannot be read or are smaller than a patch.
     """
+    _, images, problems = usable_pictures(folder, smallest)
+    if problems:
+        raise InputError(problems[:20] + ([f"and {len(problems) - 20} more"] if len(problems) > 20 else []))
+    return images
+
+
+def usable_pictures(
+    folder: Path, smallest: int, limit: int | None = None, only: str | None = None
+) -> tuple[tuple[str, ...], Images, list[str]]:
+    """The names of all pictures of a folder, those that can be used, and a sentence for each that cannot.
+
+    smallest: pixels that each side must have. limit: only the first so many files; only: the one of that
+    name. Raises InputError for a missing or empty folder.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name one with photographs, --data DIR")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     if not paths:
         kinds = ", ".join(SUFFIXES)
         raise InputError(f"{folder}: holds no pictures ({kinds}); name a folder with photographs")
-    digest, pictures, problems = hashlib.sha256(), [], []
-    for path in paths:
+    digest, pictures, names, problems = hashlib.sha256(), [], [], []
+    for path in [path for path in paths if only in (None, path.name)][:limit]:
         try:
             data = path.read_bytes()
             picture = _decode(path)
-        except (OSError, ValueError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
             problems.append(f"{path}: cannot be read as a picture ({error}); mend or remove it")
             continue
         if min(picture.shape[-2:]) < smallest:
@@ -52,11 +66,12 @@ def read_folder(folder: Path, smallest: int) -> Images:
             problems.append(
                 f"{path}: {size} pixels are fewer than a patch of {smallest}; remove it or shrink patches"
             )
+            continue
         digest.update(path.name.encode() + b"\0" + data)
         pictures.append(picture)
-    if problems:
-        raise InputError(problems[:20] + ([f"and {len(problems) - 20} more"] if len(problems) > 20 else []))
-    return Images(tuple(pictures), tuple(path.name for path in paths), digest.hexdigest())
+        names.append(path.name)
+    images = Images(tuple(pictures), tuple(names), digest.hexdigest())
+    return tuple(path.name for path in paths), images, problems
 
 
 def packaged_images(smallest: int) -> Images:

@@ -13,6 +13,8 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from ..errors import InputError
+
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
 NOT_A_NUMBER = (1.0, 0.0, 1.0)  # magenta: no photograph has it by chance
 
@@ -90,6 +92,16 @@ def picture(image: Tensor, label: str, alt: str, *, gain: float = 1.0, note: str
     encoded[:, bad] = torch.tensor(NOT_A_NUMBER)[:, None]
     pixels = (encoded * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
     return Picture(png_bytes(pixels), pixels.shape[1], pixels.shape[0], label, alt, note)
+
+
+def picture_file(path: Path, label: str, alt: str, *, note: str = "") -> Picture:
+    """A PNG file as a picture. Raises InputError where it cannot be read."""
+    try:
+        content = path.read_bytes()
+        with Image.open(io.BytesIO(content)) as image:
+            return Picture(content, image.width, image.height, label, alt, note)
+    except (OSError, SyntaxError) as error:
+        raise InputError(f"{path}: cannot be read as a picture ({error}); run the same again") from None
 
 
 def png_bytes(pixels: np.ndarray) -> bytes:

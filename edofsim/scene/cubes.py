@@ -23,6 +23,24 @@ def read_cube(source: CubeSource, base: Path, wavelengths: np.ndarray) -> np.nda
     wavelengths: [band] m. Bands between those of the file are interpolated linearly. Raises InputError for
     files that cannot be read, for bands outside the file's, and for values that are not finite.
     """
+    what = f"spectral cube {source.path!r}"
+    cube, nm = stored_cube(source, base)
+    cube = at_bands(cube, nm, np.asarray(wavelengths) * 1e9, what)
+    if source.illuminant is not None:
+        cube = cube * spectra.illuminant(source.illuminant, wavelengths)[:, None, None]
+    if source.scale != "auto":
+        return (cube * source.scale).astype(np.float32)
+    bright = np.percentile(cube.mean(axis=0), 99)
+    if not bright > 0:
+        raise InputError(f"{what} is black")
+    return (cube / bright).astype(np.float32)
+
+
+def stored_cube(source: CubeSource, base: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers of a cube's file, cropped, [band, y, x], and the wavelengths of its bands in nm, ascending.
+
+    Raises InputError for files that cannot be read and for values that are not finite.
+    """
     path = Path(base) / source.path
     what = f"spectral cube {source.path!r}"
     if path.is_dir():
@@ -40,15 +58,8 @@ def read_cube(source: CubeSource, base: Path, wavelengths: np.ndarray) -> np.nda
     cube = cube[:, top : cube.shape[1] - bottom, left : cube.shape[2] - right]
     if cube.size == 0:
         raise InputError(f"{what}: nothing is left of it after the crop {source.crop}")
-    cube = _at(cube, nm, np.asarray(wavelengths) * 1e9, what)
-    if source.illuminant is not None:
-        cube = cube * spectra.illuminant(source.illuminant, wavelengths)[:, None, None]
-    if source.scale != "auto":
-        return (cube * source.scale).astype(np.float32)
-    bright = np.percentile(cube.mean(axis=0), 99)
-    if not bright > 0:
-        raise InputError(f"{what} is black")
-    return (cube / bright).astype(np.float32)
+    order = np.argsort(nm)
+    return cube[order], nm[order]
 
 
 def _wavelengths_nm(source: CubeSource, found: np.ndarray | None, count: int, what: str) -> np.ndarray:
@@ -61,9 +72,8 @@ def _wavelengths_nm(source: CubeSource, found: np.ndarray | None, count: int, wh
     )
 
 
-def _at(cube: np.ndarray, nm: np.ndarray, wanted: np.ndarray, what: str) -> np.ndarray:
-    order = np.argsort(nm)
-    nm, cube = nm[order], cube[order]
+def at_bands(cube: np.ndarray, nm: np.ndarray, wanted: np.ndarray, what: str) -> np.ndarray:
+    """A cube [band, y, x] with bands at `nm`, ascending, interpolated linearly to the bands `wanted`."""
     if wanted.min() < nm[0] - 1e-6 or wanted.max() > nm[-1] + 1e-6:
         raise InputError(
             f"{what} goes from {nm[0]:g} to {nm[-1]:g} nm, the recipe's bands from {wanted.min():g} to "

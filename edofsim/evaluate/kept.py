@@ -1,0 +1,64 @@
+"""What an experiment has finished, one line of JSON each, so that an interrupted one goes on from there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import EdofsimError
+
+
+class Kept:
+    """Findings by key in a file of lines. A key says everything that decides a finding (see `key_of`).
+
+    A line that an interruption cut short is passed over. Raises EdofsimError where the file cannot be
+    written."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._found: dict[str, dict[str, Any]] = {}
+        cut = False
+        if path.is_file():
+            text = path.read_text(encoding="utf-8", errors="replace")
+            cut = bool(text) and not text.endswith("\n")
+            for line in text.splitlines():
+                try:
+                    entry = json.loads(line)
+                    self._found[entry["key"]] = entry["found"]
+                except (ValueError, KeyError, TypeError):
+                    continue
+        if cut:
+            self._append("\n")
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def get(self, key: str) -> dict[str, Any] | None:
+        """The finding of a key, or None."""
+        return self._found.get(key)
+
+    def put(self, key: str, found: Mapping[str, Any]) -> None:
+        """Keep a finding, on disk before this returns."""
+        self._found[key] = dict(found)
+        self._append(json.dumps({"key": key, "found": self._found[key]}) + "\n")
+
+    def _append(self, text: str) -> None:
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise EdofsimError(
+                f"{self._path}: cannot be written ({error.strerror}); choose another --out"
+            ) from None
+
+
+def key_of(**parts: Any) -> str:
+    """A key of everything that decides a finding: JSON values by name."""
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:24]
