@@ -17,7 +17,8 @@ from .cli_options import (
 )
 
 evaluate_app = typer.Typer(
-    help="The paper's experiments: each writes figures, a CSV and a picture.", no_args_is_help=True
+    help="The paper's experiments and ours: each writes a page or pictures, a CSV and a JSON.",
+    no_args_is_help=True,
 )
 
 

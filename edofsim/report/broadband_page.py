@@ -106,8 +106,7 @@ def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
         x="wavelength (nm)",
         y="difference of the PSF",
         alt=f"Difference of each band's PSF from that of the nearest training wavelength for {system}: 0 "
-        "near "
-        f"482, 543 and 611 nm, at most {float(found.difference.max()):.2f}.",
+        f"near 482, 543 and 611 nm, at most {float(found.difference.max()):.2f}.",
         caption="How far each band's point spread function is from that of the nearest of the three training "
         "wavelengths at the same distance: ‖h − h₀‖ / ‖h₀‖. Near 482, 543 and 611 nm it is small by design.",
         width=WIDE_IN,
@@ -132,8 +131,7 @@ def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
         (Column("Distance"), Column("left to right", "", 3), Column("top to bottom", "", 3)),
         tuple((names[i], float(means[i, 0]), float(means[i, 1])) for i in range(len(names))),
         "Asymmetry of the point spread functions, mean over the bands: the part of the light that lies "
-        "elsewhere "
-        "in the mirrored one. 0 is symmetric.",
+        "elsewhere in the mirrored one. 0 is symmetric.",
     )
     return (difference, _axial(system, found), *places, asymmetric)
 
@@ -179,16 +177,12 @@ def _axial(system: str, found: Chromatic) -> Plot:
     spread = [float(values.max() / values.min()) for _, values in panels]
     return Plot(
         paint,
-        alt="Sharpness over wavelength and distance. The lens alone is sharp along one line only; the "
-        "largest "
-        f"over the smallest value is {spread[0]:.1f} for the lens alone and {spread[1]:.1f} with the mask of "
-        f"{system}.",
+        alt="Sharpness over wavelength and distance. The lens alone is sharp along one line only; largest "
+        f"over smallest value is {spread[0]:.1f} for it and {spread[1]:.1f} with the mask of {system}.",
         caption="Axial colour: root mean square of the modulation transfer over the sensor's frequencies. "
-        "Dashed: the distance that the lens has in focus, which depends on wavelength. A mask that extends "
-        "the "
-        f"depth of field levels it: largest over smallest is {spread[0]:.1f} for the lens, {spread[1]:.1f} "
-        "with "
-        "the mask.",
+        "Dashed: the distance in focus for rays near the axis; spherical aberration moves the sharpest one "
+        "nearer. A mask that extends the depth of field levels it: largest over smallest is "
+        f"{spread[0]:.1f} for the lens, {spread[1]:.1f} with the mask.",
         paint_narrow=functools.partial(paint, True),
     )
 
@@ -228,7 +222,6 @@ def _band_errors(result: Result, cube: str) -> Plot:
         f"{percent(min(min(r.band_errors) for r in rows))} to "
         f"{percent(max(max(r.band_errors) for r in rows))}.",
         caption=f"What the optics of {first} do to each band before anything is restored: root mean square "
-        "of "
-        "the difference between the band's photo and the band, over that of the band.",
+        "of the difference between the band's photo and the band, over that of the band.",
         width=WIDE_IN,
     )

@@ -51,7 +51,7 @@ def _card(path: Path, folder: Path) -> Link | None:
     reader = _Reader()
     reader.feed(re.sub(r'"data:[^"]*"', '""', text))
     facts = listed([" ".join(key.split()) for key in reader.keys[:FEW_KEYS]])
-    said = f"{reader.purpose} {facts[0].upper()}{facts[1:]}." if facts else reader.purpose
+    said = f"{reader.purpose} Figures: {facts}." if facts else reader.purpose
     where = path.relative_to(folder).as_posix()
     return Link(where, reader.title or path.stem, said, _thumbnail(text, reader.title))
 

@@ -73,6 +73,7 @@ def bandwidth_page(figures: Mapping[str, float]) -> Page:
         y="observed over theoretical bandwidth",
         alt=f"Bandwidth over theory against defocus: both curves fall from {rows[0][1]:.1f} towards 1.",
         caption="Observed bandwidth as a multiple of 4Ψ/r.",
+        log_y=True,
         width=WIDE_IN,
     )
     apart = line_plot(

@@ -205,6 +205,8 @@ def line_plot(
             axes.set_xscale("log")
         if log_y:
             axes.set_yscale("log")
+        if inches == NARROW_IN and not log_x:
+            axes.locator_params(axis="x", nbins=5)
         axes.set_xlabel(x)
         axes.set_ylabel(y)
         if len(series) > 1:

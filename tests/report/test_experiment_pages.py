@@ -29,7 +29,7 @@ def test_the_index_has_a_card_for_each_page(tmp_path: Path) -> None:
     text = write_index(tmp_path).read_text()
     assert "About noise" in text and "About scene3d" in text and "What it is for." in text
     assert "noise/noise.html" in text and "1.25 dB" in text and "30.10 dB" in text
-    assert "not ours" not in text and "Loss &lt;of&gt; it" in text
+    assert "not ours" not in text and "Figures: loss &lt;of&gt; it 1.25 dB." in text
     assert text.count("data:image/png") == 2
     # the index itself is no page of its own
     assert write_index(tmp_path).read_text() == text
