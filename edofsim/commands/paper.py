@@ -136,7 +136,7 @@ def evaluate_index(folder: Path | None) -> Done:
 
 def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
     """`edofsim evaluate mtf`."""
-    loaded = load_camera(camera or "paper-cubic")
+    loaded = load_camera(camera or "paper-learned")
     from ..evaluate import mtf
     from ..optics import Camera
     from ..report.optics_pages import mtf_page

@@ -53,16 +53,21 @@ def _card(path: Path, folder: Path) -> Link | None:
     facts = listed([" ".join(key.split()) for key in reader.keys[:FEW_KEYS]])
     said = f"{reader.purpose} Figures: {facts}." if facts else reader.purpose
     where = path.relative_to(folder).as_posix()
-    return Link(where, reader.title or path.stem, said, _thumbnail(text, reader.title))
+    return Link(where, reader.title or path.stem, said, _thumbnail(path, text, reader.title))
 
 
-def _thumbnail(text: str, title: str) -> Picture | None:
-    """The middle of the page's last picture: that is what came out."""
+def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
+    """The middle of the page's last picture, which is what came out; else of the plot that lies beside it."""
     found = _PICTURE.findall(text)
-    if not found:
+    beside = path.with_suffix(".png")
+    if not found and not beside.is_file():
         return None
-    with Image.open(io.BytesIO(base64.b64decode(found[-1]))) as image:
-        picture = image.convert("RGB")
+    try:
+        content = base64.b64decode(found[-1]) if found else beside.read_bytes()
+        with Image.open(io.BytesIO(content)) as image:
+            picture = image.convert("RGB")
+    except (OSError, SyntaxError, ValueError):
+        return None
     side = min(picture.size)
     left, top = (picture.width - side) // 2, (picture.height - side * 9 // 16) // 2
     picture = picture.crop((left, top, left + side, top + side * 9 // 16))

@@ -10,6 +10,7 @@ import torch
 from edofsim.commands import paper_all
 from edofsim.commands.base import Done
 from edofsim.errors import EdofsimError, InputError
+from edofsim.evaluate.planes import save_png
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page
 from edofsim.report.experiments_index import write_index
 
@@ -26,11 +27,13 @@ def test_the_index_has_a_card_for_each_page(tmp_path: Path) -> None:
     page(tmp_path, "scene3d", "30.10")
     (tmp_path / "other").mkdir()
     (tmp_path / "other/foreign.html").write_text("<html><title>not ours</title></html>")
+    write_page(tmp_path / "mtf/mtf.html", Page("No picture in it", "But a plot beside it."))
+    save_png(tmp_path / "mtf/mtf.png", torch.rand(3, 40, 60))
     text = write_index(tmp_path).read_text()
     assert "About noise" in text and "About scene3d" in text and "What it is for." in text
     assert "noise/noise.html" in text and "1.25 dB" in text and "30.10 dB" in text
     assert "not ours" not in text and "Figures: loss &lt;of&gt; it 1.25 dB." in text
-    assert text.count("data:image/png") == 2
+    assert text.count("data:image/png") == 3
     # the index itself is no page of its own
     assert write_index(tmp_path).read_text() == text
 
