@@ -27,6 +27,15 @@ ShowOption = Annotated[
     list[str] | None,
     typer.Option("--show", metavar="NAME", help="Photograph to show, repeatable; default: the first."),
 ]
+NetworksOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--network",
+        metavar="CHECKPOINT",
+        help="Checkpoint or shipped name, whose mask the camera then has; repeatable; default: paper-dcnn.",
+    ),
+]
+SmallOption = Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")]
 LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")]
 
 
@@ -180,6 +189,38 @@ def broadband(
     chosen = scenes or ([] if data else ["desk"])
     with console.progress("broadband", quiet=quiet) as progress:
         done = evaluate_broadband(data or [], chosen, reading, systems, seed, out, json, cache, progress)
+    done.show()
+
+
+@evaluate_app.command()
+def scene3d(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SCENE...]", help="Recipes or shipped names; default all shipped."),
+    ] = None,
+    networks: NetworksOption = None,
+    camera: CameraOption = None,
+    small: SmallOption = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Deep scenes through the lens alone and through learned masks, by the paper's protocol and by ours:
+    scores whole, by depth and near depth edges, and what each way to simulate concludes (paper, Fig. 13).
+
+    Interrupt it at any time: scenes that are finished are kept in --out. What cannot be read is named at the
+    end, and the others are finished.
+
+    Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
+    gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;
+    WAY: paper, linear, none, over, normalised, hidden (ours).
+    """
+    from .commands.deep_scenes import evaluate_scene3d
+
+    with console.progress("scene3d", quiet=quiet) as progress:
+        done = evaluate_scene3d(scenes or (), networks or (), camera, small, seed, out, json, cache, progress)
     done.show()
 
 

@@ -33,15 +33,20 @@ class Aim:
 
 @dataclass(frozen=True)
 class Done:
-    """The end of a command: what it prints, last of all the paths of what it wrote."""
+    """The end of a command: what it prints, last of all the paths of what it wrote. problems: what could not
+    be used while the rest was finished."""
 
     printed: Sequence[str | Table] = ()
     outputs: Mapping[str, Path] = field(default_factory=dict)
+    problems: Sequence[str] = ()
 
     def show(self) -> None:
+        """Print it. Raises InputError at the end if there were problems."""
         for item in self.printed:
             console.out.print(item, markup=False) if isinstance(item, str) else console.out.print(item)
         console.show_outputs(self.outputs)
+        if self.problems:
+            raise InputError(self.problems)
 
 
 def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:

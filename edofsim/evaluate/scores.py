@@ -73,25 +73,39 @@ def score(image: Tensor, truth: Tensor) -> Score:
     )
 
 
-def score_by_depth(
-    image: Tensor, truth: Tensor, inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
-) -> tuple[DepthScore, ...]:
-    """Scores of the pixels in each depth range that holds any; the last range includes infinity.
-
-    inverse_depth: [y, x] in 1/m; edges_m: ascending.
-    """
+def score_parts(image: Tensor, truth: Tensor, parts: Sequence[Tensor]) -> list[Score]:
+    """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least."""
     similarity = ssim_map(image, truth)
+    found = []
+    for mask in parts:
+        mean_ssim = math.nan if similarity is None else float(similarity[mask.cpu()].mean())
+        found.append(Score(psnr(image, truth, mask), mean_ssim, int(mask.sum())))
+    return found
+
+
+def depth_ranges(
+    inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
+) -> list[tuple[float, float, Tensor]]:
+    """Depth ranges that hold any pixel: near_m, far_m, and where near_m <= depth < far_m, bool [y, x]; the
+    last one includes infinity. inverse_depth: [y, x] in 1/m; edges_m: ascending."""
     depth = inverse_depth.double().reciprocal()  # 1 / 0 is infinity, as it should be
-    scores = []
+    ranges = []
     for near, far in zip(edges_m, edges_m[1:], strict=False):
         mask = (depth >= near) & (
             (depth < far) if math.isfinite(far) else torch.ones_like(depth, dtype=torch.bool)
         )
-        if not mask.any():
-            continue
-        mean_ssim = math.nan if similarity is None else float(similarity[mask.cpu()].mean())
-        scores.append(DepthScore(near, far, Score(psnr(image, truth, mask), mean_ssim, int(mask.sum()))))
-    return tuple(scores)
+        if mask.any():
+            ranges.append((near, far, mask))
+    return ranges
+
+
+def score_by_depth(
+    image: Tensor, truth: Tensor, inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
+) -> tuple[DepthScore, ...]:
+    """Scores of the pixels in each depth range that holds any (see `depth_ranges`)."""
+    ranges = depth_ranges(inverse_depth, edges_m)
+    scores = score_parts(image, truth, [mask for _, _, mask in ranges])
+    return tuple(DepthScore(near, far, each) for (near, far, _), each in zip(ranges, scores, strict=True))
 
 
 def _same_shape(image: Tensor, truth: Tensor) -> None:

@@ -14,6 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..errors import InputError
+from ..expose.srgb import srgb_encode
 
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
 NOT_A_NUMBER = (1.0, 0.0, 1.0)  # magenta: no photograph has it by chance
@@ -50,12 +51,6 @@ class Picture:
 def data_uri(content: bytes | str, media_type: str) -> str:
     raw = content.encode() if isinstance(content, str) else content
     return f"data:{media_type};base64,{base64.b64encode(raw).decode('ascii')}"
-
-
-def srgb_encode(linear: Tensor) -> Tensor:
-    """Transfer curve of sRGB (IEC 61966-2-1): linear in, encoded out, both clipped to [0, 1]."""
-    x = linear.clamp(0, 1)
-    return torch.where(x <= 0.0031308, 12.92 * x, 1.055 * x.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def display_gain(image: Tensor) -> float:

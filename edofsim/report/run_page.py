@@ -44,16 +44,18 @@ def write_report(path: Path, report: RunReport) -> Path:
     return write_page(path, report_page(report))
 
 
-def report_page(report: RunReport) -> Page:
-    """The page of a run."""
-    ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
-    wanted = near_focus_far(report.inverse_depth, [DepthRange(*r) for r in ranges], report.focus_m)
-    crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
+def report_page(report: RunReport, crops: tuple[Crop, ...] | None = None) -> Page:
+    """The page of a run. crops: parts to enlarge, in place of textured ones near, at focus and far."""
+    chosen = crops is None
+    if crops is None:
+        ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
+        wanted = near_focus_far(report.inverse_depth, [DepthRange(*r) for r in ranges], report.focus_m)
+        crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
     gain = display_gain(report.ideal)
     shown = _pictures(report, gain)
     sections = [
         Section("Images", _images(report, shown, crops, gain)),
-        Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain)),
+        Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain, chosen)),
         Section("Depth and scores", _depth(report)),
         Section("Optics", _optics(report)),
         Section("Plan", _plan(report)),
@@ -162,7 +164,9 @@ def _images(
     )  # fmt: skip
 
 
-def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float) -> tuple[Block, ...]:
+def _crops(
+    report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool = True
+) -> tuple[Block, ...]:
     galleries = []
     images = report.images()
     for i, crop in enumerate(crops):
@@ -179,7 +183,9 @@ def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float) -> tuple[Blo
         )
         galleries.append(Gallery(tuple(pictures), caption, columns=4, pixels=True, title=title))
     what = "The most textured square"
-    if len(crops) > 1:
+    if not chosen:
+        what = "Parts of the objects"
+    elif len(crops) > 1:
         what += "s at the nearest depths, around focus and at the farthest depths"
     note = Text(f"{what}, enlarged without smoothing; PSNR of the square itself.")
     return (note, *galleries) if galleries else ()

@@ -1,0 +1,370 @@
+"""Pages of the deep scenes: one a scene and network, and one over all of them."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from PIL import Image
+
+from ..evaluate.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken
+from ..evaluate.scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
+from ..evaluate.scores import DepthScore, Score
+from .crops import Crop
+from .figures import score_plot
+from .model import ImageScore, RunReport
+from .page import (
+    Block,
+    Column,
+    Gallery,
+    Key,
+    Keys,
+    Link,
+    Links,
+    Notes,
+    Page,
+    Section,
+    Table,
+    Text,
+    write_page,
+)  # fmt: skip
+from .pictures import Picture, display_gain, picture
+from .run_page import report_page
+from .words import DASH, decibels, distance, number, percent
+
+__all__ = ["card", "overview_page", "scene_page", "strip", "write_page"]
+
+IMAGES = ("photo", "restored", "wiener")
+LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALONE: "Lens alone"}
+
+ABOUT = (
+    "Ours: linear light of all bands; each surface that a pixel sees has its own depth; surfaces behind "
+    "edges are rendered and composited front to back. The paper's: a picture with one depth a pixel in steps "
+    "of 1 mm, its 8-bit sRGB values taken for the intensities of 611, 543 and 482 nm, each depth's part "
+    "convolved with the PSF at that depth, nothing hiding anything. The ways between change one thing at a "
+    "time."
+)
+SCALE = (
+    "Intensity scale: the exposure puts the 99.5th percentile of the all-in-focus image at 0.9 of full scale; "
+    "PSNR is for full scale 1, with truth and images clipped to it. A picture half as bright scores 6 dB "
+    "more for the same relative error, so scores of linear light, which is darker than its sRGB values, "
+    "compare with each other but not with the paper's: the row of the paper's protocol does."
+)
+
+
+def scene_page(
+    measured: Measured,
+    seen: Seen,
+    system: System,
+    back: Link | None = None,
+    crops: tuple[Crop, ...] | None = None,
+) -> Page:
+    """One scene through the mask of one network: images and scores by our way, then every way to simulate.
+
+    crops: parts to enlarge, in place of textured ones near, at focus and far.
+    """
+    ours, alone = seen.taken[OURS, system.name], seen.taken[OURS, LENS_ALONE]
+    view, recipe = seen.view, seen.scene.recipe
+    report = RunReport(
+        title=recipe.name,
+        purpose=recipe.purpose,
+        camera=f"{seen.camera.recipe.name}, mask of {system.name}",
+        ideal=ours.truth,
+        photo=ours.images["photo"].clamp(0, 1),
+        restored=ours.images["restored"].clamp(0, 1),
+        wiener=ours.images["wiener"].clamp(0, 1),
+        lens_alone=alone.images["photo"].clamp(0, 1),
+        inverse_depth=view.crop_margin(view.mean_inverse_depth()),
+        scores=_image_scores([measured], system.name),
+        focus_m=seen.camera.recipe.focus.distance_m,
+        facts=_facts(measured),
+        recipes={item.path.name: item.text for item in (seen.scene, seen.camera)},
+        restored_label=f"Restored ({system.name})",
+    )
+    page = report_page(report, crops)
+    ways = Section(
+        "Ways to simulate",
+        (
+            Text(ABOUT),
+            _ways_table([measured], system.name),
+            *_edges_table(measured, system.name),
+            _paper_gallery(seen, system),
+        ),
+    )
+    sections = list(page.sections)
+    sections.insert(-1, ways)  # before how to repeat it
+    return replace(page, sections=tuple(sections), back=back)
+
+
+def overview_page(
+    outcome: Outcome, networks: Sequence[str], links: Sequence[Link], command: str = ""
+) -> Page:
+    """All scenes: scores, what a cheaper simulation would have concluded, scores by depth and near edges."""
+    head: list[Block] = [Keys(tuple(key for network in networks for key in _keys(outcome, network)))]
+    if outcome.failed:
+        problems = [f"{name}: {text}" for name, texts in outcome.failed.items() for text in texts]
+        head.append(Notes((f"Left out of all that follows, {len(outcome.failed)} scenes:", *problems)))
+    sections = []
+    for network in networks:
+        of = f" ({network})" if len(networks) > 1 else ""
+        every = outcome.measured
+        sections += [
+            Section(f"Scores{of}", (_scores_table(every, network), Text(SCALE))),
+            Section(f"Ways to simulate{of}", (Text(ABOUT), _ways_table(every, network))),
+            Section(f"By depth{of}", (_depth_plot(every, network),)),
+            Section(f"Depth edges{of}", (_all_edges_table(every, network),)),
+        ]
+    sections.append(Section("Scenes", (Links(tuple(links)),)))
+    return Page(
+        "Deep scenes",
+        "Scenes from half a metre to infinity, through the lens alone and through a learned mask and its "
+        "network: what is gained, where, and how much of that depends on how the photo was simulated.",
+        tuple(sections) if outcome.measured else (),
+        tuple(head),
+        {"Scenes": str(len(outcome.measured)), "Repeat": command} if command else {},
+    )
+
+
+def strip(truth: torch.Tensor, alone: Taken, restored: torch.Tensor, name: str) -> Picture:
+    """Truth, lens alone and restored side by side, small, for a card."""
+    gain = display_gain(truth)
+    images = [truth, alone.images["photo"].clamp(0, 1), restored.clamp(0, 1)]
+    side = max(1, truth.shape[-1] // 170)
+    small = [torch.nn.functional.avg_pool2d(each.cpu().float()[None], side)[0] for each in images]
+    return picture(
+        torch.cat(small, -1), name, f"{name}: all in focus, through the lens alone, and restored.", gain=gain
+    )
+
+
+def card(measured: Measured, network: str, href: str, title: str, png: Path) -> Link:
+    """A card that leads to a scene's page; png: the file with its `strip`, left out where it is missing."""
+    row, gain = measured.score(OURS, network, "restored"), measured.gain(OURS, network)
+    side = "above" if gain >= 0 else "below"
+    text = f"{decibels(row.psnr_db)} restored, {decibels(abs(gain))} {side} the lens alone"
+    if not png.is_file():
+        return Link(href, title, text)
+    content = png.read_bytes()
+    width, height = Image.open(io.BytesIO(content)).size
+    alt = f"{measured.scene}: all in focus, through the lens alone, and restored."
+    return Link(href, title, text, Picture(content, width, height, title, alt))
+
+
+def _keys(outcome: Outcome, network: str) -> list[Key]:
+    every = outcome.measured
+    low = worst(outcome, network)
+    keys = [
+        Key(f"Restored by {network}, mean", number(_mean(every, OURS, network, "restored")), "dB",
+            f"{len(every)} scenes, ours", strong=True),
+        Key("By the paper's protocol, mean", number(_mean(every, PAPER, network, "restored")), "dB",
+            f"the paper on its one scene: {PAPER_DB}"),
+        Key("Above the lens alone, mean", number(mean(m.gain(OURS, network) for m in every)), "dB", "ours"),
+    ]  # fmt: skip
+    if low is not None:
+        row = low.score(OURS, network, "restored")
+        keys.append(Key("Worst scene", number(row.psnr_db), "dB", low.scene))
+    return keys
+
+
+def _scores_table(every: Sequence[Measured], network: str) -> Table:
+    """A row a scene, and the mean."""
+    wanted = [
+        (LABELS[LENS_ALONE], OURS, LENS_ALONE, "photo"),
+        (LABELS["photo"], OURS, network, "photo"),
+        (LABELS["wiener"], OURS, network, "wiener"),
+        (LABELS["restored"], OURS, network, "restored"),
+    ]
+    columns = [Column("Scene"), *(Column(label) for label, *_ in wanted), Column("Gain", "dB")]
+    columns += [Column("Lens alone, paper's"), Column("Restored, paper's")]
+    columns += [Column("Mean level", "", 2), Column("Render noise", "dB", 0)]
+
+    def line(name: str, cells: list[Row | None], gain: float, mean_level: float, noise: float) -> tuple:
+        shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
+        return (name, *shown[:4], gain, *shown[4:], mean_level, noise)
+
+    wanted += [("", PAPER, LENS_ALONE, "photo"), ("", PAPER, network, "restored")]
+    rows = []
+    for m in every:
+        cells = [m.score(*place) for _, *place in wanted]
+        rows.append(line(m.scene, cells, m.gain(OURS, network), m.facts["mean"], m.facts["noise_db"]))
+    averages = [_mean_row(every, *place) for _, *place in wanted]
+    gain = mean(m.gain(OURS, network) for m in every)
+    rows.append(line("mean", averages, gain, mean(m.facts["mean"] for m in every), math.nan))
+    rows.append(("the paper's scene", *[None] * 6, f"{PAPER_DB}\n{DASH}", None, None))
+    return Table(
+        tuple(columns),
+        tuple(rows),
+        "PSNR in dB, below it SSIM. Gain: restored above the lens alone. Mean level: of the truth, of full "
+        "scale. Render noise: PSNR of the truth against another rendering of it; detail of that kind is blurred "
+        "away and cannot be restored, so scores near it are limited by the rendering.",
+    )
+
+
+def _ways_table(every: Sequence[Measured], network: str) -> Table:
+    """A row a way: means over scenes, and how far its conclusion is from ours."""
+    ours = {m.scene: m.gain(OURS, network) for m in every}
+    rows = []
+    for way in WAYS:
+        gains = {m.scene: m.gain(way.name, network) for m in every}
+        off = {
+            scene: gains[scene] - ours[scene] for scene in gains if math.isfinite(gains[scene] - ours[scene])
+        }
+        far = max(off, key=lambda scene: abs(off[scene]), default=None)
+        near = [m.gain(way.name, network, NEAR_EDGES) for m in every]
+        cells = [_mean(every, way.name, LENS_ALONE, "photo")]
+        cells += [_mean(every, way.name, network, image) for image in ("photo", "wiener", "restored")]
+        rows.append(
+            (
+                way.title,
+                *cells,
+                mean(gains.values()),
+                mean(near),
+                _signed(mean(off.values())),
+                *([] if len(every) == 1 else [DASH if far is None else f"{_signed(off[far])}\n{far}"]),
+            )
+        )
+    columns = [Column("Photo simulated by"), Column("Lens alone", "dB"), Column("Photo", "dB")]
+    columns += [Column("Wiener", "dB"), Column("Restored", "dB"), Column("Gain", "dB")]
+    columns += [Column("Gain near edges", "dB"), Column("Gain minus ours", "dB")]
+    if len(every) > 1:
+        columns.append(Column("Largest difference", "dB"))
+    what = "Means over the scenes. " if len(every) > 1 else ""
+    return Table(
+        tuple(columns),
+        tuple(rows),
+        f"{what}PSNR against the all-in-focus image of the same way. Gain: restored above the lens alone, "
+        "the conclusion that a simulation is made for. Near edges: within the blur radius of a depth edge.",
+    )
+
+
+def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
+    """Scores near and away from edges of one scene, each way; nothing without edges."""
+    if measured.score(OURS, network, "restored", NEAR_EDGES) is None:
+        return ()
+    columns = [Column("Photo simulated by")]
+    for region in (NEAR_EDGES, AWAY):
+        columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
+    rows = []
+    for way in WAYS:
+        cells = []
+        for region in (NEAR_EDGES, AWAY):
+            cells += [measured.score(way.name, LENS_ALONE, "photo", region)]
+            cells += [measured.score(way.name, network, "restored", region)]
+        rows.append((way.title, *(_cell(cell) for cell in cells)))
+    caption = (
+        f"PSNR in dB, below it SSIM. {percent(measured.facts['edges'])} of the pixels lie within the blur "
+        "radius of a depth edge, that of the lens without a mask."
+    )
+    return (Table(tuple(columns), tuple(rows), caption),)
+
+
+def _all_edges_table(every: Sequence[Measured], network: str) -> Table:
+    """A row a scene: near edges by the best way that knows visible surfaces alone, and with hidden ones."""
+    columns = [Column("Scene"), Column("Pixels near edges")]
+    columns += [Column(f"Lens alone, {region}") for region in ("near", "away")]
+    columns += [Column(f"Restored, {region}") for region in ("near", "away")]
+    columns += [Column("Restored, near, nothing hides"), Column("Restored, near, without hidden surfaces")]
+    rows = []
+    for m in every:
+        places = [(OURS, LENS_ALONE, "photo", NEAR_EDGES), (OURS, LENS_ALONE, "photo", AWAY)]
+        places += [(OURS, network, "restored", NEAR_EDGES), (OURS, network, "restored", AWAY)]
+        places += [("none", network, "restored", NEAR_EDGES), ("normalised", network, "restored", NEAR_EDGES)]
+        rows.append((m.scene, percent(m.facts["edges"]), *(_cell(m.score(*place)) for place in places)))
+    return Table(
+        tuple(columns),
+        tuple(rows),
+        "PSNR in dB, below it SSIM, of the pixels within the blur radius of a depth edge, and of the others. "
+        "Without hidden surfaces: layers of what is seen, normalised.",
+    )
+
+
+def _depth_plot(every: Sequence[Measured], network: str) -> Block:
+    plot = score_plot(_image_scores(every, network), {**LABELS, "restored": f"Restored ({network})"})
+    caption = (
+        "Mean PSNR over the scenes that hold each depth range (bars), by our way; lines guide the eye. A "
+        "camera of extended depth of field shows a level line."
+    )
+    return replace(plot, caption=caption)
+
+
+def _image_scores(every: Sequence[Measured], network: str) -> dict[str, ImageScore]:
+    """Scores by our way as the page of a run has them; means over several scenes."""
+    places = {"photo": (network, "photo"), "restored": (network, "restored"), "wiener": (network, "wiener")}
+    places[LENS_ALONE] = (LENS_ALONE, "photo")
+    found = {}
+    for name, (system, image) in places.items():
+        whole = _mean_row(every, OURS, system, image)
+        ranges: dict[tuple[float, float], list[Row]] = {}
+        for m in every:
+            for row in m.rows:
+                if (row.way, row.system, row.image, row.region) == (OURS, system, image, "depth"):
+                    ranges.setdefault((row.near_m, row.far_m), []).append(row)
+        parts = tuple(DepthScore(*limits, _average(ranges[limits])) for limits in sorted(ranges))
+        if whole is not None:
+            found[name] = ImageScore(whole, parts)
+    return found
+
+
+def _paper_gallery(seen: Seen, system: System) -> Gallery:
+    """What the paper's protocol makes of the scene, its values shown as they are, without another curve."""
+    taken, alone = seen.taken[PAPER, system.name], seen.taken[PAPER, LENS_ALONE]
+    shown = {"Truth": taken.truth, "Lens alone": alone.images["photo"]}
+    shown |= {LABELS[name]: taken.images[name] for name in IMAGES}
+    pictures = tuple(
+        _encoded_picture(image, label, f"{label} of {seen.scene.recipe.name} by the paper's protocol.")
+        for label, image in shown.items()
+    )
+    return Gallery(
+        pictures,
+        "8-bit values as light: they are shown as they are, so the pictures look as the photograph would.",
+        columns=3,
+        title="By the paper's protocol",
+    )
+
+
+def _encoded_picture(image: torch.Tensor, label: str, alt: str) -> Picture:
+    """A picture of values that are sRGB already."""
+    x = image.clamp(0, 1)
+    linear = torch.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    return picture(linear, label, alt)
+
+
+def _facts(measured: Measured) -> dict[str, str]:
+    facts = measured.facts
+    farthest = facts["farthest_m"] if facts["farthest_m"] < 1e8 else math.inf
+    noise = decibels(facts["noise_db"]) if math.isfinite(facts["noise_db"]) else "none"
+    return {
+        "Depths": f"{distance(facts['nearest_m'])} to {distance(farthest)}",
+        "Bands": number(facts["bands"], 0),
+        "Mean level": number(facts["mean"], 2),
+        "Beyond full scale": percent(facts["clipped"]),
+        "Near depth edges": percent(facts["edges"]),
+        "Render noise": noise,
+    }
+
+
+def _mean(every: Sequence[Measured], way: str, system: str, image: str) -> float:
+    rows = (m.score(way, system, image) for m in every)
+    return mean(row.psnr_db for row in rows if row is not None)
+
+
+def _mean_row(every: Sequence[Measured], way: str, system: str, image: str) -> Score | None:
+    rows = [row for m in every if (row := m.score(way, system, image, WHOLE)) is not None]
+    return _average(rows) if rows else None
+
+
+def _average(rows: Sequence[Row]) -> Score:
+    return Score(mean(r.psnr_db for r in rows), mean(r.ssim for r in rows), sum(r.pixels for r in rows))
+
+
+def _cell(row: Row | None) -> str:
+    return DASH if row is None else f"{number(row.psnr_db)}\n{number(row.ssim, 3)}"
+
+
+def _signed(value: float) -> str:
+    """A difference with its sign."""
+    text = number(value, 2)
+    return f"+{text}" if value > 0 and text.strip("0.") else text
