@@ -38,20 +38,21 @@ def evaluate_scene3d(
 
     names = _names(networks or scene3d.NETWORKS, load_checkpoint)
     folder = writable_folder(out or Path("out") / ("scene3d-quick" if quick else "scene3d"))
+    each = writable_folder(folder / "scenes")
     index = folder / "scene3d.html"
 
     def show(measured: scene3d.Measured, seen: scene3d.Seen) -> None:
         for system in seen.systems[1:]:
-            page = scene_page(measured, seen, system, Link(index.name, "Deep scenes"))
-            write_page(folder / _page_name(measured.scene, system.name), page)
+            page = scene_page(measured, seen, system, Link(f"../{index.name}", "Deep scenes"))
+            write_page(each / _page_name(measured.scene, system.name), page)
         first = seen.systems[1].name
         ours = seen.taken[scene3d.OURS, first]
         alone = seen.taken[scene3d.OURS, scene3d.LENS_ALONE]
         shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
-        (folder / f"{measured.scene}.png").write_bytes(shown.png)
+        (each / f"{measured.scene}.png").write_bytes(shown.png)
 
     outcome = scene3d.run(
-        folder,
+        each,
         loaded,
         networks=list(names),
         camera=camera,
@@ -64,7 +65,13 @@ def evaluate_scene3d(
     outcome = replace(outcome, failed={**broken, **outcome.failed})
     known = list(names.values())
     links = [
-        card(m, name, _page_name(m.scene, name), _title(m.scene, name, known), folder / f"{m.scene}.png")
+        card(
+            m,
+            name,
+            f"scenes/{_page_name(m.scene, name)}",
+            _title(m.scene, name, known),
+            each / f"{m.scene}.png",
+        )
         for m in outcome.measured
         for name in known
     ]
@@ -83,7 +90,7 @@ def evaluate_scene3d(
         printed,
         numbers,
         outputs,
-        json,
+        json or folder / "scene3d.json",
         seed=seed,
         inputs={"scenes": [m.scene for m in outcome.measured], "networks": list(names), "camera": camera},
         worst={name: None if low is None else low.scene for name, low in lows.items()},

@@ -49,10 +49,10 @@ ABOUT = (
     "time."
 )
 SCALE = (
-    "Intensity scale: the exposure puts the 99.5th percentile of the all-in-focus image at 0.9 of full scale; "
-    "PSNR is for full scale 1, with truth and images clipped to it. A picture half as bright scores 6 dB "
-    "more for the same relative error, so scores of linear light, which is darker than its sRGB values, "
-    "compare with each other but not with the paper's: the row of the paper's protocol does."
+    "Intensity scale: the exposure puts the 99.5th percentile of the all-in-focus image at 0.9 of full "
+    "scale; PSNR is for full scale 1, with truth and images clipped to it. A picture half as bright scores "
+    "6 dB more for the same relative error. Linear light is darker than its sRGB values, so its scores "
+    "compare with each other but not with the paper's figure; those by the paper's protocol do."
 )
 
 
@@ -179,11 +179,11 @@ def _scores_table(every: Sequence[Measured], network: str) -> Table:
     ]
     columns = [Column("Scene"), *(Column(label) for label, *_ in wanted), Column("Gain", "dB")]
     columns += [Column("Lens alone, paper's"), Column("Restored, paper's")]
-    columns += [Column("Mean level", "", 2), Column("Render noise", "dB", 0)]
+    columns += [Column("Mean level"), Column("Render noise", "dB")]
 
     def line(name: str, cells: list[Row | None], gain: float, mean_level: float, noise: float) -> tuple:
         shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
-        return (name, *shown[:4], gain, *shown[4:], mean_level, noise)
+        return (name, *shown[:4], number(gain), *shown[4:], number(mean_level, 2), number(noise, 0))
 
     wanted += [("", PAPER, LENS_ALONE, "photo"), ("", PAPER, network, "restored")]
     rows = []
@@ -193,13 +193,13 @@ def _scores_table(every: Sequence[Measured], network: str) -> Table:
     averages = [_mean_row(every, *place) for _, *place in wanted]
     gain = mean(m.gain(OURS, network) for m in every)
     rows.append(line("mean", averages, gain, mean(m.facts["mean"] for m in every), math.nan))
-    rows.append(("the paper's scene", *[None] * 6, f"{PAPER_DB}\n{DASH}", None, None))
+    rows.append(("the paper's scene", *[DASH] * 6, f"{PAPER_DB}\n{DASH}", DASH, DASH))
     return Table(
         tuple(columns),
         tuple(rows),
         "PSNR in dB, below it SSIM. Gain: restored above the lens alone. Mean level: of the truth, of full "
-        "scale. Render noise: PSNR of the truth against another rendering of it; detail of that kind is blurred "
-        "away and cannot be restored, so scores near it are limited by the rendering.",
+        "scale. Render noise: PSNR of the truth against another rendering of it; detail of that kind is "
+        "blurred away and cannot be restored, so scores near it are limited by the rendering.",
     )
 
 
@@ -219,9 +219,7 @@ def _ways_table(every: Sequence[Measured], network: str) -> Table:
         rows.append(
             (
                 way.title,
-                *cells,
-                mean(gains.values()),
-                mean(near),
+                *(number(cell) for cell in (*cells, mean(gains.values()), mean(near))),
                 _signed(mean(off.values())),
                 *([] if len(every) == 1 else [DASH if far is None else f"{_signed(off[far])}\n{far}"]),
             )
