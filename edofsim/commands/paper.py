@@ -40,7 +40,8 @@ def evaluate_table(
         limit=limit,
         progress=progress,
     )
-    inputs = {"data": result.data.source, "chart": str(chart or "drawn"), "seed": seed}
+    inputs = {"data": result.data.source, "chart": str(chart or "drawn"), "systems": list(systems or ())}
+    inputs |= {"limit": limit, "seed": seed}
     return _end("table", table_page(result), result.figures, result.data.problems, folder, json, inputs)
 
 
@@ -62,7 +63,7 @@ def evaluate_noise(
     result = robustness.run_noise(
         folder, data, systems=systems or None, show=show or (), seed=seed, limit=limit, progress=progress
     )
-    inputs = {"data": result.data.source, "seed": seed}
+    inputs = {"data": result.data.source, "systems": list(systems or ()), "limit": limit, "seed": seed}
     return _end("noise", noise_page(result), result.figures, result.data.problems, folder, json, inputs)
 
 
@@ -84,7 +85,7 @@ def evaluate_fabrication(
     result = robustness.run_fabrication(
         folder, data, systems=systems or None, show=show or (), seed=seed, limit=limit, progress=progress
     )
-    inputs = {"data": result.data.source, "seed": seed}
+    inputs = {"data": result.data.source, "systems": list(systems or ()), "limit": limit, "seed": seed}
     page = fabrication_page(result)
     return _end("fabrication", page, result.figures, result.data.problems, folder, json, inputs)
 
@@ -122,7 +123,8 @@ def evaluate_broadband(
     result = broadband.run(
         folder, cubes, problems=problems, systems=systems or None, seed=seed, progress=progress
     )
-    inputs = {"data": [str(path) for path in data], "scenes": list(scenes), "seed": seed, **reading}
+    inputs = {"data": [str(path) for path in data], "scenes": list(scenes), "systems": list(systems or ())}
+    inputs |= {"seed": seed, **reading}
     page = broadband_page(result)
     return _end("broadband", page, result.figures, problems, folder, json, inputs)
 

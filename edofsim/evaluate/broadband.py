@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from ..optics import Camera, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.restore import channel_psfs
-from .chromatic import Chromatic, chromatic
+from .chromatic import BANDS_M, MAP_DEPTHS, Chromatic, chromatic
 from .cubes import Cube
 from .drawing import write_csv
 from .kept import Kept, key_of
@@ -125,7 +125,8 @@ def run(
             system = contestant(name, stack)
             rows += judge(system, cube, out, kept, seed, say)
             if system.name not in optics:
-                optics[system.name] = chromatic(system)
+                say(0.9, f"{system.name}: colours of its optics")
+                optics[system.name] = _optics(system, kept)
     left_out = {cube.name: _left_out(cube.wavelengths) for cube in cubes}
     for row in rows:
         base, label = f"psnr_db.{row.system}.{row.cube}", label_of(row.depth_m)
@@ -240,6 +241,17 @@ def _photographed(
         "three_db": psnr(from_lines, sharp),
         "band_errors": errors,
     }
+
+
+def _optics(system: Contestant, kept: Kept) -> Chromatic:
+    """Its chromatic measures, kept too."""
+    key = key_of(protocol=PROTOCOL, chromatic=system.digest, bands=len(BANDS_M), depths=MAP_DEPTHS)
+    found = kept.get(key)
+    if found is None:
+        measured = chromatic(system)
+        kept.put(key, {field.name: getattr(measured, field.name).tolist() for field in fields(measured)})
+        return measured
+    return Chromatic(**{name: torch.tensor(values, dtype=torch.float64) for name, values in found.items()})
 
 
 def _scores(image: Tensor, truth: Tensor) -> list[float]:

@@ -10,6 +10,7 @@ Every finished picture is kept in the output folder; the same call goes on from 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,7 +178,7 @@ def save_png(path: Path, image: Tensor) -> Path:
     """An image [3, y, x] of values as people see them, 1 is white, as PNG. Written whole or not at all."""
     pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_suffix(".tmp")
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
     Image.fromarray(pixels, "RGB").save(temporary, "PNG", optimize=True)
     temporary.replace(path)
     return path
