@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -192,4 +193,5 @@ def _end(
     write_page(folder / f"{name}.html", page)
     outputs = {path.name: path for path in sorted(folder.glob(f"{name}.*")) if path.suffix != ".json"}
     command, where = f"evaluate {name}", json or folder / f"{name}.json"
-    return finish(command, [table], figures, outputs, where, inputs=inputs, left_out=list(problems))
+    done = finish(command, [table], figures, outputs, where, inputs=inputs, left_out=list(problems))
+    return replace(done, problems=tuple(problems))

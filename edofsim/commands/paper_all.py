@@ -11,6 +11,7 @@ from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import paper
 from .base import Done, Progress
+from .deep_scenes import evaluate_scene3d
 
 LOG = logging.getLogger(__name__)
 FEW_PHOTOGRAPHS = 4
@@ -67,6 +68,10 @@ def _broadband(s: Setting, out: Path, progress: Progress) -> Done:
     return paper.evaluate_broadband(cubes, SCENES, {}, s.systems, s.seed, out, None, s.cache, progress)
 
 
+def _scene3d(s: Setting, out: Path, progress: Progress) -> Done:
+    return evaluate_scene3d((), (), None, not s.full, s.seed, out, None, s.cache, progress)
+
+
 STEPS = (
     Step("bandwidth", lambda s, out, progress: paper.evaluate_bandwidth(out, None)),
     Step("mtf", lambda s, out, progress: paper.evaluate_mtf(None, out, None)),
@@ -74,6 +79,7 @@ STEPS = (
     Step("noise", _noise),
     Step("fabrication", _fabrication),
     Step("broadband", _broadband),
+    Step("scene3d", _scene3d),
 )
 
 
@@ -91,6 +97,7 @@ def evaluate_paper(setting: Setting, only: Sequence[str], progress: Progress) ->
     steps = [step for step in STEPS if not only or step.name in only]
     folder = writable_folder(setting.out)
     outputs: dict[str, Path] = {}
+    problems: list[str] = []
     failed: list[str] = []
     for number, step in enumerate(steps):
 
@@ -101,11 +108,14 @@ def evaluate_paper(setting: Setting, only: Sequence[str], progress: Progress) ->
         try:
             found = step.run(setting, folder / step.name, say)
         except EdofsimError as error:
-            LOG.warning("%s: %s; the others go on", step.name, error)
+            LOG.warning("%s: %s (the others go on)", step.name, error)
             failed.append(step.name)
             continue
-        outputs |= {name: path for name, path in found.outputs.items() if name.endswith(".html")}
+        page = next((path for path in found.outputs.values() if path.suffix == ".html"), None)
+        if page is not None:
+            outputs[step.name] = page
+        problems += found.problems
         outputs["index"] = write_index(folder)
     if failed:
         raise EdofsimError(f"{', '.join(failed)}: failed as told above; the others are in {folder}")
-    return Done(outputs=outputs)
+    return Done(outputs=outputs, problems=problems)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from ..recipe.sources import CubeSource
 from ..render.view import View
 from ..scene.cubes import at_bands, stored_cube
 
-LOG = logging.getLogger(__name__)
 FILES = (".mat", ".exr")
 CAVE_BANDS, CAVE_START_NM, CAVE_STEP_NM = 31, 400.0, 10.0
 SMALLEST_PX = 64
@@ -50,7 +48,7 @@ class Reading:
 
 def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[list[Cube], list[str]]:
     """The cube at `path`, or all in that folder, at the bands of `wanted_nm` that they have; and a sentence
-    for each that cannot be used, of which a warning tells too.
+    for each that cannot be used.
 
     Raises InputError where there is none at all.
     """
@@ -67,8 +65,6 @@ def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[lis
     if not cubes:
         kinds = "folders with a PNG or TIFF a band, .mat and spectral .exr files"
         raise InputError(problems or f"{path}: holds no spectral cubes ({kinds})")
-    for problem in problems:
-        LOG.warning("%s; the others are evaluated without it", problem)
     return cubes, problems
 
 

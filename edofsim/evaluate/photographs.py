@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,6 @@ from ..errors import InputError
 from ..learn.sources import Images, packaged_images, usable_pictures
 from ..scene.charts import rasterise, usaf_chart
 
-LOG = logging.getLogger(__name__)
 SMALLEST_PX = 64
 CHART_PX = 1024
 CHART_GROUP, CHART_PAIRS = -2, 3
@@ -48,7 +46,7 @@ class Photographs:
 def photographs(folder: Path | None, limit: int | None = None) -> Photographs:
     """The pictures of a folder, in the order of their names; None for those of scikit-image.
 
-    limit: only the first so many. Files that cannot be used are left out, with a warning that names each.
+    limit: only the first so many. Files that cannot be used are left out, and named in `problems`.
     Raises InputError for a folder that is missing, empty, or without a single picture that can be used.
     """
     if folder is None:
@@ -58,8 +56,6 @@ def photographs(folder: Path | None, limit: int | None = None) -> Photographs:
     names, images, problems = usable_pictures(folder, SMALLEST_PX, limit)
     if not images.names:
         raise InputError(problems)
-    for problem in problems:
-        LOG.warning("%s; the others are evaluated without it", problem)
     found = [one(name, image, names.index(name)) for name, image in _named(images)]
     return Photographs(tuple(found), str(folder), tuple(problems))
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 
+from edofsim.commands.base import Done
 from edofsim.commands.paper import evaluate_broadband
 from edofsim.errors import InputError
 from edofsim.evaluate import broadband, chromatic
@@ -57,26 +58,20 @@ def test_sharp_optics_give_the_response_weighted_cube(cave: Path) -> None:
 
 @pytest.mark.usefixtures("coarse")
 def test_the_experiment_goes_on_and_names_a_broken_cube(
-    cave: Path,
-    tmp_path: Path,
-    network: Path,
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
+    cave: Path, tmp_path: Path, network: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = cave.parent / "other_ms"
     shutil.copytree(cave, broken)
     (broken / "toy_ms_07.png").write_bytes(b"no picture")
 
-    def run(out: str) -> dict[str, Path]:
+    def run() -> Done:
         reading = {"bands": "430,690", "crop": "4,0,0,0"}
-        done = evaluate_broadband(
-            *([cave.parent], [], reading, [str(network)], 0, tmp_path / out, None, None),
-            lambda *_: None,
-        )
-        return dict(done.outputs)
+        given = ([cave.parent], [], reading, [str(network)], 0, tmp_path / "out", None, None)
+        return evaluate_broadband(*given, lambda *_: None)
 
-    outputs = run("out")
-    assert "other_ms" in caplog.text and "toy_ms_07.png" in caplog.text
+    done = run()
+    assert len(done.problems) == 1 and "other_ms" in done.problems[0] and "toy_ms_07.png" in done.problems[0]
+    outputs = dict(done.outputs)
     page = outputs["broadband.html"].read_text()
     assert "other_ms" in page and "37.09" in page
     rows = list(csv.DictReader(outputs["broadband.csv"].open()))
@@ -87,7 +82,7 @@ def test_the_experiment_goes_on_and_names_a_broken_cube(
     first = outputs["broadband.csv"].read_bytes()
     monkeypatch.setattr(broadband, "photographed", None)  # nothing of it is computed again
     monkeypatch.setattr(broadband, "chromatic", None)
-    again = run("out")
+    again = run().outputs
     assert again["broadband.csv"].read_bytes() == first
     assert again["broadband.html"].read_text() == page
 

@@ -111,13 +111,13 @@ def test_other_inputs_are_measured_anew(folder: Path, tmp_path: Path, echo: Echo
 
 
 def test_a_broken_picture_is_named_and_the_others_are_finished(
-    folder: Path, tmp_path: Path, network: Path, caplog: pytest.LogCaptureFixture
+    folder: Path, tmp_path: Path, network: Path
 ) -> None:
     depths = random_depths(photographs(folder).pictures, seed=3)
     whole = (folder / "b.png").read_bytes()
     (folder / "b.png").write_bytes(whole[: len(whole) // 3])
     done = evaluate_noise(folder, [str(network)], None, None, 3, tmp_path / "out", None, lambda *_: None)
-    assert "b.png" in caplog.text
+    assert len(done.problems) == 1 and "b.png: cannot be read" in done.problems[0]
     page = done.outputs["noise.html"].read_text()
     assert "Left out, since they cannot be used: b.png." in page
     rows = list(csv.DictReader(done.outputs["noise.csv"].open()))
