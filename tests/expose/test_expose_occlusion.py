@@ -132,6 +132,33 @@ def test_three_surfaces(bench):
     assert psnr(photo, truth) > psnr(plain, truth) + 6
 
 
+def test_a_far_surface_whose_blur_barely_reaches_does_not_fill_a_seam(bench):
+    """One connected surface, cut into two slabs whose blurs are alike: nothing is seen through the seam.
+    Of what is far behind, the part that is known ends 11 pixels away, and its blur after 12. Were that to
+    fill what is behind the seam, a quarter of the light there would be the far surface's: half is the near
+    slab's, and half of the rest the middle one's."""
+    sheets, depths = surfaces(bench, 3, textured=False)
+    side = SIZE + 2 * MARGIN
+    columns = torch.arange(side).expand(side, side)
+    left, right = (columns < 31).double(), ((columns >= 31) | (columns < 6)).double()
+    bright = torch.full_like(sheets[2][2], 2.0)
+    whole = [(left, *sheets[0][1:]), (right, *sheets[1][1:]), (sheets[2][0], sheets[2][1], bright)]
+    view = bench.stacked_view(whole, MARGIN)
+    known = (view.inverse_depth > 0.5) | (view.pixel % side < 20) | (view.pixel % side > 52)
+    view = replace(
+        view,
+        pixel=view.pixel[known],
+        coverage=view.coverage[known],
+        inverse_depth=view.inverse_depth[known],
+        radiance=view.radiance[:, known],
+        hidden=view.hidden[known],
+    )
+    kernels = kernels_for(bench, depths, [1, 1, 3])
+    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), METHODS["layered"], gap=0.05)
+    seam = OCCLUSIONS["hidden"](view, blur)[:, :, 30:32]
+    assert (seam - 1).abs().max() < 1 / 8
+
+
 def test_each_channel_has_its_own_coverage(bench):
     """A front that is blurred in one band and sharp in the other: an edge that is blurred with one band's PSF
     for both would be wrong in the other."""

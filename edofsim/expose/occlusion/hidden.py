@@ -1,10 +1,12 @@
 """Front to back with hidden fragments: slabs of depth, each blurred, each seen through those in front of it.
 
-    J_s = L_s + (1 - A_s) J_{s+1} / K_{s+1},     K_s = A_s + (1 - A_s) [K_{s+1} > 0]
+    J_s = L_s + (1 - A_s) f(K_{s+1}) J_{s+1} / K_{s+1},     K_s = A_s + (1 - A_s) f(K_{s+1})
 
 with L_s the blurred light of slab s (near to far), A_s its blurred coverage, and K the coverage of all that
 the slabs behind hold. Where the hidden fragments are complete, K is 1 and this is the exact image of
-geometric optics for two surfaces of which one is in focus. Where not, light from beside the hole fills it.
+geometric optics for two surfaces of which one is in focus. Where not, light from beside the hole fills it:
+f(K) = min(1, K / ENOUGH), and 1 behind the nearest slab. Without that bound the tails of a few far pixels'
+blur would fill whatever lies between them and a nearer slab.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ TILE = 128
 """Side of the tiles that are composited, in pixels."""
 LITTLE = 1e-3
 """Coverage below which nothing is there to be normalised."""
+ENOUGH = 0.5
+"""Coverage from which on what lies behind a slab counts as complete, up to holes to be filled."""
 
 
 def compose(view: View, blurring: Blurring) -> Tensor:
@@ -80,7 +84,8 @@ def _work(height: int, width: int, reach: int) -> int:
 def composite(view: View, blurring: Blurring) -> Tensor:
     """The whole padded frame composited in one go: [channel, y, x]."""
     image, coverage = None, None
-    for which in reversed(_slabs(view, cuts(view, blurring.gap))):
+    slabs = _slabs(view, cuts(view, blurring.gap))
+    for number, which in reversed(list(enumerate(slabs))):
         shown = revealed(view, which)
         part = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         light = blurring.light(view, which, part)
@@ -90,8 +95,9 @@ def composite(view: View, blurring: Blurring) -> Tensor:
         else:
             # What rounding leaves where there is nothing must not be divided, slab after slab, by little
             there = torch.where(coverage > LITTLE, coverage, 1.0)
-            image = light + (1 - opaque) * image / there
-            coverage = opaque + (1 - opaque) * coverage / there
+            filled = torch.ones_like(there) if number == 0 else (there / ENOUGH).clamp_max(1.0)
+            image = light + (1 - opaque) * image * filled / there
+            coverage = opaque + (1 - opaque) * coverage * filled / there
     return image
 
 
