@@ -99,6 +99,72 @@ def evaluate_scene3d(
     return replace(done, problems=[text for texts in outcome.failed.values() for text in texts])
 
 
+def evaluate_bench_scene(
+    networks: Sequence[str],
+    camera: str | None,
+    quick: bool,
+    seed: int,
+    out: Path | None,
+    json: Path | None,
+    cache: Path | None,
+    progress: Progress,
+) -> Done:
+    """`edofsim evaluate bench-scene`."""
+    from ..evaluate import bench_scene, scene3d
+    from ..report import save_srgb
+    from ..report.bench_scene_page import bench_scene_page, write_page
+    from ..restore.checkpoint import load_checkpoint
+
+    names = _names(networks or scene3d.NETWORKS, load_checkpoint)
+    folder = writable_folder(out or Path("out") / ("bench-scene-quick" if quick else "bench-scene"))
+    kept = writable_folder(folder / "scenes")
+    known = list(names.values())
+    pages = {name: _named("bench-scene", name, known) for name in known}
+
+    def show(measured: scene3d.Measured, seen: scene3d.Seen, parts: Mapping[str, Any]) -> None:
+        for system in seen.systems:
+            ours = seen.taken[scene3d.OURS, system.name]
+            for image, values in ours.images.items():
+                save_srgb(kept / f"{system.name}-{image}.png", values)
+            if system.name in pages:
+                page = bench_scene_page(measured, seen, system, parts)
+                write_page(folder / f"{pages[system.name]}.html", page)
+        save_srgb(kept / "ideal.png", ours.truth)
+
+    measured = bench_scene.run(
+        kept,
+        networks=list(names),
+        camera=camera,
+        quick=quick,
+        seed=seed,
+        cache=cache,
+        show=show,
+        progress=progress,
+    )
+    table = Table("image", *(f"{r} / dB" for r in (scene3d.WHOLE, *bench_scene.OBJECTS)), box=None)
+    for row in measured.rows:
+        if row.way == scene3d.OURS and row.region == scene3d.WHOLE:
+            found = [measured.score(row.way, row.system, row.image, part) for part in bench_scene.OBJECTS]
+            cells = (f"{each.psnr_db:.2f}" if each else "" for each in (row, *found))
+            table.add_row(f"{row.system}, {row.image}", *cells)
+    outcome = scene3d.Outcome((measured,))
+    outputs = {"scores": scene3d.write_table(folder / "bench-scene.csv", outcome), "pictures": kept}
+    outputs |= {f"page of {name}": folder / f"{page}.html" for name, page in pages.items()}
+    return finish(
+        "evaluate bench-scene",
+        [table],
+        bench_scene.figures(measured),
+        outputs,
+        json or folder / "bench-scene.json",
+        seed=seed,
+        inputs={"networks": list(names), "camera": camera},
+    )
+
+
+def _named(name: str, network: str, networks: Sequence[str]) -> str:
+    return name if len(networks) == 1 else f"{name}-{network}"
+
+
 def _readable(
     scenes: Sequence[str],
 ) -> tuple[list[Loaded[SceneRecipe]], dict[str, tuple[str, ...]]]:

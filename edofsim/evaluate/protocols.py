@@ -61,12 +61,14 @@ WAYS = (
 @dataclass(frozen=True)
 class System:
     """What takes and restores photos. camera: with the system's mask; height: [n, n] in metres in place of
-    the mask of its recipe; checkpoint: the network, None where the photo is left as it is."""
+    the mask of its recipe; checkpoint: the network, None where the photo is left as it is; designed: what a
+    Wiener filter takes the camera for, where the mask was made otherwise."""
 
     name: str
     camera: Camera
     height: Tensor | None = None
     checkpoint: Checkpoint | None = None
+    designed: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,8 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
         depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
-        known = (photo.image, camera, view.wavelengths, depths)
+        taker = system.designed or system.camera
+        known = (photo.image, _of_three_lines(taker) if way.flat else taker, view.wavelengths, depths)
         images["restored"], _ = restore(*known, checkpoint=system.checkpoint)
         images["wiener"], _ = restore(*known, height=system.height)
     return Taken(photo, images)

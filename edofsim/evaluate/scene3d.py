@@ -49,8 +49,8 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Row:
-    """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, or
-    `depth` with near_m <= depth < far_m."""
+    """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
+    with near_m <= depth < far_m, or another part by its name."""
 
     scene: str
     way: str
@@ -137,7 +137,7 @@ def run(
         try:
             taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
             recipe = small_version(scene.recipe) if quick else scene.recipe
-            key = _key(recipe, scene.base, taker, networks, seed)
+            key = key_of(recipe, scene.base, taker, networks, seed)
             path = record_path(folder, name)
             known = read(path, key)
             if known is None:
@@ -150,7 +150,7 @@ def run(
                 )
                 if show:
                     show(known, Seen(scene, taker, view, systems, taken, edges))
-                _write(path, key, known)
+                write(path, key, known)
             done.append(known)
         except EdofsimError as error:
             failed[name] = getattr(error, "problems", (str(error),))
@@ -163,13 +163,17 @@ def measure(
     systems: Sequence[System],
     *,
     ways: Sequence[Way] = WAYS,
+    parts: Mapping[str, Tensor] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Measured, dict[tuple[str, str], Taken], Tensor]:
-    """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are."""
+    """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are.
+
+    parts: further regions to score, bool [y, x], by name.
+    """
     started = time.perf_counter()
     edges = near_edges(view, systems[0].camera)
-    regions = _regions(view, edges)
+    regions = _regions(view, {NEAR_EDGES: edges, AWAY: ~edges, **(parts or {})})
     views = views_of(view, systems[0].camera)
     rows: list[Row] = []
     kept: dict[tuple[str, str], Taken] = {}
@@ -190,11 +194,11 @@ def measure(
 Region = tuple[str, float, float]
 
 
-def _regions(view: View, edges: Tensor) -> dict[Region, Tensor]:
-    """Masks, bool [y, x], of the parts that are scored apart, by name, near_m and far_m."""
+def _regions(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
+    """Masks, bool [y, x], of depth ranges and of named parts, by name, near_m and far_m; none is empty."""
     depth = view.crop_margin(view.mean_inverse_depth()).cpu()
     found: dict[Region, Tensor] = {("depth", near, far): mask for near, far, mask in depth_ranges(depth)}
-    for name, mask in ((NEAR_EDGES, edges), (AWAY, ~edges)):
+    for name, mask in named.items():
         if mask.any():
             found[name, 0.0, math.inf] = mask
     return found
@@ -291,7 +295,7 @@ def read(path: Path, key: str) -> Measured | None:
         return None
 
 
-def _write(path: Path, key: str, measured: Measured) -> None:
+def write(path: Path, key: str, measured: Measured) -> None:
     rows = [{name: _plain(value) for name, value in asdict(row).items()} for row in measured.rows]
     facts = {name: _plain(value) for name, value in measured.facts.items()}
     write_record(path, {"key": key, "scene": measured.scene, "facts": facts, "rows": rows})
@@ -312,7 +316,7 @@ def _with_mean(values: Mapping[str, float], name: Callable[[str], str]) -> dict[
     return {name(scene): value for scene, value in {**values, "mean": mean(values.values())}.items()}
 
 
-def _key(
+def key_of(
     recipe: SceneRecipe, base: Path, camera: Loaded[CameraRecipe], networks: Sequence[str], seed: int
 ) -> str:
     """What a record's scores depend on."""

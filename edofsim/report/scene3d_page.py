@@ -11,7 +11,7 @@ from pathlib import Path
 import torch
 from PIL import Image
 
-from ..evaluate.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken
+from ..evaluate.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
 from ..evaluate.scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
 from ..evaluate.scores import DepthScore, Score
 from .crops import Crop
@@ -207,7 +207,7 @@ def _ways_table(every: Sequence[Measured], network: str) -> Table:
     """A row a way: means over scenes, and how far its conclusion is from ours."""
     ours = {m.scene: m.gain(OURS, network) for m in every}
     rows = []
-    for way in WAYS:
+    for way in _ways(every, network):
         gains = {m.scene: m.gain(way.name, network) for m in every}
         off = {
             scene: gains[scene] - ours[scene] for scene in gains if math.isfinite(gains[scene] - ours[scene])
@@ -238,6 +238,11 @@ def _ways_table(every: Sequence[Measured], network: str) -> Table:
     )
 
 
+def _ways(every: Sequence[Measured], network: str) -> list[Way]:
+    """The ways that were measured."""
+    return [way for way in WAYS if any(m.score(way.name, network, "restored") for m in every)]
+
+
 def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
     """Scores near and away from edges of one scene, each way; nothing without edges."""
     if measured.score(OURS, network, "restored", NEAR_EDGES) is None:
@@ -246,7 +251,7 @@ def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
     for region in (NEAR_EDGES, AWAY):
         columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
     rows = []
-    for way in WAYS:
+    for way in _ways([measured], network):
         cells = []
         for region in (NEAR_EDGES, AWAY):
             cells += [measured.score(way.name, LENS_ALONE, "photo", region)]
