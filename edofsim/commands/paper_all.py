@@ -11,7 +11,7 @@ from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import paper
 from .base import Done, Progress
-from .deep_scenes import evaluate_scene3d
+from .deep_scenes import evaluate_bench_scene, evaluate_scene3d
 
 LOG = logging.getLogger(__name__)
 FEW_PHOTOGRAPHS = 4
@@ -72,6 +72,10 @@ def _scene3d(s: Setting, out: Path, progress: Progress) -> Done:
     return evaluate_scene3d((), (), None, not s.full, s.seed, out, None, s.cache, progress)
 
 
+def _bench_scene(s: Setting, out: Path, progress: Progress) -> Done:
+    return evaluate_bench_scene((), None, not s.full, s.seed, out, None, s.cache, progress)
+
+
 STEPS = (
     Step("bandwidth", lambda s, out, progress: paper.evaluate_bandwidth(out, None)),
     Step("mtf", lambda s, out, progress: paper.evaluate_mtf(None, out, None)),
@@ -80,6 +84,7 @@ STEPS = (
     Step("fabrication", _fabrication),
     Step("broadband", _broadband),
     Step("scene3d", _scene3d),
+    Step("bench-scene", _bench_scene),
 )
 
 

@@ -15,7 +15,7 @@ from skimage import data as pictures
 
 from edofsim import console
 from edofsim.cli import app
-from edofsim.evaluate import scene3d
+from edofsim.evaluate import bench_scene, scene3d
 from edofsim.evaluate.depth_edges import near_edges
 from edofsim.evaluate.protocols import OURS, WAYS, System, flattened, quantised, systems_of, take, views_of
 from edofsim.expose import ideal_image
@@ -234,3 +234,34 @@ def test_nothing_to_photograph_is_refused(tmp_path: Path, capfd: pytest.CaptureF
     status = console.exit_status(lambda: app(["evaluate", "scene3d", "dek"], standalone_mode=False))
     said = capfd.readouterr().err
     assert status == 2 and "did you mean 'desk'" in said
+
+
+def test_objects_of_the_bench_are_where_the_view_shows_them():
+    """Outlines are projected by the pinhole: x / z = (column + 1/2 - W/2) pixel_angle. The bus stands left of
+    the middle, 0.5 m away, the car right of it, 1.3 m away, each nearly as wide as it is long."""
+    bench = load_scene("bench")
+    frame = bench.recipe.frame
+    for inverse, seen, other in ((1 / 0.512, "bus", "car"), (1 / 1.31, "car", "bus")):
+        pixels = frame.width_px * frame.height_px
+        plain = View(
+            height=frame.height_px,
+            width=frame.width_px,
+            margin=0,
+            pixel=torch.arange(pixels),
+            coverage=torch.ones(pixels),
+            inverse_depth=torch.full((pixels,), inverse),
+            radiance=torch.zeros(1, pixels),
+            hidden=torch.zeros(pixels, dtype=torch.bool),
+            wavelengths=torch.tensor([550e-9], dtype=torch.float64),
+            pixel_angle=frame.pixel_angle_mrad * 1e-3,
+        )
+        parts = bench_scene.object_pixels(bench, plain)
+        assert not parts[other].any()
+        rows, columns = torch.nonzero(parts[seen], as_tuple=True)
+        thing = next(each for each in bench.recipe.objects if each.name == seen)
+        middle = frame.width_px / 2 * (1 + thing.x_frame)
+        assert float(columns.float().mean()) == pytest.approx(middle, abs=30)
+        # a thing turned by a third of a right angle is between its width and its length wide
+        length = thing.length_mm * 1e-3 * inverse / plain.pixel_angle
+        assert 0.7 * length < columns.max() - columns.min() < 1.1 * length
+        assert rows.min() > 0
