@@ -29,7 +29,7 @@ from ..optics import Camera, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.restore import channel_psfs
-from .chromatic import BANDS_M, MAP_DEPTHS, Chromatic, chromatic
+from .chromatic import Chromatic, chromatic
 from .cubes import Cube
 from .drawing import write_csv
 from .kept import Kept, key_of
@@ -245,7 +245,7 @@ def _photographed(
 
 def _optics(system: Contestant, kept: Kept) -> Chromatic:
     """Its chromatic measures, kept too."""
-    key = key_of(protocol=PROTOCOL, chromatic=system.digest, bands=len(BANDS_M), depths=MAP_DEPTHS)
+    key = key_of(protocol=PROTOCOL, optics=system.digest)
     found = kept.get(key)
     if found is None:
         measured = chromatic(system)

@@ -19,17 +19,18 @@ BANDS_M = torch.arange(420, 721, 10, dtype=torch.float64) * 1e-9
 
 @dataclass(frozen=True)
 class Chromatic:
-    """Of a camera with its mask as designed; depths as in `DEPTHS_M`, bands as in `BANDS_M`.
+    """Of a camera with its mask as designed, at the depths of `DEPTHS_M`.
 
-    difference: [depth, band], relative L2 distance of each PSF from that of the nearest of the three colours
-    of the training, ||h - h0|| / ||h0||. transfer, lens_transfer: [inverse depth, band], root mean square of
-    the modulation transfer over the sensor's frequencies (by Parseval the root of the sum of squares of the
-    PSF), with the mask and without; inverse_depths: [inverse depth] 1/m. focus: [band], inverse distance in
-    1/m that is sharp for the lens. centroid_um: [depth, band, 2], x to the right and y down on the sensor,
-    from the axis. asymmetry: [depth, band, 2], half of sum |h - mirrored h|, mirrored left-right and top to
-    bottom: 0 for a symmetric PSF, at most 1.
+    wavelengths: [band] metres. difference: [depth, band], relative L2 distance of each PSF from that of the
+    nearest of the three colours of the training, ||h - h0|| / ||h0||. transfer, lens_transfer: [inverse
+    depth, band], root mean square of the modulation transfer over the sensor's frequencies (by Parseval the
+    root of the sum of squares of the PSF), with the mask and without; inverse_depths: [inverse depth] 1/m.
+    focus: [band], inverse distance in 1/m that is sharp for the lens. centroid_um: [depth, band, 2], x to the
+    right and y down on the sensor, from the axis. asymmetry: [depth, band, 2], half of sum |h - mirrored h|,
+    mirrored left-right and top to bottom: 0 for a symmetric PSF, at most 1.
     """
 
+    wavelengths: Tensor
     difference: Tensor
     transfer: Tensor
     lens_transfer: Tensor
@@ -50,6 +51,7 @@ def chromatic(system: Contestant) -> Chromatic:
     depths = torch.linspace(0, NEAREST_PER_M, MAP_DEPTHS, dtype=torch.float64)
     lens = camera.without_mask()
     return Chromatic(
+        BANDS_M,
         (values - known).flatten(2).norm(dim=2) / known.flatten(2).norm(dim=2),
         rms_transfer(psf_bank(camera, BANDS_M, depths, height=system.height).values),
         rms_transfer(psf_bank(lens, BANDS_M, depths).values),

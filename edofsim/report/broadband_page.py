@@ -7,7 +7,6 @@ import functools
 import matplotlib
 from matplotlib.figure import Figure
 
-from ..evaluate import chromatic
 from ..evaluate.broadband import CHANNELS, DEPTHS_M, Result, label_of
 from ..evaluate.chromatic import Chromatic
 from ..evaluate.paper_figures import BROADBAND
@@ -25,7 +24,6 @@ from .plot import (
 )
 from .words import decibels, distance, number, percent
 
-BANDS_NM = (chromatic.BANDS_M * 1e9).tolist()
 ABOUT = (
     "Every band is convolved with the point spread function of its own wavelength; the sensor's colours are "
     "the sums weighted with its response, and so is the truth. Bands that a cube lacks are left out of both. "
@@ -101,8 +99,9 @@ def _bands(result: Result) -> Table:
 
 def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
     names = [distance(d) for d in DEPTHS_M]
+    nm = (found.wavelengths * 1e9).tolist()
     difference = line_plot(
-        [(name, BANDS_NM, found.difference[i].tolist()) for i, name in enumerate(names)],
+        [(name, nm, found.difference[i].tolist()) for i, name in enumerate(names)],
         x="wavelength (nm)",
         y="difference of the PSF",
         alt=f"Difference of each band's PSF from that of the nearest training wavelength for {system}: 0 "
@@ -114,7 +113,7 @@ def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
     sides = ("to the right", "down")
     places = [
         line_plot(
-            [(name, BANDS_NM, found.centroid_um[i, :, axis].tolist()) for i, name in enumerate(names)],
+            [(name, nm, found.centroid_um[i, :, axis].tolist()) for i, name in enumerate(names)],
             x="wavelength (nm)",
             y=f"centre of the light, {sides[axis]} (µm)",
             alt=f"Centre of the PSF by wavelength for {system}, {sides[axis]}: between "
@@ -141,6 +140,7 @@ def _axial(system: str, found: Chromatic) -> Plot:
     panels = (("lens alone", found.lens_transfer), ("with its mask", found.transfer))
     low = float(min(values.min() for _, values in panels))
     high = float(max(values.max() for _, values in panels))
+    nm = (found.wavelengths * 1e9).tolist()
     low_z, high_z = float(found.inverse_depths[0]), float(found.inverse_depths[-1])
 
     def paint(narrow: bool = False) -> Figure:
@@ -148,7 +148,7 @@ def _axial(system: str, found: Chromatic) -> Plot:
         axes_of = figure.subplots(*((2, 1) if narrow else (1, 2)), sharex=True, sharey=True)
         for axes, (title, values) in zip(axes_of, panels, strict=True):
             shown = axes.pcolormesh(
-                BANDS_NM,
+                nm,
                 found.inverse_depths.tolist(),
                 values.numpy(),
                 cmap=matplotlib.colormaps[DEPTH_MAP],
@@ -157,7 +157,7 @@ def _axial(system: str, found: Chromatic) -> Plot:
                 shading="nearest",
                 rasterized=True,
             )
-            inside = [(nm, z) for nm, z in zip(BANDS_NM, found.focus.tolist(), strict=True) if z >= 0]
+            inside = [(at, z) for at, z in zip(nm, found.focus.tolist(), strict=True) if z >= 0]
             axes.plot([a for a, _ in inside], [b for _, b in inside], color="white", linewidth=3)
             axes.plot(
                 [a for a, _ in inside], [b for _, b in inside], color=INK, linewidth=1.4, linestyle="--"

@@ -77,7 +77,7 @@ def broad(folder: Path) -> Result:
         return torch.rand(*size, generator=random, dtype=torch.float64) + 0.1
 
     optics = Chromatic(
-        *(some(3, bands), some(17, bands), some(17, bands), torch.linspace(0, 2, 17)),
+        *(BANDS_M, some(3, bands), some(17, bands), some(17, bands), torch.linspace(0, 2, 17)),
         *(torch.linspace(1, -0.2, bands), some(3, bands, 2), some(3, bands, 2)),
     )
     db = (30.0, 29.0, 31.0, 30.0)
