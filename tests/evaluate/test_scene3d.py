@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from edofsim.evaluate.depth_edges import near_edges
 from edofsim.evaluate.protocols import OURS, WAYS, System, flattened, quantised, systems_of, take, views_of
 from edofsim.expose import ideal_image
 from edofsim.optics import Camera, psf_bank
-from edofsim.recipe import CameraRecipe, load_camera, load_scene
+from edofsim.recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
 
@@ -265,3 +266,29 @@ def test_objects_of_the_bench_are_where_the_view_shows_them():
         length = thing.length_mm * 1e-3 * inverse / plain.pixel_angle
         assert 0.7 * length < columns.max() - columns.min() < 1.1 * length
         assert rows.min() > 0
+
+
+def test_the_bench_has_a_page_with_both_objects(
+    folder: Path, network: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    def tiny(recipe: SceneRecipe) -> SceneRecipe:
+        frame = recipe.frame.model_copy(update={"width_px": 96, "height_px": 72, "margin_px": 12})
+        changes = {"frame": frame, "bands": recipe.bands.model_copy(update={"count": 5})}
+        return recipe.model_copy(
+            update={**changes, "render": recipe.render.model_copy(update={"samples": 4})}
+        )
+
+    monkeypatch.setattr(bench_scene, "small_version", tiny)
+    out = folder / "out"
+    arguments = ["evaluate", "bench-scene", "--quick", "--quiet", "--cache", folder / "cache", "--out", out]
+    arguments += ["--camera", folder / "camera.toml", "--network", network]
+    app([str(each) for each in arguments], standalone_mode=False)
+    figures = json.loads((out / "bench-scene.json").read_text())["figures"]
+    for part in ("", ".bus", ".car"):
+        assert 5 < figures[f"psnr_db.hidden.lens_alone{part}"] < 60
+        assert 5 < figures[f"psnr_db.paper.trained{part}"] < 60
+    # the lens is focused near the car, and the bus is far out of focus
+    assert figures["psnr_db.hidden.lens_alone.car"] > figures["psnr_db.hidden.lens_alone.bus"]
+    page = (out / "bench-scene.html").read_text()
+    assert re.search(r"Bus: about 0\.5\d", page) and re.search(r"Car: about 1\.3", page)
+    assert "restored" in capfd.readouterr().out
