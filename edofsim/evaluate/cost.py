@@ -1,8 +1,9 @@
 """What accuracy costs in time: a scene's photo at every target, with every effect left out, measured.
 
 Errors are those of the noise-free photo against the full simulation, in sensor units, as PSNR; seconds are
-medians over repeats in which all cases take turns, so that what else the machine does meets them alike. Every
-measurement is appended to a file as it comes in, and the same call goes on from there.
+medians over repeats in which all cases take turns, so that what else the machine does meets them alike; or,
+by another clock, those of the processor. Every measurement is appended to a file as it comes in, and the same
+call goes on from there.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..expose import Photo
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import Planner, Simulation, parse_target, photograph
@@ -52,13 +54,15 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage."""
+    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage; pace: of
+    the machine meanwhile, where it was asked for."""
 
     case: Case
     measured_db: float
     seconds: float
     stages: Mapping[str, float] = field(default_factory=dict)
     repeats: int = 1
+    pace: float = 0.0
 
 
 def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Case]:
@@ -104,15 +108,18 @@ def measure(
     repeats: int = 3,
     device: str = "cpu",
     progress: Progress | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+    pace: Callable[[], float] | None = None,
 ) -> list[Row]:
     """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
 
-    folder: keeps what was measured, and is gone on from.
+    folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
+    pace: what tells how fast the machine is just then, asked before and after each case.
     """
     path = folder / LINES
-    identity = _identity(view, camera, height)
+    identity = _identity(view, camera, height, clock)
     _read(path, identity)
-    full = _reference(view, camera, cases, folder, height, device)
+    full = _reference(view, camera, cases, folder, height, device, clock, pace)
     known = _read(path, identity)
     todo = [
         (repeat, case)
@@ -123,19 +130,31 @@ def measure(
     for number, (_, case) in enumerate(todo):
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
-        psf_memory.forget()
-        started = time.perf_counter()
-        photo = photograph(view, camera, case.simulation, height=height, device=device)
-        entry = {
-            "case": _key(case),
-            "seconds": time.perf_counter() - started,
-            "stages": dict(photo.seconds),
-            "db": _psnr(photo.clean, full),
-        }
+        photo, entry = _timed(view, camera, case, height, device, clock, pace)
+        entry["db"] = _psnr(photo.clean, full)
         known.setdefault(_key(case), []).append(entry)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(entry) + "\n")
     return [_row(case, known[_key(case)]) for case in cases]
+
+
+def _timed(
+    view: View,
+    camera: Camera,
+    case: Case,
+    height: Tensor | None,
+    device: str,
+    clock: Callable[[], float],
+    pace: Callable[[], float] | None,
+) -> tuple[Photo, dict[str, Any]]:
+    psf_memory.forget()
+    before = pace() if pace else 0.0
+    started = clock()
+    photo = photograph(view, camera, case.simulation, height=height, device=device, clock=clock)
+    entry = {"case": _key(case), "seconds": clock() - started, "stages": dict(photo.seconds)}
+    if pace:
+        entry["pace"] = (before + pace()) / 2
+    return photo, entry
 
 
 def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
@@ -143,26 +162,27 @@ def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
         stage: statistics.median(entry["stages"].get(stage, 0.0) for entry in entries) for stage in STAGES
     }
     seconds = statistics.median(entry["seconds"] for entry in entries)
-    return Row(case, float(entries[0]["db"]), seconds, stages, len(entries))
+    pace = statistics.median(entry.get("pace", 0.0) for entry in entries)
+    return Row(case, float(entries[0]["db"]), seconds, stages, len(entries), pace)
 
 
 def _reference(
-    view: View, camera: Camera, cases: list[Case], folder: Path, height: Tensor | None, device: str
+    view: View,
+    camera: Camera,
+    cases: list[Case],
+    folder: Path,
+    height: Tensor | None,
+    device: str,
+    clock: Callable[[], float],
+    pace: Callable[[], float] | None,
 ) -> Tensor:
     """The full simulation's photo, kept in the folder: it takes longest of all."""
     (case,) = [case for case in cases if case.kind == "full"]
-    path = folder / f"full-{_identity(view, camera, height)[:16]}.pt"
+    path = folder / f"full-{_identity(view, camera, height, clock)[:16]}.pt"
     if path.is_file():
         return torch.load(path, weights_only=True)
-    psf_memory.forget()
-    started = time.perf_counter()
-    photo = photograph(view, camera, case.simulation, height=height, device=device)
-    entry = {
-        "case": _key(case),
-        "seconds": time.perf_counter() - started,
-        "stages": dict(photo.seconds),
-        "db": math.inf,
-    }
+    photo, entry = _timed(view, camera, case, height, device, clock, pace)
+    entry["db"] = math.inf
     with (folder / LINES).open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")
     torch.save(photo.clean, path)
@@ -185,9 +205,10 @@ def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def _identity(view: View, camera: Camera, height: Tensor | None) -> str:
+def _identity(view: View, camera: Camera, height: Tensor | None, clock: Callable[[], float]) -> str:
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
-    digest.update(json.dumps([machine(), versions()], sort_keys=True).encode())
+    said = [machine(), versions(), clock.__name__, torch.get_num_threads()]
+    digest.update(json.dumps(said, sort_keys=True).encode())
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()

@@ -1,20 +1,24 @@
 """Are plans right? What they predict beside what is measured, over scenes and masks.
 
 For each scene and mask: every effect left out in turn, and the accuracies that are promised, against the full
-simulation. Counted are the effects that matter (measured below `MATTERS_DB`).
+simulation. Counted are the effects that matter (measured below `MATTERS_DB`). Times are seconds of the
+processor, all on one thread, at the pace that the machine's rates were measured at: a machine that has other
+work at the same time does not fool them.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from torch import Tensor
 
 from ..optics import Camera
-from ..plan import planner_of
+from ..optics.threads import one_thread
+from ..plan import planner_of, rates
 from ..recipe import SceneRecipe, load_camera, load_scene
 from ..render import render
 from ..restore.checkpoint import load_checkpoint
@@ -77,8 +81,8 @@ def run(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> list[Outcome]:
-    """Measure every scene and mask. folder: keeps what was measured, and is gone on from; quick: the scenes'
-    small versions."""
+    """Measure every scene and mask, on one thread. folder: keeps what was measured, and is gone on from;
+    quick: the scenes' small versions."""
     found = []
     for number, (scene, mask) in enumerate((scene, mask) for scene in scenes for mask in masks):
         if progress:
@@ -87,11 +91,16 @@ def run(
         recipe = small_version(loaded.recipe) if quick else loaded.recipe
         view = render(recipe, loaded.base, cache=cache, device=device)
         camera, height = camera_of(mask)
-        planner = planner_of(view, camera, height=height)
         place = folder / f"{scene}-{mask}"
         place.mkdir(parents=True, exist_ok=True)
-        rows = cost.measure(view, camera, cost.cases_of(planner, TARGETS_DB), place, height=height, repeats=1)
-        found.append(Outcome(scene, mask, tuple(rows)))
+        with one_thread():
+            cases = cost.cases_of(planner_of(view, camera, height=height), TARGETS_DB)
+            rows = cost.measure(
+                view, camera, cases, place, height=height, repeats=1, clock=time.process_time, pace=rates.pace
+            )
+            usual = rates.rates()[rates.PACE][0]
+        paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
+        found.append(Outcome(scene, mask, tuple(paced)))
     return found
 
 

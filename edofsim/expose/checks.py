@@ -16,6 +16,8 @@ def check_view(view: View) -> None:
     """Refuse a view with values that are not light or not depth. Raises InputError naming the pixels."""
     problems = []
     depth = view.inverse_depth.detach()
+    if _sound(depth, view.coverage.detach(), view.radiance.detach()):
+        return
     bad = torch.isnan(depth)
     if bool(bad.any()):
         problems.append(f"the view's depth is NaN {_where(view, bad)}: render it again")
@@ -34,6 +36,16 @@ def check_view(view: View) -> None:
         problems.append(f"the view's coverage is not between 0 and 1 {_where(view, bad)}: render it again")
     if problems:
         raise InputError(problems)
+
+
+def _sound(depth: Tensor, coverage: Tensor, radiance: Tensor) -> bool:
+    """Whether nothing can be wrong, told by few passes; comparisons with NaN are false."""
+    if not depth.numel():
+        return False
+    near, far = depth.aminmax()
+    least, most = coverage.aminmax()
+    bounds = bool(near >= 0) and bool(far < float("inf")) and bool(least >= 0) and bool(most <= 1 + 1e-4)
+    return bounds and bool(torch.isfinite(radiance.sum()))
 
 
 def check_pixel_angle(view: View, pixel_angle: float) -> None:

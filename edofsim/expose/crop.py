@@ -35,13 +35,16 @@ def with_margin(view: View, margin: int) -> View:
 
 def _take(view: View, source: Tensor, height: int, width: int, margin: int, pixels: int) -> View:
     """A view whose pixel i shows pixel source[i] of the given one."""
-    rows, columns = view.padded_shape
-    counts = torch.bincount(view.pixel, minlength=rows * columns)
-    starts = torch.cumsum(counts, 0) - counts
-    copies = counts[source]
-    pixel = torch.repeat_interleave(torch.arange(pixels, device=source.device), copies)
-    first = torch.cumsum(copies, 0) - copies
-    which = starts[source][pixel] + torch.arange(pixel.numel(), device=source.device) - first[pixel]
+    if view.one_each:
+        which, pixel = source, torch.arange(pixels, device=source.device)
+    else:
+        rows, columns = view.padded_shape
+        counts = torch.bincount(view.pixel, minlength=rows * columns)
+        starts = torch.cumsum(counts, 0) - counts
+        copies = counts[source]
+        pixel = torch.repeat_interleave(torch.arange(pixels, device=source.device), copies)
+        first = torch.cumsum(copies, 0) - copies
+        which = starts[source][pixel] + torch.arange(pixel.numel(), device=source.device) - first[pixel]
     return replace(
         view,
         height=height,
@@ -50,6 +53,6 @@ def _take(view: View, source: Tensor, height: int, width: int, margin: int, pixe
         pixel=pixel,
         coverage=view.coverage[which],
         inverse_depth=view.inverse_depth[which],
-        radiance=view.radiance[:, which],
+        radiance=view.radiance.index_select(1, which),
         hidden=view.hidden[which],
     )

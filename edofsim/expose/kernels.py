@@ -119,7 +119,9 @@ def depth_nodes(
     values = inverse_depth.detach().double()
     if values.numel() == 0:
         return values.new_zeros(1)
-    low, high = float(values.min()), float(values.max())
+    low, high = (float(end) for end in values.aminmax())
+    if low == high:
+        return values[:1].clone()
     if layers == "auto":
         step = DEFOCUS_STEP * 10 ** ((50 - tolerance_db) / 40)
         layers = 2 + math.floor((high - low) * defocus_per_dioptre / step)

@@ -76,6 +76,13 @@ def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None =
     nodes: [node] inverse depths in 1/m, ascending; depths beyond them take the end node.
     which: int64 [n], the fragments that shine; radiance: [band, n], theirs (default: the view's).
     """
+    rows, columns = view.padded_shape
+    if nodes.numel() == 1:  # nothing lies between nodes: no order is needed
+        shine, pixel = radiance, view.pixel[which]
+        if shine is None:
+            everything = which.numel() == view.pixel.numel()
+            shine = view.radiance if everything else view.radiance.index_select(1, which)
+        return Light(rows, columns, pixel, shine.new_zeros(pixel.numel()), shine, (0, pixel.numel()))
     cell, share = hat_weights(view.inverse_depth[which], nodes)
     order = torch.argsort(cell, stable=True)
     counts = torch.bincount(cell, minlength=max(1, nodes.numel() - 1))
@@ -83,7 +90,6 @@ def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None =
     ordered = which[order]
     # index_select is several times faster than indexing here
     shine = view.radiance.index_select(1, ordered) if radiance is None else radiance.index_select(1, order)
-    rows, columns = view.padded_shape
     return Light(rows, columns, view.pixel[ordered], share[order], shine, starts)
 
 

@@ -142,12 +142,16 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
 
 def light_lost(view: View, kernels: Kernels, weights: Tensor) -> Tensor:
     """Fraction of the visible light that lands outside the PSFs' windows, per channel [channel]."""
-    which = seen(view)
-    cell, share = hat_weights(view.inverse_depth[which], kernels.nodes)
-    light = view.radiance.detach()[:, which]
-    amount = light.new_zeros(view.bands, kernels.nodes.numel())
-    amount.index_add_(1, cell, light * (1 - share))
-    amount.index_add_(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
+    radiance = view.radiance.detach()
+    if kernels.nodes.numel() == 1:
+        amount = (radiance @ (~view.hidden).to(radiance))[:, None]
+    else:
+        which = seen(view)
+        cell, share = hat_weights(view.inverse_depth[which], kernels.nodes)
+        light = radiance.index_select(1, which)
+        amount = light.new_zeros(view.bands, kernels.nodes.numel())
+        amount.index_add_(1, cell, light * (1 - share))
+        amount.index_add_(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
     rest = torch.zeros_like(amount)
     for node in torch.nonzero(amount.any(0)).squeeze(1).tolist():
         rest[:, node] = kernels.rest(node).detach()

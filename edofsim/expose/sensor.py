@@ -51,7 +51,7 @@ def automatic_exposure(ideal: Tensor) -> float:
     """Factor from radiance to full scale for an ideal image of any shape; 1 where the image is black."""
     values = ideal.detach().flatten()
     index = min(values.numel() - 1, round(WHITE_PERCENTILE / 100 * (values.numel() - 1)))
-    white = float(torch.sort(values).values[index])  # torch.quantile refuses large images
+    white = float(torch.kthvalue(values, index + 1).values)  # torch.quantile refuses large images
     return WHITE_LEVEL / white if white > 0 else 1.0
 
 

@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from .camera import Camera
-from .grid import PupilGrid
+from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
 from .sampling import Sampling
 
 if TYPE_CHECKING:
@@ -79,8 +79,10 @@ def keep(key: str, bank: PsfBank, folder: Path | None) -> None:
 
 
 def forget() -> None:
-    """Empty the memory."""
+    """Empty the memory, of pupils too: the next PSFs take as long as the first."""
     _memory.clear()
+    for known in (disc_coverage, disc_amplitude, bicubic_matrix):
+        known.cache_clear()
 
 
 def _remember(key: str, bank: PsfBank) -> None:

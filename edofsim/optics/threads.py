@@ -45,6 +45,17 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
 
 
 @contextmanager
+def one_thread() -> Iterator[None]:
+    """All work of this process on one thread, for timings in seconds of the processor."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextmanager
 def _one_thread_an_operation() -> Iterator[None]:
     """PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
     global _users, _threads

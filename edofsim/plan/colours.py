@@ -77,19 +77,19 @@ def _least_variance(place: np.ndarray, amount: np.ndarray, groups: int) -> list[
     """Neighbouring bands in at most `groups` groups: least sum of amount (place - the group's mean)^2."""
     count = len(place)
     groups = min(groups, count)
+    if groups == 1:
+        return [np.arange(count)]
     w, s, q = (np.concatenate([[0], np.cumsum(amount * place**k)]) for k in (0, 1, 2))
-
-    def spread(begin: int, end: int) -> float:
-        weight = w[end] - w[begin]
-        return q[end] - q[begin] - (s[end] - s[begin]) ** 2 / weight if weight > 0 else 0.0
-
+    weight = w[None, :] - w[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = (q[None, :] - q[:, None]) - (s[None, :] - s[:, None]) ** 2 / weight
+    spread = np.where(weight > 0, spread, 0.0)
+    spread[np.tril_indices(count + 1)] = np.inf  # [begin, end]: of the bands from begin up to end
     best = np.full((groups + 1, count + 1), np.inf)
     best[0, 0], cut = 0.0, np.zeros((groups + 1, count + 1), int)
     for k in range(1, groups + 1):
-        for end in range(k, count + 1):
-            costs = [best[k - 1, begin] + spread(begin, end) for begin in range(k - 1, end)]
-            cut[k, end] = k - 1 + int(np.argmin(costs))
-            best[k, end] = min(costs)
+        costs = best[k - 1][:, None] + spread
+        cut[k], best[k] = costs.argmin(0), costs.min(0)
     parts, end = [], count
     for k in range(groups, 0, -1):
         parts.append(np.arange(cut[k, end], end))

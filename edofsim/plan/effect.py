@@ -30,11 +30,13 @@ def decibels(error: float) -> float:
 class Level:
     """How finely an effect is simulated: what a reader calls it, and the fields of `Simulation` that it sets.
 
-    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not."""
+    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not;
+    sample: how the rest is simulated while its error is measured, where that is not as for the effect."""
 
     label: str
     change: Mapping[str, Any]
     allowed: bool = True
+    sample: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,9 @@ class Effect:
 
     name; absent(facts): why scene or camera do not have it, empty where they do; levels(facts): from left out
     to in full, which is no change to the full simulation; why(facts): what it comes from, a clause.
-    sample: how the rest is simulated while its error is measured on the sample; error(facts, level): instead
-    of the sample. added: how its error adds up with others: `image` (by the correlation of the difference
+    sample: how the rest is simulated while its error is measured on the sample (`snapped`: light is moved to
+    the nearest depth node, where its PSF is that of a depth and no mixture); error(facts, level): instead of
+    the sample. added: how its error adds up with others: `image` (by the correlation of the difference
     images), `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this
     one does not matter. stage: render, psf or expose.
     """

@@ -120,14 +120,17 @@ def levels_of(
 
 def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[Tensor]:
     """The sample with each level minus the sample in full, the rest as the effect's sample says."""
-    rest = facts.full.changed({"layers": 7, "window": _narrow(facts), **effect.sample})
-    if facts.full.occlusion == "none":
-        rest = replace(rest, occlusion="none")
-    reference = facts.sample.photo(rest)
-    found = []
+    found, references = [], {}
     for level in levels:
-        photo = facts.sample.photo(rest.changed(_photo_fields(level)))
-        found.append((photo - reference) * _beyond(facts, level))
+        how = {"layers": 7, "window": _narrow(facts), "snapped": False, **effect.sample, **level.sample}
+        snapped = how.pop("snapped")
+        rest = facts.full.changed(how)
+        if facts.full.occlusion == "none":
+            rest = replace(rest, occlusion="none")
+        if (rest, snapped) not in references:
+            references[rest, snapped] = facts.sample.photo(rest, snapped)
+        photo = facts.sample.photo(rest.changed(_photo_fields(level)), snapped)
+        found.append((photo - references[rest, snapped]) * _beyond(facts, level))
     return found
 
 
@@ -144,7 +147,7 @@ def _photo_fields(level: Level) -> dict[str, object]:
 
 def _beyond(facts: Facts, level: Level) -> float:
     """Linear interpolation errs with the square of the step: what the sample's own finest layers lack."""
-    layers = level.change.get("layers")
+    layers = None if level.sample else level.change.get("layers")
     if not layers or facts.sample.depths is not None or layers >= FINEST_LAYERS:
         return 1.0
     return 1 / (1 - ((layers - 1) / (FINEST_LAYERS - 1)) ** 2)

@@ -68,6 +68,11 @@ class Facts:
         return self.sample.response.double() @ light / pixels * self.sample.exposure
 
     @property
+    def blurred(self) -> Simulation:
+        """A simulation with little in it but blur: how bright the photo is."""
+        return self.full.changed({"groups": 1, "colours": 1, "layers": 5, "occlusion": "none"})
+
+    @property
     def bands_a_channel(self) -> int:
         """Bands that the channel with the broadest response sees."""
         return int((self.sample.response > 1e-3 * self.sample.response.max()).sum(1).max())

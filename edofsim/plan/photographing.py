@@ -42,16 +42,18 @@ def photograph(
     device: torch.device | str = "cpu",
     cache: Path | None = None,
     progress: Progress | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Photo:
     """Photograph a view, simulating what `simulation` says and nothing else.
 
     exposure, seed, height, device, cache, progress: as for `expose`. nodes: [node] ascending inverse depths
     in 1/m, and spectrum: [band], the light that groups of bands are weighted by, in place of the view's own:
-    for a part of a view. The ideal image and the exposure always have all bands.
+    for a part of a view. clock: what the stages are timed by. The ideal image and the exposure always have
+    all bands.
 
     Raises InputError for a view that the camera cannot photograph.
     """
-    watch = _Watch(progress)
+    watch = _Watch(progress, clock)
     window = simulation.window or camera.recipe.psf.window_px
     check_pixel_angle(view, camera.pixel_angle)
     view = view.to(device, torch.float32)
@@ -140,10 +142,12 @@ def spectrum_of(view: View) -> Tensor:
 def ideal_of(view: View, weights: Tensor) -> Tensor:
     """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed."""
     rows, columns = view.padded_shape
-    which = seen(view)
-    image = view.radiance.new_zeros(len(weights), rows * columns)
-    light = (weights.to(view.radiance) @ view.radiance)[:, which]
-    return image.index_add(1, view.pixel[which], light).reshape(-1, rows, columns)
+    light = weights.to(view.radiance) @ view.radiance
+    if not view.one_each:
+        which = seen(view)
+        image = view.radiance.new_zeros(len(weights), rows * columns)
+        light = image.index_add(1, view.pixel[which], light.index_select(1, which))
+    return light.reshape(-1, rows, columns)
 
 
 def with_part_of_margin(view: View, margin: int | None) -> View:
@@ -167,11 +171,15 @@ class _Watch:
     """Seconds of each stage, and its name to whoever shows progress."""
 
     progress: Progress | None
+    clock: Callable[[], float]
     seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
+    started: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.started = self.clock()
 
     def lap(self, stage: str, fraction: float) -> None:
-        now = time.perf_counter()
+        now = self.clock()
         self.seconds[stage], self.started = now - self.started, now
         if self.progress:
             self.progress(fraction, stage)

@@ -1,10 +1,12 @@
-"""How fast this machine does each kind of work: measured once in a few seconds, and remembered."""
+"""How fast this machine does each kind of work: measured once in some seconds, and remembered."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from scipy.optimize import nnls
 
 from ..optics import Camera
 from ..optics import cache as psf_memory
+from ..optics.threads import one_thread
 from ..recipe import CameraRecipe
 from ..record import machine
 from ..render.view import View
@@ -21,26 +24,33 @@ from .photographing import nodes_of, photograph
 from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
-VERSION = 4
+VERSION = 7
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]
-"""Seconds a unit of each amount of work, by stage (see `Work`)."""
+"""Seconds a unit of each amount of work, by stage (see `Work`); and the pace that they were measured at."""
+PACE = "pace"
 
 _known: dict[str, Rates] = {}
 
 RUNS = (
-    Simulation(groups=1, colours=1, layers=2, occlusion="none"),
+    Simulation(groups=1, colours=1, layers=1, occlusion="none"),
     Simulation(groups=1, colours=2, layers=12, occlusion="none"),
     Simulation(groups=2, colours=2, layers=5, occlusion="none", window=64),
     Simulation(groups=0, layers=3, occlusion="none"),
     Simulation(groups=0, layers=12, occlusion="none", window=32),
     Simulation(groups=3, colours=1, layers=6, occlusion="none", pupil_um=9.0),
     Simulation(groups=1, colours=0, layers=4, occlusion="none", oversampling=4),
+    Simulation(groups=2, colours=2, layers=20, occlusion="none", window=16),
     Simulation(groups=1, colours=1, layers=6, occlusion="hidden"),
     Simulation(groups=2, colours=1, layers=10, occlusion="hidden", window=64),
+    Simulation(groups=3, colours=1, layers=24, occlusion="hidden", window=32),
+    Simulation(groups=0, layers=2, occlusion="hidden", window=32),
     Simulation(groups=1, colours=2, layers=4, occlusion="normalised"),
+    Simulation(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
 )
+SIZES = ((96, 96), (288, 256))
+"""Rows and columns of the views; the larger one is composited in tiles where PSFs are small."""
 
 
 def rates(again: bool = False) -> Rates:
@@ -75,59 +85,116 @@ def _name() -> str:
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()[:16]
 
 
+def pace(repeats: int = 4) -> float:
+    """Seconds of the processor for a fixed piece of work like a photo's, about 10 ms, on one thread.
+
+    Even these grow when other work keeps the cores' shared parts busy: times that were taken at different
+    paces are compared as multiples of it.
+    """
+    draw = torch.Generator().manual_seed(0)
+    image, psf = torch.rand(3, 320, 320, generator=draw), torch.rand(3, 64, 64, generator=draw)
+    light, weights = torch.rand(31, 60_000, generator=draw), torch.rand(3, 31, generator=draw)
+    square, place = torch.rand(300, 300, generator=draw), torch.randperm(60_000, generator=draw)
+    with one_thread():
+        started = time.process_time()
+        for _ in range(repeats):
+            spectrum = torch.fft.rfft2(image) * torch.fft.rfft2(psf, s=(320, 320))
+            torch.fft.irfft2(spectrum)
+            torch.zeros(3, 60_000).index_add_(1, place, weights @ light)
+            for _ in range(4):
+                torch.cos(square @ square)
+        return (time.process_time() - started) / repeats
+
+
 def measure(repeats: int = 2) -> Rates:
     """Photograph made-up views in several ways, and solve for the seconds of each kind of work.
 
-    The fastest of some repeats counts: what else the machine did is not the work's. Errors are relative, so
-    that short stages are met as well as long ones.
+    On one thread, in seconds of the processor, so that what else the machine does is not counted; then, where
+    there are more threads, how much of that all of them together take. Errors are relative, so that short
+    stages are met as well as long ones.
     """
     camera = Camera.from_recipe(CameraRecipe(name="rates"))
+    threads = torch.get_num_threads()
+    with one_thread():
+        found = _one_thread_rates(camera, repeats)
+    if threads > 1:
+        share = _share_of(camera, repeats + 1, threads)
+        found |= {stage: tuple(value * share[stage] for value in found[stage]) for stage in STAGES}
+    return found
+
+
+def _share_of(camera: Camera, repeats: int, threads: int) -> dict[str, float]:
+    """Seconds of each stage with all threads as a fraction of those with one. The fastest repeat counts; no
+    more is gained than there are threads, and nothing is lost by them but to other work."""
+    view = _made_up(*SIZES[-1], camera)
+    alone, together = dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0)
+    for run in RUNS[1::5]:
+        with one_thread():
+            first = _fastest(view, camera, run, repeats, time.process_time)
+        second = _fastest(view, camera, run, repeats, time.perf_counter)
+        for stage in STAGES:
+            alone[stage] += first[stage]
+            together[stage] += second[stage]
+    return {stage: min(1.0, max(1 / threads, together[stage] / alone[stage])) for stage in STAGES}
+
+
+def _fastest(
+    view: View, camera: Camera, run: Simulation, repeats: int, clock: Callable[[], float]
+) -> dict[str, float]:
+    found = []
+    for _ in range(repeats):
+        psf_memory.forget()
+        found.append(photograph(view, camera, run, clock=clock).seconds)
+    return {stage: min(each[stage] for each in found) for stage in STAGES}
+
+
+def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
     times: dict[str, list[float]] = {stage: [] for stage in STAGES}
-    for size, runs, times_each in ((96, RUNS, repeats), (256, RUNS[::4], 1)):
-        view = _made_up(size, camera)
+    paces: list[float] = []
+    for (height, width), runs, times_each in zip(SIZES, (RUNS, RUNS[::3]), (repeats, 1), strict=True):
+        view = _made_up(height, width, camera)
         shape = shape_of(view, camera)
         for run in runs:
-            found = []
-            for _ in range(times_each):
-                psf_memory.forget()
-                photo = photograph(view, camera, run)
-                found.append(photo.seconds)
+            found = _fastest(view, camera, run, times_each, time.process_time)
+            paces.append(pace())
             layers = int(nodes_of(view, camera, run).numel())
-            groups = photo.how["bands"]
+            groups = 3 * run.groups or view.bands
             colours = groups * max(run.colours, 1) if run.groups and run.colours else view.bands
             work = work_of(shape, camera, run, layers, groups, colours)
             for stage in STAGES:
                 rows[stage].append(work.amounts[stage])
-                times[stage].append(min(each[stage] for each in found))
+                times[stage].append(found[stage] / paces[-1])
     psf_memory.forget()
-    return {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
+    usual = min(paces)
+    solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
+    return {**{stage: tuple(usual * each for each in solved[stage]) for stage in STAGES}, PACE: (usual,)}
 
 
 def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:
     scale = np.abs(rows).max(0)
-    seconds = np.maximum(seconds, 1e-6)
+    seconds = np.maximum(seconds, 1e-4)
     found, _ = nnls(rows / scale / seconds[:, None], np.ones(len(rows)))
     return tuple((found / scale).tolist())
 
 
-def _made_up(size: int, camera: Camera) -> View:
-    """Noise at many depths, a square of it in front of the rest and hiding it."""
+def _made_up(height: int, width: int, camera: Camera) -> View:
+    """Noise at many depths, a square of it in front of the rest and hiding it, near the top left corner."""
     margin, bands = 64, 31
-    side = size + 2 * margin
+    rows, columns = height + 2 * margin, width + 2 * margin
     draw = torch.Generator().manual_seed(0)
-    row, column = torch.meshgrid(torch.arange(side), torch.arange(side), indexing="ij")
-    front = ((row - side // 2).abs() < size // 4) & ((column - side // 2).abs() < size // 4)
-    depth = torch.rand(side * side, generator=draw)
+    row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
+    front = ((row - margin - 32).abs() < 24) & ((column - margin - 32).abs() < 24)
+    depth = torch.rand(rows * columns, generator=draw)
     behind = torch.nonzero(front.flatten()).squeeze(1)
     depth[behind] = 1.5 + 0.5 * depth[behind]
-    pixel = torch.cat([torch.arange(side * side), behind])
+    pixel = torch.cat([torch.arange(rows * columns), behind])
     inverse_depth = torch.cat([depth, torch.rand(len(behind), generator=draw)])
-    hidden = torch.arange(len(pixel)) >= side * side
+    hidden = torch.arange(len(pixel)) >= rows * columns
     order = torch.argsort(pixel * 2 + hidden)
     return View(
-        height=size,
-        width=size,
+        height=height,
+        width=width,
         margin=margin,
         pixel=pixel[order],
         coverage=torch.ones(len(pixel)),

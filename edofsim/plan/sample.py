@@ -7,7 +7,7 @@ frames are taken whole. The sample shares the view's depths, exposure and spectr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -49,6 +49,7 @@ class Sample:
     depths: Tensor | None
     response: Tensor
     _banks: dict[tuple, HeldKernels] = field(default_factory=dict, repr=False, compare=False)
+    _photos: dict[Simulation, Tensor] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, layers: int | None) -> Tensor:
         """Depth nodes [node] of the whole view."""
@@ -60,9 +61,13 @@ class Sample:
             return torch.tensor([(low + high) / 2], dtype=torch.float64)
         return torch.linspace(low, high, layers, dtype=torch.float64)
 
-    def photo(self, simulation: Simulation) -> Tensor:
+    def photo(self, simulation: Simulation, snapped: bool = False) -> Tensor:
         """The sample's clean photo [channel, pixel], each pixel times the root of its weight: the sum of
-        squares of a difference is the mean square error over the frame."""
+        squares of a difference is the mean square error over the frame.
+
+        snapped: every fragment is moved to the nearest depth node. Between nodes PSFs are mixtures, smoother
+        than that of any depth, which hides errors where the nodes are few.
+        """
         nodes = self.nodes(simulation.layers)
         window = simulation.window or self.camera.recipe.psf.window_px
         margin = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
@@ -71,6 +76,8 @@ class Sample:
         for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
             gathering = gathering_of(view, self.camera, self.response, simulation, self.spectrum)
             light = gathered_view(view, gathering) if simulation.groups else view
+            if snapped:
+                light = replace(light, inverse_depth=_nearest(light.inverse_depth, nodes))
             light = with_margin(with_part_of_margin(light, margin), window // 2)
             if blurring is None:
                 kernels = self._kernels(simulation, gathering.wavelengths, nodes, window)
@@ -85,6 +92,15 @@ class Sample:
             image = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
             parts.append(image.flatten(1) * (self.exposure * weight**0.5))
         return torch.cat(parts, 1)
+
+    def exposed(self, simulation: Simulation) -> tuple[Tensor, Tensor]:
+        """The sample's clean photo [channel, pixel] as it is, and the weights [pixel] of its pixels: they sum
+        to 1 or thereabouts."""
+        sizes = [view.height * view.width for view in self.tiles]
+        weights = torch.repeat_interleave(self.weights, torch.tensor(sizes))
+        if simulation not in self._photos:
+            self._photos[simulation] = self.photo(simulation).double() / weights.sqrt()
+        return self._photos[simulation], weights
 
     def _kernels(self, simulation: Simulation, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
@@ -118,6 +134,13 @@ class Sample:
     def forget(self) -> None:
         """Let the PSFs go."""
         self._banks.clear()
+
+
+def _nearest(inverse_depth: Tensor, nodes: Tensor) -> Tensor:
+    if nodes.numel() == 1:
+        return inverse_depth
+    middles = (nodes[1:] + nodes[:-1]) / 2
+    return nodes[torch.searchsorted(middles, inverse_depth.double())].to(inverse_depth)
 
 
 def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: int = 0) -> Sample:

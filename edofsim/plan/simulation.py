@@ -33,8 +33,9 @@ class Simulation:
     occlusion: one of `expose`'s ways; method: likewise; tolerance_db: of `low_rank`;
     window: side of the PSFs in pixels, None: the recipe's; oversampling: samples along a pixel's side;
     pupil_um: sampling of the pupil, None: the recipe's, which may be automatic;
-    exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation: whether
-    the camera has them; margin: pixels around the frame that light comes from, None: all that there are.
+    exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation,
+    saturation, mosaic: whether the camera has them; margin: pixels around the frame that light comes from,
+    None: all that there are.
     """
 
     groups: int = 0
@@ -53,6 +54,8 @@ class Simulation:
     read_noise: bool = True
     shot_noise: bool = True
     quantisation: bool = True
+    saturation: bool = True
+    mosaic: bool = True
     margin: int | None = None
     samples: int | None = None
     bounces: int | None = None
@@ -172,9 +175,9 @@ def sensor_effects(camera: Camera, simulation: Simulation) -> SensorEffects:
     """What the sensor does, without what is left out."""
     sensor = camera.recipe.sensor
     return SensorEffects(
-        saturation=sensor.saturation,
+        saturation=sensor.saturation and simulation.saturation,
         full_well=sensor.full_well_electrons if simulation.shot_noise else None,
         read_noise=sensor.read_noise if simulation.read_noise else 0.0,
         bits=sensor.bits if simulation.quantisation else None,
-        bayer=sensor.bayer,
+        bayer=sensor.bayer if simulation.mosaic else None,
     )

@@ -7,68 +7,19 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import torch
-from torch import Tensor
 
 from ..expose.convolution import Grid
-from ..expose.occlusion.slabs import cuts
-from ..expose.prepare import blur_per_dioptre
+from ..expose.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.sampling import plan_sampling
-from ..render.view import View
+from .shape import Shape, Slabs, shape_of
 from .simulation import Simulation, simpler_camera
 
-BINS = 4096
 STAGES = ("prepare", "psf", "blur", "sensor")
+COVERAGES = 3
+"""Images of coverage that are blurred for each depth: one a channel."""
 
-
-@dataclass(frozen=True)
-class Shape:
-    """What counts of a view for the time of its photo.
-
-    occupied: bool [slab, bin], the depths at which each slab of the occlusion holds fragments, over the
-    range `ends` (inverse depths); fragments: [slab] of each; visible: fragments that are seen; wavelengths:
-    of the bands, in metres.
-    """
-
-    height: int
-    width: int
-    margin: int
-    bands: int
-    occupied: Tensor
-    fragments: Tensor
-    visible: int
-    ends: tuple[float, float]
-    wavelengths: tuple[float, ...]
-
-    def nodes_used(self, layers: int, slab: int | None = None) -> int:
-        """Depth nodes that some fragment of a slab (None: of the view) has a share in."""
-        if layers == 1 or self.ends[0] == self.ends[1]:
-            return 1
-        here = self.occupied.any(0) if slab is None else self.occupied[slab]
-        cells = (torch.nonzero(here).squeeze(1) * (layers - 1) // BINS).clamp_max(layers - 2)
-        return int(torch.unique(torch.cat([cells, cells + 1])).numel())
-
-
-def shape_of(view: View, camera: Camera) -> Shape:
-    """Count a view once, for the work of any simulation of it."""
-    depth = view.inverse_depth.double()
-    low, high = float(depth.min()), float(depth.max())
-    place = ((depth - low) / max(high - low, 1e-12) * BINS).long().clamp(0, BINS - 1)
-    at = torch.tensor(sorted(cuts(view, 1 / blur_per_dioptre(camera))), dtype=torch.float64)
-    slab = torch.searchsorted(at, depth)
-    occupied = torch.zeros(at.numel() + 1, BINS, dtype=torch.bool)
-    occupied[slab, place] = True
-    return Shape(
-        view.height,
-        view.width,
-        view.margin,
-        view.bands,
-        occupied,
-        torch.bincount(slab, minlength=at.numel() + 1),
-        int((~view.hidden).sum()),
-        (low, high),
-        tuple(view.wavelengths.tolist()),
-    )
+__all__ = ["STAGES", "Shape", "Work", "shape_of", "work_of"]
 
 
 @dataclass(frozen=True)
@@ -88,41 +39,120 @@ def work_of(
     """
     window = simulation.window or camera.recipe.psf.window_px
     margin = window // 2
-    rows, columns = shape.height + 2 * margin, shape.width + 2 * margin
-    grid = Grid(rows, columns, margin, window)
-    size = math.prod(grid.transform)
-    per_transform = size * math.log2(size)
-    outer = (shape.height + 2 * shape.margin) * (shape.width + 2 * shape.margin)
-    scale = rows * columns / outer
-    kernels, moved = 0, 0.0
-    if simulation.occlusion == "none":
-        kernels = shape.nodes_used(layers) * groups
-        moved = 2.0 * shape.visible * scale * groups
-    elif simulation.occlusion == "hidden":
-        for slab, count in enumerate(shape.fragments.tolist()):
-            kernels += shape.nodes_used(layers, slab) * (groups + 3)
-            moved += 2.0 * count * scale * (groups + 3)
-    else:
-        kernels = shape.nodes_used(layers) * (groups + 3)
-        moved = 2.0 * shape.visible * scale * (groups + 3)
+    padded = (shape.height + 2 * margin) * (shape.width + 2 * margin)
+    outer = math.prod(shape.padded_shape)
+    fragments = shape.fragments * padded / outer
+    gathered = groups if simulation.groups else 0
+    blur = _blur_of(shape, simulation.occlusion, window, layers, groups)
     samples = _pupil_samples(camera, simulation, window, shape.ends, shape.wavelengths)
     half, out = samples / 2, (window * simulation.oversampling + 2) / 2
-    waves = layers * colours * (out * half**2 + out**2 * half)
-    whole = float(shape.fragments.sum())
-    fragments = whole * scale
-    moving = whole * (shape.bands + (groups if simulation.groups else 0)) + fragments * groups
-    block = min(groups, max(1, (1 << 22) // size))
+    waves = layers * colours
     return Work(
         {
-            "prepare": (1.0, moving),
-            "psf": (1.0, samples**2, colours * samples**2, waves, layers * colours * window**2),
-            "blur": (1.0, kernels * per_transform, moved),
-            "sensor": (1.0, 3.0 * shape.height * shape.width + fragments * groups),
+            "prepare": (
+                1.0,
+                shape.fragments * shape.bands,
+                shape.fragments * gathered + fragments * groups,
+                0.0 if shape.one_each else shape.fragments + fragments,
+                3.0 * shape.height * shape.width,
+            ),
+            "psf": (
+                1.0,
+                float(colours),
+                samples**2,
+                colours * samples**2,
+                waves * (out * half**2 + out**2 * half),
+                waves * (half**2 + out**2),
+                waves * window**2,
+            ),
+            "blur": blur.amounts(layers * (groups + COVERAGES) * window**2 if blur.covers else 0.0),
+            "sensor": (
+                1.0,
+                3.0 * shape.height * shape.width,
+                fragments * groups,
+                layers * groups * window**2,
+            ),
         },
-        4.0 * layers * (colours + (groups if simulation.groups else 0)) * window**2
+        4.0 * layers * (colours + gathered) * window**2
         + 4.0 * fragments * (shape.bands + groups)
-        + 24.0 * block * size,
+        + 24.0 * min(groups, max(1, BLOCK_PIXELS // blur.largest)) * blur.largest,
     )
+
+
+@dataclass
+class _Blur:
+    """Work of blurring, added up part by part.
+
+    blurs: images of channels that are made; visits: of depth nodes for them; transforms: fast Fourier
+    transforms, in pixels times their logarithm; products: pixels of spectra that are multiplied; moved:
+    fragments, times images; scanned: fragments that are looked through; largest: pixels of one transform.
+    """
+
+    blurs: float = 0.0
+    visits: float = 0.0
+    transforms: float = 0.0
+    products: float = 0.0
+    moved: float = 0.0
+    scanned: float = 0.0
+    largest: int = 1
+    covers: bool = False
+
+    def add(self, rows: int, columns: int, window: int, nodes: int, images: int, fragments: float) -> None:
+        """One blur of some fragments at some depth nodes, in a frame with its margin."""
+        size = math.prod(Grid(rows, columns, window // 2, window).transform)
+        self.largest = max(self.largest, size)
+        self.blurs += 1
+        self.visits += nodes
+        self.transforms += (2 * nodes * images + 3) * size * math.log2(size)
+        self.products += (nodes * (images + 3) + 3) * size
+        self.moved += 2 * fragments * images
+
+    def amounts(self, opaque: float) -> tuple[float, ...]:
+        whole = (1.0, self.blurs, self.visits, self.transforms, self.products)
+        return (*whole, self.moved, self.scanned, opaque)
+
+
+def _blur_of(shape: Shape, occlusion: str, window: int, layers: int, groups: int) -> _Blur:
+    work = _Blur()
+    margin = window // 2
+    layers = 1 if shape.ends[0] == shape.ends[1] else layers
+    rows, columns = shape.height + 2 * margin, shape.width + 2 * margin
+    scale = rows * columns / math.prod(shape.padded_shape)
+    visible, nodes = shape.visible * scale, shape.whole.nodes_used(layers)
+    if occlusion in ("over", "normalised"):
+        work.covers = True
+        for _ in range(nodes):  # each fragment is at one of them
+            work.add(rows, columns, window, 1, groups, visible / nodes)
+            work.add(rows, columns, window, 1, COVERAGES, visible / nodes)
+        work.scanned += visible * nodes
+        return work
+    tiles = shape.tiles(margin) if occlusion == "hidden" else []
+    if occlusion == "none" or tiles or not shape.edges.numel():
+        work.add(rows, columns, window, nodes, groups, visible)
+    if occlusion == "none":
+        return work
+    work.scanned += shape.fragments * scale
+    if not shape.edges.numel():
+        return work
+    work.covers = True
+    if not tiles:
+        _composite(work, shape.whole, rows, columns, window, layers, groups, scale)
+    for tile in tiles:
+        rows, columns = tile.height + 2 * margin, tile.width + 2 * margin
+        around = (tile.height + 2 * shape.reach) * (tile.width + 2 * shape.reach)
+        _composite(work, shape.slabs(tile), rows, columns, window, layers, groups, rows * columns / around)
+        work.scanned += rows * columns
+    return work
+
+
+def _composite(
+    work: _Blur, slabs: Slabs, rows: int, columns: int, window: int, layers: int, groups: int, scale: float
+) -> None:
+    for slab, count in enumerate(slabs.fragments):
+        nodes = slabs.nodes_used(layers, slab)
+        work.add(rows, columns, window, nodes, groups, count * scale)
+        work.add(rows, columns, window, nodes, COVERAGES, count * scale)
+        work.scanned += sum(slabs.fragments) * scale
 
 
 def _pupil_samples(

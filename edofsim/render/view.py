@@ -55,6 +55,14 @@ class View:
     def bands(self) -> int:
         return int(self.radiance.shape[0])
 
+    @property
+    def one_each(self) -> bool:
+        """Whether every pixel has one fragment, and it is seen: fragment i is pixel i then."""
+        rows, columns = self.padded_shape
+        if self.pixel.numel() != rows * columns or bool(self.hidden.any()):
+            return False
+        return bool((self.pixel == torch.arange(self.pixel.numel(), device=self.pixel.device)).all())
+
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> View:
         """The same view on another device; `dtype` applies to coverage, inverse depth and radiance."""
         return replace(

@@ -239,7 +239,7 @@ def test_a_plan_is_remembered_and_damage_is_not_believed(monkeypatch: pytest.Mon
     monkeypatch.setattr(remember, "_folder", lambda: tmp_path)
     photos = []
     whole = Sample.photo
-    monkeypatch.setattr(Sample, "photo", lambda self, how: photos.append(how) or whole(self, how))
+    monkeypatch.setattr(Sample, "photo", lambda self, *how: photos.append(how) or whole(self, *how))
     first = plan_photo(scene(FLAT), CAMERA)
     count = len(photos)
     again = plan_photo(scene(FLAT), CAMERA)

@@ -39,8 +39,8 @@ def compose(view: View, blurring: Blurring) -> Tensor:
     edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
     if not edges.numel():
         return blurring.light(view, seen(view))
-    tiles = _near(edges, view, blurring.reach)
-    if sum(_work(tile.height, tile.width, blurring.reach) for tile in tiles) >= _work(
+    tiles = tiles_near(edges, view, blurring.reach)
+    if sum(transform_pixels(tile.height, tile.width, blurring.reach) for tile in tiles) >= transform_pixels(
         view.height, view.width, blurring.reach
     ):
         return composite(view, blurring)
@@ -54,21 +54,21 @@ def compose(view: View, blurring: Blurring) -> Tensor:
 
 
 @dataclass(frozen=True)
-class _Tile:
+class Tile:
     top: int
     left: int
     height: int
     width: int
 
 
-def _near(edges: Tensor, view: View, reach: int) -> list[_Tile]:
+def tiles_near(edges: Tensor, view: View, reach: int) -> list[Tile]:
     """Tiles of the frame that a blur carries light into across an edge; edges: pixels of the padded frame."""
     columns = view.padded_shape[1]
     y, x = edges // columns - view.margin, edges % columns - view.margin
     found = []
     for top in range(0, view.height, TILE):
         for left in range(0, view.width, TILE):
-            tile = _Tile(top, left, min(TILE, view.height - top), min(TILE, view.width - left))
+            tile = Tile(top, left, min(TILE, view.height - top), min(TILE, view.width - left))
             near = (y >= top - reach) & (y < top + tile.height + reach)
             near &= (x >= left - reach) & (x < left + tile.width + reach)
             if bool(near.any()):
@@ -76,7 +76,7 @@ def _near(edges: Tensor, view: View, reach: int) -> list[_Tile]:
     return found
 
 
-def _work(height: int, width: int, reach: int) -> int:
+def transform_pixels(height: int, width: int, reach: int) -> int:
     """Pixels of the transforms that blur such a part: with its surroundings, padded so that nothing wraps."""
     return (height + 4 * reach) * (width + 4 * reach)
 
@@ -84,7 +84,7 @@ def _work(height: int, width: int, reach: int) -> int:
 def composite(view: View, blurring: Blurring) -> Tensor:
     """The whole padded frame composited in one go: [channel, y, x]."""
     image, coverage = None, None
-    slabs = _slabs(view, cuts(view, blurring.gap))
+    slabs = slabs_of(view, cuts(view, blurring.gap))
     for number, which in reversed(list(enumerate(slabs))):
         shown = revealed(view, which)
         part = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
@@ -101,7 +101,7 @@ def composite(view: View, blurring: Blurring) -> Tensor:
     return image
 
 
-def _slabs(view: View, at: list[float]) -> list[Tensor]:
+def slabs_of(view: View, at: list[float]) -> list[Tensor]:
     """Fragments of each slab, near to far, int64 [n] each; `at`: where the view is cut, from near to far."""
     bounds = [float("inf"), *at, -1.0]
     depth = view.inverse_depth.double()

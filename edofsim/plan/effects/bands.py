@@ -35,5 +35,9 @@ def why(facts: Facts) -> str:
 
 
 EFFECT = Effect(
-    "bands", levels, why, absent, sample={"layers": 4, "occlusion": "none", "groups": 0, "colours": 0}
+    "bands",
+    levels,
+    why,
+    absent,
+    sample={"layers": 5, "snapped": True, "occlusion": "none", "groups": 0, "colours": 0},
 )

@@ -7,6 +7,10 @@ from ..facts import Facts, metres
 from ..sample import FINEST_LAYERS
 
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33)
+FEW = 2
+COARSE = {"layers": 13, "colours": 3}
+"""With one or two layers what errs is the size of the blur, which many wavelengths share: it is seen against
+few layers and in several wavelengths. With more it is the fine structure of each wavelength's PSF."""
 
 
 def absent(facts: Facts) -> str:
@@ -17,9 +21,19 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     most = facts.depth_count or FINEST_LAYERS
-    few = [Level(f"{n} layer{'s'[: n > 1]}", {"layers": n}) for n in LAYERS if n < most]
+    few = [Level(_label(n), {"layers": n}, sample=_sample(facts, n)) for n in LAYERS if n < most]
     full = f"{facts.depth_count} layers" if facts.depth_count else "all layers"
     return [*few, Level(full, {"layers": None})]
+
+
+def _label(count: int) -> str:
+    return f"{count} layer{'s'[: count > 1]}"
+
+
+def _sample(facts: Facts, count: int) -> dict[str, object]:
+    if facts.full.occlusion == "normalised":  # whose layers lie at the nodes: nothing is interpolated
+        return {"occlusion": "normalised"}
+    return COARSE if count <= FEW else {}
 
 
 def why(facts: Facts) -> str:

@@ -15,8 +15,10 @@ def absent(facts: Facts) -> str:
 
 
 def levels(facts: Facts) -> list[Level]:
+    # layers that are filled from beside lie at the depth nodes: it would take many of them
+    beside = {"occlusion": "normalised", "hidden_pass": False}
     return [
-        Level("filled from beside", {"occlusion": "normalised", "hidden_pass": False}),
+        Level("filled from beside", beside, allowed=False),
         Level(f"{facts.hidden} fragments", {}),
     ]
 

@@ -38,6 +38,7 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 2, "layers": 4, "occlusion": "none"},
+    # in the whole window: the replicas of a coarse pupil come in from its rim
+    sample={"groups": 1, "colours": 2, "layers": 5, "snapped": True, "occlusion": "none", "window": None},
     stage="psf",
 )

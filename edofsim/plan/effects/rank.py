@@ -5,6 +5,9 @@ from __future__ import annotations
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
+SHARE = 0.6
+"""Of the tolerance: photos of the shipped scenes err by 0.35 to 0.9 of it."""
+
 
 def absent(facts: Facts) -> str:
     return "there is one depth: nothing to combine" if facts.depth_count == 1 else ""
@@ -17,9 +20,10 @@ def levels(facts: Facts) -> list[Level]:
 
 
 def error(facts: Facts, level: Level) -> Errors:
-    """The tolerance that the factorisation is asked for: it leaves out as much as that allows."""
+    """What the factorisation is asked for bounds the worst depth and a rank is a whole number: the photo as a
+    whole errs by less."""
     tolerance = 10 ** (-level.change["tolerance_db"] / 20) if "tolerance_db" in level.change else 0.0
-    return (tolerance,) * len(facts.sample.response)
+    return (SHARE * tolerance,) * len(facts.sample.response)
 
 
 def why(facts: Facts) -> str:

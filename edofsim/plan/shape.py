@@ -1,0 +1,125 @@
+"""What counts of a view for the time of its photo: how many fragments lie where, and near which edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from ..expose.crop import crop, with_margin
+from ..expose.occlusion.hidden import Tile, tiles_near, transform_pixels
+from ..expose.occlusion.slabs import cuts, hides
+from ..expose.prepare import blur_per_dioptre
+from ..optics import Camera
+from ..render.view import View
+
+BINS = 4096
+"""Cells of inverse depth over the range of the view, in which depths are counted."""
+
+
+@dataclass(frozen=True)
+class Slabs:
+    """The slabs that a part of a view is composited in.
+
+    occupied: bool [slab, bin], the depths at which each holds fragments; fragments: [slab], how many.
+    """
+
+    occupied: Tensor
+    fragments: tuple[int, ...]
+
+    def nodes_used(self, layers: int, slab: int | None = None) -> int:
+        """Depth nodes that some fragment of a slab (None: of all of them) has a share in."""
+        if layers == 1:
+            return 1
+        here = self.occupied.any(0) if slab is None else self.occupied[slab]
+        cells = (torch.nonzero(here).squeeze(1) * (layers - 1) // BINS).clamp_max(layers - 2)
+        return int(torch.unique(torch.cat([cells, cells + 1])).numel())
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A view, counted.
+
+    height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; visible:
+    fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
+    slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe, and view: with as
+    much margin and no light.
+    """
+
+    height: int
+    width: int
+    margin: int
+    bands: int
+    one_each: bool
+    visible: int
+    ends: tuple[float, float]
+    wavelengths: tuple[float, ...]
+    whole: Slabs
+    edges: Tensor
+    reach: int
+    gap: float
+    dark: View
+
+    @property
+    def padded_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the frame with its margin."""
+        return self.height + 2 * self.margin, self.width + 2 * self.margin
+
+    @property
+    def fragments(self) -> int:
+        return sum(self.whole.fragments)
+
+    def tiles(self, reach: int) -> list[Tile]:
+        """The parts of the frame that are composited where PSFs reach so far; none: all of it in one go."""
+        tiles = tiles_near(self.edges, self, reach)
+        pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
+        return tiles if pixels < transform_pixels(self.height, self.width, reach) else []
+
+    @cached_property
+    def _known(self) -> dict[Tile, Slabs]:
+        return {}
+
+    def slabs(self, tile: Tile) -> Slabs:
+        """The slabs of a part of the frame, with surroundings of `reach` pixels."""
+        if tile not in self._known:
+            part = crop(self.dark, tile.top, tile.left, tile.height, tile.width, self.reach)
+            self._known[tile] = _slabs_of(part, self.gap, self.ends)
+        return self._known[tile]
+
+
+def shape_of(view: View, camera: Camera) -> Shape:
+    """Count a view once, for the work of any simulation of it."""
+    low, high = (float(end) for end in view.inverse_depth.double().aminmax())
+    gap = 1 / blur_per_dioptre(camera)
+    reach = camera.recipe.psf.window_px // 2
+    dark = View(**{**vars(view), "radiance": view.radiance[:0]})
+    return Shape(
+        height=view.height,
+        width=view.width,
+        margin=view.margin,
+        bands=view.bands,
+        one_each=view.one_each,
+        visible=int((~view.hidden).sum()),
+        ends=(low, high),
+        wavelengths=tuple(view.wavelengths.tolist()),
+        whole=_slabs_of(view, gap, (low, high)),
+        edges=torch.unique(view.pixel[hides(view, gap).front]),
+        reach=reach,
+        gap=gap,
+        dark=with_margin(dark, reach),
+    )
+
+
+def _slabs_of(view: View, gap: float, ends: tuple[float, float]) -> Slabs:
+    low, high = ends
+    depth = view.inverse_depth.double()
+    place = ((depth - low) / max(high - low, 1e-12) * BINS).long().clamp(0, BINS - 1)
+    at = torch.tensor(sorted(cuts(view, gap)), dtype=torch.float64)
+    slab = torch.searchsorted(at, depth)
+    occupied = torch.zeros(at.numel() + 1, BINS, dtype=torch.bool)
+    occupied[slab, place] = True
+    counts = torch.bincount(slab, minlength=at.numel() + 1)
+    some = counts > 0
+    return Slabs(occupied[some], tuple(counts[some].tolist()))

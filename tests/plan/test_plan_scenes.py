@@ -1,0 +1,158 @@
+"""Shipped scenes, small: what they do not call for is not called."""
+
+from __future__ import annotations
+
+import functools
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from edofsim.expose import blurring, prepare
+from edofsim.expose.methods import layered
+from edofsim.expose.photo import Photo
+from edofsim.optics import Camera
+from edofsim.pipeline import view_as_planned
+from edofsim.plan import Plan, look, parse_target, photograph, plan_photo, plan_scene
+from edofsim.recipe import CameraRecipe, load_scene
+from edofsim.recipe.camera import PsfSettings, Sensor
+from edofsim.render import render
+from edofsim.render.view import View
+
+CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48)))
+
+
+def small(name: str):
+    """A shipped scene: the middle of its frame, two samples a pixel."""
+    loaded = load_scene(name)
+    recipe = loaded.recipe
+    frame = recipe.frame.model_copy(update={"width_px": 48, "height_px": 40, "margin_px": 24})
+    few = recipe.render.model_copy(update={"samples": 2})
+    return replace(loaded, recipe=recipe.model_copy(update={"frame": frame, "render": few}))
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("views")
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
+    """How often what takes time was called: depth layers of rendering, refraction band by band, PSFs,
+    convolutions, coverages."""
+    from edofsim.render import paths, rendering
+
+    counts: Counter = Counter()
+
+    def spy(place: object, name: str, amount: Callable[..., dict[str, int]]) -> None:
+        whole = getattr(place, name)
+
+        @functools.wraps(whole)
+        def counted(*args, **how):
+            found = whole(*args, **how)
+            counts.update(amount(found, *args, **how))
+            return found
+
+        monkeypatch.setattr(place, name, counted)
+
+    def psfs(found, camera, wavelengths, depths, **how):
+        return {"psfs": 0 if how.get("window_px") == 1 else len(wavelengths) * len(depths)}
+
+    spy(rendering, "survey_layers", lambda found, *_: {"views": 1, "hidden layers": len(found[0]) - 1})
+    spy(paths, "refracted", lambda *_: {"bands apart": 1})
+    spy(prepare, "psf_bank", psfs)
+    spy(layered, "add_convolved", lambda found, total, light, *_: {"convolutions": len(light)})
+    spy(blurring.Blurring, "coverage", lambda *_: {"coverages": 1})
+    return counts
+
+
+def run(name: str, cache: Path, calls: Counter, *, full: bool = False) -> tuple[Plan, Photo]:
+    """Plan, render and photograph as the main job does; the calls of planning are not counted."""
+    loaded = small(name)
+    target = parse_target("full" if full else "noise", None)
+    looked = look(loaded.recipe, loaded.base, CAMERA, cache=cache)
+    plan = plan_scene(looked, CAMERA, target=target)
+    calls.clear()
+    view = view_as_planned(looked, plan, loaded.base, None if full else cache, "auto", None)
+    return plan, photograph(view, CAMERA, plan.simulation)
+
+
+def called_for(plan: Plan) -> set[str]:
+    return {decision.effect for decision in plan.decisions if decision.called_for}
+
+
+@pytest.mark.parametrize("name", ["wall", "clouds"])
+def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, cache, calls):
+    plan, photo = run(name, cache, calls)
+    never = {"depth layers", "occlusion", "hidden surfaces", "hero wavelengths", "interreflection", "rank"}
+    assert not called_for(plan) & never
+    assert calls["views"] == 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
+    assert photo.how["layers"] == 1 and calls["coverages"] == 0
+    assert calls["convolutions"] == photo.how["bands"] < 31
+    assert calls["psfs"] < 31
+
+
+def test_glass_alone_takes_bands_apart(cache, calls):
+    """The route band by band is there for the still life's dispersive glass, and gone with it."""
+    loaded = small("stilllife")
+    render(loaded.recipe, loaded.base, cache=cache)
+    assert calls["bands apart"] > 0 and calls["hidden layers"] > 0
+    calls.clear()
+    surfaces = {"dispersion": False}
+    plain = tuple(
+        thing.model_copy(
+            update={
+                field: value.model_copy(update=surfaces)
+                for field, value in thing
+                if getattr(value, "kind", "") == "glass"
+            }
+        )
+        for thing in loaded.recipe.objects
+    )
+    render(loaded.recipe.model_copy(update={"objects": plain}), loaded.base, cache=cache)
+    assert calls["views"] == 1 and calls["bands apart"] == 0
+
+
+def test_the_still_life_says_which_glass_asks_for_it(cache):
+    loaded = small("stilllife")
+    looked = look(loaded.recipe, loaded.base, CAMERA, cache=cache)
+    (hero,) = [d for d in plan_scene(looked, CAMERA).decisions if d.effect == "hero wavelengths"]
+    if looked.facts.final:  # another test rendered it: nothing of rendering is left to decide
+        assert hero.why
+    assert "crystal ball" in hero.why and "cloth" not in hero.why
+
+
+@pytest.fixture(scope="module")
+def desk(cache: Path) -> View:
+    loaded = small("desk")
+    return render(loaded.recipe, loaded.base, cache=cache)
+
+
+def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
+    """Images blurred for each depth, and PSFs computed, for a target that all share."""
+    plan = plan_photo(view, camera, target=parse_target("50dB", None))
+    calls.clear()
+    photo = photograph(view, camera, plan.simulation)
+    return photo.how["bands"], calls["psfs"] // photo.how["layers"]
+
+
+def test_a_grey_scene_under_flat_light_takes_fewer_bands_than_the_desk(desk, calls):
+    grey = replace(desk, radiance=desk.radiance.mean(0).expand(desk.bands, -1).contiguous())
+    coloured, psfs = bands_of(desk, CAMERA, calls)
+    few, fewer = bands_of(grey, CAMERA, calls)
+    assert few * fewer < coloured * psfs
+    assert few == 3  # one image a channel: its mean PSF is exact where all has one spectrum
+
+
+def test_a_narrow_sensor_takes_few_bands(desk, calls, tmp_path):
+    """Every channel sees the same 20 nm: two or three of 31 bands."""
+    lines = ["wavelength_nm,r,g,b", "535,0,0,0", "540,1,1,1", "560,1,1,1", "565,0,0,0"]
+    (tmp_path / "narrow.csv").write_text("\n".join(lines))
+    recipe = CAMERA.recipe.model_copy(update={"sensor": Sensor(response="narrow.csv")})
+    camera = Camera.from_recipe(recipe, tmp_path)
+    _, psfs = bands_of(desk, camera, calls)
+    assert psfs <= 3
+    _, usual = bands_of(desk, CAMERA, calls)
+    assert psfs < usual
