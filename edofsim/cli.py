@@ -246,7 +246,7 @@ def plan(
     for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
     from .commands.base import Aim
-    from .commands.scenes import plan_scene
+    from .commands.plans import plan_scene
 
     overrule = {"with_": with_, "without": without}
     aim = Aim(accuracy, time)
@@ -267,12 +267,14 @@ def cost(
     quiet: QuietOption = False,
 ) -> None:
     """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
-    left out in turn; table, CSV and chart. Interrupt it at any time: the same command goes on from there.
+    left out in turn; noise of rendering with more and more samples; every network's restoration. Tables, CSV,
+    charts and a page. Interrupt it at any time: the same command goes on from there.
 
     Figures: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE], predicted_seconds.CASE for each case
-    target.N_dB, chosen, without.EFFECT and full; times_faster.chosen.
+    target.N_dB, chosen, without.EFFECT and full; times_faster.chosen; render_noise.render.N_samples,
+    seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
     """
-    from .commands.scenes import cost_scene
+    from .commands.plans import cost_scene
 
     with console.progress("cost", quiet=quiet) as progress:
         done = cost_scene(scene, camera, repeats, out, json, cache, device.value, progress)

@@ -45,14 +45,18 @@ def disc_coverage(grid: PupilGrid, radius: float) -> Tensor:
     """Fraction of each cell that a centred disc of `radius` [m] covers, float64 [samples, samples].
 
     Grey edges: each cell is crossed by lines on which the disc's chord is exact (midpoint rule in between).
+    One quadrant is measured, the others mirror it.
     """
-    left, right = grid.centres - grid.pitch / 2, grid.centres + grid.pitch / 2
-    covered = torch.zeros(grid.samples, grid.samples, dtype=torch.float64)
+    centres = grid.centres[grid.samples // 2 :]
+    left, right = centres - grid.pitch / 2, centres + grid.pitch / 2
+    covered = torch.zeros(len(centres), len(centres), dtype=torch.float64)
     for line in range(LINES):
         height = left + (line + 0.5) / LINES * grid.pitch
         half_chord = (radius**2 - height**2).clamp_min(0).sqrt()[:, None]
         covered += torch.clamp(right, -half_chord, half_chord) - torch.clamp(left, -half_chord, half_chord)
-    return (covered + covered.T) / (2 * LINES * grid.pitch)  # as exact down as across
+    quadrant = (covered + covered.T) / (2 * LINES * grid.pitch)  # as exact down as across
+    half = torch.cat([quadrant.flip(0)[: grid.samples // 2], quadrant])
+    return torch.cat([half.flip(1)[:, : grid.samples // 2], half], 1)
 
 
 @lru_cache(maxsize=8)

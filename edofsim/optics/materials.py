@@ -10,6 +10,7 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -34,6 +35,8 @@ class Material:
 
     def index(self, wavelengths: Tensor | float) -> Tensor:
         """Refractive index, float64, same shape as `wavelengths` [m]. Raises InputError outside the range."""
+        if isinstance(wavelengths, float) and self.shortest <= wavelengths <= self.longest:
+            return torch.tensor(self._index(wavelengths), dtype=torch.float64)  # many times as quick
         wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)
         outside = (wavelengths < self.shortest - 1e-12) | (wavelengths > self.longest + 1e-12)
         if not bool(torch.isfinite(wavelengths).all()) or bool(outside.any()):
@@ -43,9 +46,12 @@ class Material:
                 f" ({self.shortest * 1e9:g} to {self.longest * 1e9:g} nm, {self.source});"
                 " choose wavelengths inside it or another material"
             )
+        return self._index(wavelengths)
+
+    def _index(self, wavelengths: Any) -> Any:
         square = (wavelengths * 1e6) ** 2
         if self.sellmeier:
-            return torch.sqrt(1 + sum(b * square / (square - c) for b, c in self.sellmeier))
+            return (1 + sum(b * square / (square - c) for b, c in self.sellmeier)) ** 0.5
         a, b, c = self.cauchy
         return a + b / square + c / square**2
 

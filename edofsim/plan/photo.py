@@ -99,6 +99,7 @@ class Planner:
             budget = 10 ** (-(asked + safety) / 20)
             chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
+            note = note or self._insisted(asked, chosen, fixed)
         return self._plan(chosen, fixed, target, asked, note, seconds)
 
     def _kept(self, fixed: Mapping[str, int]) -> dict[str, int]:
@@ -115,6 +116,17 @@ class Planner:
         return (
             f"{asked:.1f} dB cannot be had from this rendering: its own noise leaves {decibels(grain):.1f} "
             f"dB in the photo, whatever is simulated; it takes {more:.1f} times as many samples"
+        )
+
+    def _insisted(self, asked: float, chosen: Chosen, fixed: Mapping[str, int]) -> str:
+        best = decibels(self.estimates.total(chosen))
+        rows = self.estimates.by_name()
+        held = [name for name, level in fixed.items() if level != rows[name].full]
+        if best >= asked or not held:
+            return ""
+        return (
+            f"{asked:.1f} dB cannot be had with {', '.join(held)} as you ask for: {best:.1f} dB is predicted "
+            "with everything else in full, and this is it"
         )
 
     def _plan(
@@ -182,7 +194,7 @@ def planner_of(
     facts = facts or facts_of(view, camera, height=height)
     known = rates()
     found = remembered(facts, effects, more, progress)
-    return Planner(facts, shape_of(view, camera), found, known, **how)
+    return Planner(facts, shape_of(view, camera, facts.sample.height), found, known, **how)
 
 
 def plan_photo(

@@ -13,18 +13,20 @@ import numpy as np
 import platformdirs
 import torch
 from scipy.optimize import nnls
+from torch import Tensor
 
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..optics.threads import one_thread
 from ..recipe import CameraRecipe
+from ..recipe.masks import CubicMask
 from ..record import machine
 from ..render.view import View
 from .photographing import nodes_of, photograph
 from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
-VERSION = 7
+VERSION = 10
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]
@@ -49,8 +51,17 @@ RUNS = (
     Simulation(groups=1, colours=2, layers=4, occlusion="normalised"),
     Simulation(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
 )
+FLAT_RUNS = (
+    Simulation(groups=1, colours=1, layers=1, occlusion="none"),
+    Simulation(groups=1, colours=2, layers=1, occlusion="none", window=64),
+    Simulation(groups=2, colours=2, layers=1, occlusion="none", window=48),
+    Simulation(groups=3, colours=0, layers=1, occlusion="none", window=32),
+    Simulation(groups=0, layers=1, occlusion="none"),
+)
+MAP_SAMPLES = 240
+"""Across a height map in the mask's place."""
 SIZES = ((96, 96), (288, 256))
-"""Rows and columns of the views; the larger one is composited in tiles where PSFs are small."""
+"""Rows and columns of the views with depths; the larger one is composited in tiles where PSFs are small."""
 
 
 def rates(again: bool = False) -> Rates:
@@ -139,12 +150,17 @@ def _share_of(camera: Camera, repeats: int, threads: int) -> dict[str, float]:
 
 
 def _fastest(
-    view: View, camera: Camera, run: Simulation, repeats: int, clock: Callable[[], float]
+    view: View,
+    camera: Camera,
+    run: Simulation,
+    repeats: int,
+    clock: Callable[[], float],
+    height: Tensor | None = None,
 ) -> dict[str, float]:
     found = []
     for _ in range(repeats):
         psf_memory.forget()
-        found.append(photograph(view, camera, run, clock=clock).seconds)
+        found.append(photograph(view, camera, run, clock=clock, height=height).seconds)
     return {stage: min(each[stage] for each in found) for stage in STAGES}
 
 
@@ -152,16 +168,26 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
     times: dict[str, list[float]] = {stage: [] for stage in STAGES}
     paces: list[float] = []
-    for (height, width), runs, times_each in zip(SIZES, (RUNS, RUNS[::3]), (repeats, 1), strict=True):
-        view = _made_up(height, width, camera)
-        shape = shape_of(view, camera)
+    small, large = (_made_up(*size, camera) for size in SIZES)
+    flat = _made_up(160, 192, camera, flat=True)
+    cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
+    draw = torch.Generator().manual_seed(0)
+    relief = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
+    for view, with_mask, height, runs, times_each in (
+        (small, camera, None, RUNS, repeats),
+        (flat, camera, None, FLAT_RUNS, repeats),
+        (flat, cubic, None, FLAT_RUNS[1::2], repeats),
+        (flat, camera, relief, FLAT_RUNS[::2], repeats),
+        (large, camera, None, RUNS[::3], 1),
+    ):
+        shape = shape_of(view, with_mask, height)
         for run in runs:
-            found = _fastest(view, camera, run, times_each, time.process_time)
+            found = _fastest(view, with_mask, run, times_each, time.process_time, height)
             paces.append(pace())
-            layers = int(nodes_of(view, camera, run).numel())
+            layers = int(nodes_of(view, with_mask, run).numel())
             groups = 3 * run.groups or view.bands
             colours = groups * max(run.colours, 1) if run.groups and run.colours else view.bands
-            work = work_of(shape, camera, run, layers, groups, colours)
+            work = work_of(shape, with_mask, run, layers, groups, colours)
             for stage in STAGES:
                 rows[stage].append(work.amounts[stage])
                 times[stage].append(found[stage] / paces[-1])
@@ -178,14 +204,17 @@ def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:
     return tuple((found / scale).tolist())
 
 
-def _made_up(height: int, width: int, camera: Camera) -> View:
-    """Noise at many depths, a square of it in front of the rest and hiding it, near the top left corner."""
+def _made_up(height: int, width: int, camera: Camera, flat: bool = False) -> View:
+    """Noise at many depths, a square of it in front of the rest and hiding it, near the top left corner;
+    flat: all at one depth in focus."""
     margin, bands = 64, 31
     rows, columns = height + 2 * margin, width + 2 * margin
     draw = torch.Generator().manual_seed(0)
     row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
-    front = ((row - margin - 32).abs() < 24) & ((column - margin - 32).abs() < 24)
+    front = (not flat) & ((row - margin - 32).abs() < 24) & ((column - margin - 32).abs() < 24)
     depth = torch.rand(rows * columns, generator=draw)
+    if flat:
+        depth = torch.full_like(depth, 1 / camera.recipe.focus.distance_m)
     behind = torch.nonzero(front.flatten()).squeeze(1)
     depth[behind] = 1.5 + 0.5 * depth[behind]
     pixel = torch.cat([torch.arange(rows * columns), behind])

@@ -11,6 +11,7 @@ import torch
 from ..expose.convolution import Grid
 from ..expose.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
+from ..optics.height import trained_pitch
 from ..optics.sampling import plan_sampling
 from .shape import Shape, Slabs, shape_of
 from .simulation import Simulation, simpler_camera
@@ -44,7 +45,8 @@ def work_of(
     fragments = shape.fragments * padded / outer
     gathered = groups if simulation.groups else 0
     blur = _blur_of(shape, simulation.occlusion, window, layers, groups)
-    samples = _pupil_samples(camera, simulation, window, shape.ends, shape.wavelengths)
+    samples = _pupil_samples(camera, simulation, window, shape)
+    relief = shape.map_samples is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, (window * simulation.oversampling + 2) / 2
     waves = layers * colours
     return Work(
@@ -55,12 +57,15 @@ def work_of(
                 shape.fragments * gathered + fragments * groups,
                 0.0 if shape.one_each else shape.fragments + fragments,
                 3.0 * shape.height * shape.width,
+                float(gathered),
             ),
             "psf": (
                 1.0,
                 float(colours),
                 samples**2,
                 colours * samples**2,
+                colours * samples**2 if relief else 0.0,
+                samples**2 if relief else 0.0,
                 waves * (out * half**2 + out**2 * half),
                 waves * (half**2 + out**2),
                 waves * window**2,
@@ -155,12 +160,10 @@ def _composite(
         work.scanned += sum(slabs.fragments) * scale
 
 
-def _pupil_samples(
-    camera: Camera, simulation: Simulation, window: int, ends: tuple[float, float], bands: tuple[float, ...]
-) -> int:
+def _pupil_samples(camera: Camera, simulation: Simulation, window: int, shape: Shape) -> int:
     simpler = simpler_camera(camera, simulation)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
-    return _samples(_Named(simpler, recipe), window, ends, bands)
+    return _samples(_Named(simpler, recipe), window, shape.ends, shape.wavelengths, shape.map_samples)
 
 
 class _Named:
@@ -177,7 +180,10 @@ class _Named:
 
 
 @lru_cache(maxsize=512)
-def _samples(named: _Named, window: int, ends: tuple[float, float], bands: tuple[float, ...]) -> int:
+def _samples(
+    named: _Named, window: int, ends: tuple[float, float], bands: tuple[float, ...], across: int | None
+) -> int:
     wavelengths = torch.tensor(bands, dtype=torch.float64)
     depths = torch.tensor(ends, dtype=torch.float64)
-    return plan_sampling(named.camera, wavelengths, depths, window).grid.samples
+    pitch = None if across is None else trained_pitch(named.camera, across)
+    return plan_sampling(named.camera, wavelengths, depths, window, pitch).grid.samples

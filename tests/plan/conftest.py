@@ -7,8 +7,8 @@ import pytest
 from edofsim.plan import rates, remember
 
 RATES = {
-    "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8),
-    "psf": (2e-3, 9e-5, 1e-8, 7e-8, 3e-10, 1.5e-8, 1e-9),
+    "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
+    "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
     "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
     "sensor": (1e-3, 2e-8, 1e-8, 2e-9),
     "pace": (9e-3,),

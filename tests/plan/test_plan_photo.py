@@ -168,6 +168,34 @@ def test_an_accuracy_beyond_the_rendering_is_answered_with_why():
     assert not plan_photo(noisy, CAMERA, target=parse_target("30dB", None)).note
 
 
+def test_an_accuracy_that_the_user_stands_in_the_way_of_is_answered_with_why():
+    plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["exact lens"]}, parse_target("70dB", None))
+    assert "70.0 dB cannot be had with exact lens" in plan.note and plan.error_db < 70
+    everything = planner("slanted").facts.full.changed({"exact_lens": False})
+    assert measured(scene(SLANTED), CAMERA, vars(plan.simulation)) == pytest.approx(
+        measured(scene(SLANTED), CAMERA, vars(everything)), rel=1e-3
+    )
+    assert not plan_photo(scene(SLANTED), CAMERA, target=parse_target("45dB", None)).note
+
+
+def test_saturation_and_mosaic_are_told_in_their_own_size():
+    """What a bright exposure clips and what a mosaic keeps out, against the whole photo's own pixels."""
+    sensor = Sensor(read_noise=0.005, exposure=3.0, saturation=True, bayer="RGGB")
+    camera = Camera.from_recipe(CAMERA.recipe.model_copy(update={"sensor": sensor}))
+    plan = plan_photo(scene(SLANTED), camera)
+    photo = photograph(scene(SLANTED), camera, planner("slanted").facts.full).clean
+    clipped = (photo - photo.clamp(0, 1)).square().mean().sqrt()
+    kept_out = photo.square().mean((1, 2)) * torch.tensor([0.75, 0.5, 0.75])
+    assert decibels(overall(row(plan, "saturation").error)) == pytest.approx(decibels(float(clipped)), abs=3)
+    expected = decibels(float(kept_out.mean().sqrt()))
+    assert decibels(overall(row(plan, "Bayer mosaic").error)) == pytest.approx(expected, abs=1)
+    assert plan.simulation.saturation and plan.simulation.mosaic
+    plain = plan_photo(scene(SLANTED), camera, {"without": ["Bayer mosaic", "saturation"]}).simulation
+    image = photograph(scene(SLANTED), camera, plain).image
+    assert float(image.max()) > 1 and float((image == 0).float().mean()) < 0.01
+    assert row(plan_photo(scene(SLANTED), CAMERA), "Bayer mosaic").error is None
+
+
 def test_what_the_user_insists_on_is_done_and_marked():
     overrule = {"layers": 3, "occlusion": None, "without": ["exact lens"]}
     plan = plan_photo(scene(SLANTED), CAMERA, overrule)

@@ -98,7 +98,7 @@ def test_glass_alone_takes_bands_apart(cache, calls):
     """The route band by band is there for the still life's dispersive glass, and gone with it."""
     loaded = small("stilllife")
     render(loaded.recipe, loaded.base, cache=cache)
-    assert calls["bands apart"] > 0 and calls["hidden layers"] > 0
+    assert calls["views"] == 1 and calls["bands apart"] > 0
     calls.clear()
     surfaces = {"dispersion": False}
     plain = tuple(
@@ -119,8 +119,6 @@ def test_the_still_life_says_which_glass_asks_for_it(cache):
     loaded = small("stilllife")
     looked = look(loaded.recipe, loaded.base, CAMERA, cache=cache)
     (hero,) = [d for d in plan_scene(looked, CAMERA).decisions if d.effect == "hero wavelengths"]
-    if looked.facts.final:  # another test rendered it: nothing of rendering is left to decide
-        assert hero.why
     assert "crystal ball" in hero.why and "cloth" not in hero.why
 
 
@@ -142,13 +140,13 @@ def test_a_grey_scene_under_flat_light_takes_fewer_bands_than_the_desk(desk, cal
     grey = replace(desk, radiance=desk.radiance.mean(0).expand(desk.bands, -1).contiguous())
     coloured, psfs = bands_of(desk, CAMERA, calls)
     few, fewer = bands_of(grey, CAMERA, calls)
-    assert few * fewer < coloured * psfs
-    assert few == 3  # one image a channel: its mean PSF is exact where all has one spectrum
+    assert few <= coloured and fewer <= psfs and few * fewer < coloured * psfs
 
 
 def test_a_narrow_sensor_takes_few_bands(desk, calls, tmp_path):
     """Every channel sees the same 20 nm: two or three of 31 bands."""
-    lines = ["wavelength_nm,r,g,b", "535,0,0,0", "540,1,1,1", "560,1,1,1", "565,0,0,0"]
+    curve = {400: 0, 535: 0, 540: 1, 560: 1, 565: 0, 740: 0}
+    lines = ["wavelength_nm,r,g,b", *(f"{nm},{value},{value},{value}" for nm, value in curve.items())]
     (tmp_path / "narrow.csv").write_text("\n".join(lines))
     recipe = CAMERA.recipe.model_copy(update={"sensor": Sensor(response="narrow.csv")})
     camera = Camera.from_recipe(recipe, tmp_path)
