@@ -13,16 +13,29 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
 from ..optics import Camera
 from ..optics.threads import one_thread
-from ..plan import planner_of, rates
+from ..plan import (
+    Simulation,
+    decibels,
+    overall,
+    photograph,
+    planner_of,
+    rates,
+    seen_in_thumbnails,
+    simpler_recipe,
+)
 from ..recipe import SceneRecipe, load_camera, load_scene
-from ..render import render
+from ..record import machine
+from ..render import View, render
 from ..restore.checkpoint import load_checkpoint
 from . import cost
+from .kept import Kept, key_of
+from .scores import psnr
 
 Progress = Callable[[float, str], None]
 
@@ -100,8 +113,46 @@ def run(
             )
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
-        found.append(Outcome(scene, mask, tuple(paced)))
+        how = {"cache": cache, "device": device}
+        rendering = _rendering(recipe, loaded.base, view, camera, height, place, how)
+        found.append(Outcome(scene, mask, (*paced, *rendering)))
     return found
+
+
+def _rendering(
+    recipe: SceneRecipe,
+    base: Path,
+    view: View,
+    camera: Camera,
+    height: Tensor | None,
+    place: Path,
+    how: Mapping[str, Any],
+) -> list[cost.Row]:
+    """Effects of rendering left out: predicted from thumbnails, measured on the photo of another rendering.
+
+    Seconds are not compared. None for a view that is not rendered here, or not with such effects. place:
+    keeps what was measured; how: cache and device of `render`.
+    """
+    changes = {}
+    shorter, plain = seen_in_thumbnails(recipe, base, camera, **how)
+    if 2 in shorter:
+        changes["interreflection"] = (Simulation(bounces=2), shorter[2])
+    if plain:
+        changes["hero wavelengths"] = (Simulation(glass_dispersion=False), plain)
+    kept, rows = Kept(place / "rendering.jsonl"), []
+    for name, (change, error) in changes.items():
+        key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
+        known = kept.get(key)
+        if known is None:
+            without = render(simpler_recipe(recipe, change), base, **how)
+            plan = planner_of(view, camera, height=height).plan().simulation
+            truth = photograph(view, camera, plan, height=height)
+            other = photograph(without, camera, plan, height=height, exposure=truth.exposure)
+            known = {"psnr_db": psnr(other.clean, truth.clean)}
+            kept.put(key, known)
+        case = cost.Case(name, "without", change, predicted_db=decibels(overall(error)))
+        rows.append(cost.Row(case, known["psnr_db"], 0.0))
+    return rows
 
 
 def camera_of(mask: str) -> tuple[Camera, Tensor | None]:

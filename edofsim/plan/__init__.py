@@ -4,7 +4,7 @@ from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
 from .photo import Planner, plan_photo, planner_of
 from .photographing import photograph
-from .scene import Looked, look, plan_scene
+from .scene import Looked, look, plan_scene, seen_in_thumbnails
 from .simulation import Simulation, full_simulation, simpler_recipe
 from .target import Target, parse_target
 from .thumbnail import thumbnail
@@ -28,6 +28,7 @@ __all__ = [
     "plan_photo",
     "plan_scene",
     "planner_of",
+    "seen_in_thumbnails",
     "simpler_recipe",
     "thumbnail",
 ]

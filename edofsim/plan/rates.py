@@ -26,7 +26,7 @@ from .photographing import nodes_of, photograph
 from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
-VERSION = 10
+VERSION = 11
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]

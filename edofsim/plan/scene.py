@@ -53,18 +53,7 @@ def look(
     if view is not None:
         return Looked(facts_of(view, camera, height=height, recipe=recipe), lambda s: 0.0, 0.0, recipe)
     how = {"cache": cache, "device": device, "progress": progress}
-    shorter: dict[int, tuple[float, ...]] = {}
-    plain: tuple[float, ...] = ()
-    if recipe.source is None:
-        small = thumbnail(recipe)
-        whole = render(small, base, **how)
-        for length in BOUNCES:
-            if length < recipe.render.max_depth:
-                few = simpler_recipe(small, Simulation(bounces=length))
-                shorter[length] = _difference(render(few, base, **how), whole, camera)
-        if disperses(recipe):
-            without = simpler_recipe(small, Simulation(glass_dispersion=False))
-            plain = _difference(render(without, base, **how), whole, camera)
+    shorter, plain = seen_in_thumbnails(recipe, base, camera, **how)
     small = sketch(recipe)
     view = render(small, base, **how)
     facts = facts_of(
@@ -83,6 +72,28 @@ def look(
         return pace["load"] + (pace["survey"] + pace["paths"]) * rays
 
     return Looked(facts, seconds, expected.bytes / 2**20, recipe)
+
+
+def seen_in_thumbnails(
+    recipe: SceneRecipe, base: Path, camera: Camera, **how: Any
+) -> tuple[dict[int, tuple[float, ...]], tuple[float, ...]]:
+    """What small renderings say of rendering: the error of each channel if paths end after so many bounces,
+    and if glass does not disperse (empty where none does). how: cache, device, progress of `render`."""
+    shorter: dict[int, tuple[float, ...]] = {}
+    if recipe.source is not None:
+        return shorter, ()
+    small = thumbnail(recipe)
+    lengths = [length for length in BOUNCES if length < recipe.render.max_depth]
+    if not lengths and not disperses(recipe):
+        return shorter, ()
+    whole = render(small, base, **how)
+    for length in lengths:
+        few = simpler_recipe(small, Simulation(bounces=length))
+        shorter[length] = _difference(render(few, base, **how), whole, camera)
+    if not disperses(recipe):
+        return shorter, ()
+    without = simpler_recipe(small, Simulation(glass_dispersion=False))
+    return shorter, _difference(render(without, base, **how), whole, camera)
 
 
 def plan_scene(

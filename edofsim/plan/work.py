@@ -76,6 +76,7 @@ def work_of(
                 3.0 * shape.height * shape.width,
                 fragments * groups,
                 layers * groups * window**2,
+                fragments if layers > 1 else 0.0,
             ),
         },
         4.0 * layers * (colours + gathered) * window**2

@@ -24,7 +24,7 @@ RATES = {
     "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
     "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
     "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
-    "sensor": (1e-3, 2e-8, 1e-8, 2e-9),
+    "sensor": (1e-3, 2e-8, 1e-8, 2e-9, 1e-8),
     "pace": (9e-3,),
 }
 
@@ -120,3 +120,42 @@ def test_predictions_hold_on_a_small_scene(tmp_path):
     assert found["share.error_within_3_db"] >= 0.9
     assert found["worst_optimism_db"] <= 6
     assert found["share.targets_met"] == 1
+
+
+def test_the_pace_of_the_machine_is_kept_beside_each_time(view: View, tmp_path):
+    cases = [
+        cost.Case("few", "target", Simulation(layers=2, occlusion="none"), 30.0),
+        cost.Case("full", "full", Simulation(layers=4, occlusion="none")),
+    ]
+    ticks = iter(range(10_000))
+    paces = iter([1.0, 3.0, 5.0, 7.0])
+    how = {"repeats": 1, "clock": lambda: float(next(ticks)), "pace": lambda: next(paces)}
+    rows = cost.measure(view, CAMERA, cases, tmp_path, **how)
+    assert {row.case.name: row.pace for row in rows} == {"full": 2.0, "few": 6.0}
+    assert all(row.seconds == sum(row.stages.values()) + 2 for row in rows)  # two more looks at the clock
+
+
+def test_effects_of_rendering_are_measured_on_another_rendering(view: View, monkeypatch, tmp_path):
+    """Direct light alone is a tenth darker here, so the photo is: linear optics."""
+    from dataclasses import replace
+
+    from edofsim.plan import photograph
+    from edofsim.recipe import load_scene
+
+    rendered = []
+
+    def darker(recipe, base, **how):
+        rendered.append(recipe.render.max_depth)
+        return replace(view, radiance=0.9 * view.radiance)
+
+    monkeypatch.setattr(predictions, "render", darker)
+    monkeypatch.setattr(predictions, "seen_in_thumbnails", lambda *_, **__: ({2: (0.1, 0.1, 0.1)}, ()))
+    desk = load_scene("desk")
+    (row,) = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    simulation = planner_of(view, CAMERA).plan().simulation
+    clean = photograph(view, CAMERA, simulation).clean
+    assert row.case.name == "interreflection" and rendered == [2]
+    assert row.case.predicted_db == pytest.approx(20)
+    assert row.measured_db == pytest.approx(-10 * math.log10(float((0.1 * clean).square().mean())), abs=0.1)
+    again = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    assert again == [row] and rendered == [2]
