@@ -181,7 +181,8 @@ def broadband(
     --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from there.
 
     Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;
-    psnr_db.SYSTEM.CUBE.three.* in three wavelengths; left_out_percent.CUBE.COLOUR; cubes_left_out.
+    psnr_db.SYSTEM.CUBE.three.* in three wavelengths, psnr_db.SYSTEM.CUBE.filter.* of a Wiener filter that
+    knows distance and mask; left_out_percent.CUBE.COLOUR; cubes_left_out.
     """
     from .commands.paper import evaluate_broadband
 

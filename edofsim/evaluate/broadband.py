@@ -29,6 +29,7 @@ from ..optics import Camera, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.restore import channel_psfs
+from ..restore.wiener import wiener
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube
 from .drawing import write_csv
@@ -55,8 +56,9 @@ SHOWN_PX = 300
 @dataclass(frozen=True)
 class Row:
     """One cube by one system at one distance. photo_db, restored_db: whole, then red, green, blue; three_db:
-    of the same picture in the three wavelengths of the training; band_errors: root mean square of what the
-    optics do to each band, over that of the band."""
+    of the same picture in the three wavelengths of the training; filter_db: of the photo restored by a Wiener
+    filter that knows the distance and the mask as it was made, which is what a linear restoration could do;
+    band_errors: root mean square of what the optics do to each band, over that of the band."""
 
     system: str
     cube: str
@@ -64,6 +66,7 @@ class Row:
     photo_db: tuple[float, ...]
     restored_db: tuple[float, ...]
     three_db: float
+    filter_db: float
     band_errors: tuple[float, ...]
     shown: Shown
 
@@ -100,8 +103,9 @@ def run(
 
     systems: as for the table. Finished ones are kept in OUT. Figures: psnr_db.SYSTEM.CUBE.DEPTH of the
     restored (DEPTH is 0.5m, 1m or infinity), with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.DEPTH;
-    psnr_db.SYSTEM.CUBE.three.DEPTH with the three wavelengths of the training; left_out_percent.CUBE.COLOUR;
-    cubes_left_out. Raises InputError for cubes and systems that cannot be used.
+    psnr_db.SYSTEM.CUBE.three.DEPTH with the three wavelengths of the training;
+    psnr_db.SYSTEM.CUBE.filter.DEPTH of a Wiener filter that knows distance and mask;
+    left_out_percent.CUBE.COLOUR; cubes_left_out. Raises InputError for cubes and systems that cannot be used.
     """
     if not cubes:
         raise InputError("broadband: give a spectral cube (--data) or a rendered scene (--scene)")
@@ -134,6 +138,7 @@ def run(
         figures |= {f"{base}.{label}.{c}": v for c, v in zip(CHANNELS, row.restored_db[1:], strict=True)}
         figures[f"{base}.photo.{label}"] = row.photo_db[0]
         figures[f"{base}.three.{label}"] = row.three_db
+        figures[f"{base}.filter.{label}"] = row.filter_db
     for cube, shares in left_out.items():
         named = zip(CHANNELS, shares, strict=True)
         figures |= {f"left_out_percent.{cube}.{c}": 100 * share for c, share in named}
@@ -150,6 +155,7 @@ def judge(system: Contestant, cube: Cube, out: Path, kept: Kept, seed: int, prog
         key_of(
             protocol=PROTOCOL,
             system=system.digest,
+            filter="known",
             cube=cube.sha256,
             depth=depth,
             read_noise=READ_NOISE,
@@ -192,6 +198,7 @@ def judge(system: Contestant, cube: Cube, out: Path, kept: Kept, seed: int, prog
             tuple(f["photo_db"]),
             tuple(f["restored_db"]),
             f["three_db"],
+            f["filter_db"],
             tuple(f["band_errors"]),
             files,
         )
@@ -233,12 +240,15 @@ def _photographed(
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
         restored, from_lines = system.restore(photo), system.restore(lines)
+        known = torch.einsum("cb,byx->cyx", weights, psf)
+        filtered = wiener(photo, known, READ_NOISE).clamp(0, 1)
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
         save_png(path, srgb_encode(middle(image, SHOWN_PX)))
     return {
         "photo_db": _scores(photo, sharp),
         "restored_db": _scores(restored, sharp),
         "three_db": psnr(from_lines, sharp),
+        "filter_db": psnr(filtered, sharp),
         "band_errors": errors,
     }
 
@@ -280,8 +290,11 @@ def _write(out: Path, rows: Sequence[Row], bands: dict[str, tuple[float, ...]]) 
     )
     write_csv(
         out / "broadband.csv",
-        (*header, "three_wavelengths_db"),
-        ((r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db) for r in rows),
+        (*header, "three_wavelengths_db", "filter_db"),
+        (
+            (r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db, r.filter_db)
+            for r in rows
+        ),
     )
     write_csv(
         out / "broadband-bands.csv",

@@ -82,7 +82,7 @@ def broad(folder: Path) -> Result:
     )
     db = (30.0, 29.0, 31.0, 30.0)
     found = [
-        BroadbandRow(s, c, depth, db, db, 33.0, tuple(some(bands).tolist()), files)
+        BroadbandRow(s, c, depth, db, db, 33.0, 29.0, tuple(some(bands).tolist()), files)
         for s in SYSTEMS[:2]
         for c in ("toy", "a-cube-with-a-long-name-that-goes-on-and-on")
         for depth in DEPTHS_M
