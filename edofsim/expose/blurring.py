@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
+
 import torch
 from torch import Tensor
 
@@ -17,7 +19,8 @@ class Blurring:
 
     kernels: PSFs at depth nodes; response: [channel, band]; prepare: one of the methods;
     gap: difference in inverse depth below which two surfaces are one, in 1/m: their blurs differ by less
-    than a pixel.
+    than a pixel; parts: gives the same PSFs shared out among parts of the pupil, each as kernels of its own
+    (default: the pupil is one part).
     """
 
     def __init__(
@@ -27,10 +30,12 @@ class Blurring:
         prepare: Method,
         tolerance_db: float = 50.0,
         gap: float = 0.0,
+        parts: Callable[[], Iterable[Kernels]] | None = None,
     ) -> None:
         self.kernels = kernels
         self.response = response
         self.gap = gap
+        self._parts = parts
         self._prepare = prepare
         self._tolerance_db = tolerance_db
         self._light: Blur | None = None
@@ -40,6 +45,14 @@ class Blurring:
     def reach(self) -> int:
         """How far a PSF carries light, in pixels."""
         return self.kernels.window // 2
+
+    def parts(self) -> Iterator[Blurring]:
+        """The same through each part of the pupil: the blurred light of all parts sums up to that of this."""
+        if self._parts is None:
+            yield self
+        else:
+            for kernels in self._parts():
+                yield Blurring(kernels, self.response, self._prepare, self._tolerance_db, self.gap)
 
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:
         """Blurred light of some fragments: [channel, y, x] of the padded frame.

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +25,14 @@ from .light import hat_weights, seen
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
 from .photo import Photo
-from .prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, transmission
+from .prepare import (
+    blur_per_dioptre,
+    channel_weights,
+    choose_nodes,
+    kernels_of,
+    kernels_of_parts,
+    transmission,
+)
 from .resample import resampled
 from .sensor import SensorEffects, automatic_exposure, record
 
@@ -38,6 +46,7 @@ def expose(
     method: str = "auto",
     layers: int | Literal["auto"] = "auto",
     occlusion: str = "hidden",
+    pupil_parts: int = 1,
     tolerance_db: float = 50.0,
     exposure: float | None = None,
     effects: SensorEffects | None = None,
@@ -56,7 +65,9 @@ def expose(
     exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ...
     method: `brute`, `layered`, `low_rank`, `constant`, or `auto` (constant for one depth, layered where a
     height map is trained, else low_rank); layers: depth nodes, or "auto";
-    occlusion: `none`, `over`, `normalised`, `hidden`; tolerance_db: PSNR against the layered photo that
+    occlusion: `none`, `over`, `normalised`, `hidden`; pupil_parts: along each axis, that `hidden` composites
+    one by one (`optics.psf_parts`): truer where what hides and what is hidden are both blurred, at
+    pupil_parts^2 times the cost at edges; tolerance_db: PSNR against the layered photo that
     `low_rank` keeps; exposure: factor from radiance to full scale, None for the camera's (which may be
     automatic, see `automatic_exposure`); effects: of the sensor, None for the camera's; seed: of its noise;
     height: [n, n] height map of the mask in metres in place of the recipe's, gradients reach it;
@@ -93,7 +104,13 @@ def expose(
         camera, views[0].wavelengths, nodes, window, height=height, cache=cache, dtype=dtype, device=device
     )
     watch.lap("psf", 0.4)
-    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap=1 / blur_per_dioptre(camera))
+    parts = None
+    if pupil_parts != 1 and occlusion == "hidden":
+        parts = partial(
+            kernels_of_parts, camera, views[0].wavelengths, kernels, pupil_parts, height, dtype, device
+        )
+    gap = 1 / blur_per_dioptre(camera)
+    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts)
     photo = torch.stack([each.crop_margin(OCCLUSIONS[occlusion](each, blurring)) for each in views])
     watch.lap("blur", 0.9)
 
@@ -107,6 +124,7 @@ def expose(
         "method": method,
         "layers": int(nodes.numel()),
         "occlusion": occlusion,
+        "pupil_parts": pupil_parts,
         "bands": views[0].bands,
         "window_px": window,
         "tolerance_db": tolerance_db,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, psf_bank, response, response_curves
+from ..optics import Camera, psf_bank, psf_parts, response, response_curves
 from ..optics.cache import key as bank_key
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
@@ -78,6 +79,23 @@ def kernels_of(
     if size <= HELD_BYTES or trained:
         return HeldKernels(compute(nodes), nodes, wavelengths, key, cache)
     return StreamedKernels(compute, nodes, wavelengths, window, key=key, folder=cache)
+
+
+def kernels_of_parts(
+    camera: Camera,
+    wavelengths: Tensor,
+    kernels: Kernels,
+    across: int,
+    height: Tensor | None = None,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+) -> Iterator[Kernels]:
+    """`kernels` shared out among `across` x `across` parts of the pupil. Nothing of them is cached."""
+    nodes, window = kernels.nodes, kernels.window
+    for values in psf_parts(
+        camera, wavelengths, nodes, across, window_px=window, height=height, dtype=dtype, device=device
+    ):
+        yield HeldKernels(values, nodes, wavelengths)
 
 
 def _on_cpu(*tensors: Tensor) -> tuple[Tensor, ...]:

@@ -2,6 +2,7 @@
 
 from .camera import Camera, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
+from .parts import psf_parts
 from .psf import PsfBank, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import add_noise, response, response_curves
@@ -19,6 +20,7 @@ __all__ = [
     "material",
     "plan_sampling",
     "psf_bank",
+    "psf_parts",
     "response",
     "response_curves",
     "sampling_bound",

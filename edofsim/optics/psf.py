@@ -68,7 +68,7 @@ def psf_bank(
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
     """
-    wavelengths, inverse_depths = _axes(camera, wavelengths, inverse_depths, relief=height is not None)
+    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths, relief=height is not None)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
     if dtype not in (torch.float32, torch.float64):
         raise InputError(f"PSFs are computed in float32 or float64, not {dtype}")
@@ -89,7 +89,7 @@ def psf_bank(
     where = torch.device(device)
 
     def wave_of(band: int) -> Wave:
-        return _wave(camera, opening, float(wavelengths[band]), inverse_depths, pixels, dtype, where)
+        return wave_at(camera, opening, float(wavelengths[band]), inverse_depths, pixels, dtype, where)
 
     if trainable:
         values = propagate([wave_of(band) for band in range(len(wavelengths))])[..., :pixels, :pixels]
@@ -110,7 +110,7 @@ def psf_bank(
     return bank
 
 
-def _wave(
+def wave_at(
     camera: Camera,
     opening: Aperture,
     wavelength: float,
@@ -119,6 +119,8 @@ def _wave(
     dtype: torch.dtype,
     device: torch.device,
 ) -> Wave:
+    """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
+    `pixels`."""
     window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
     reach = wavelength * camera.sensor_distance
     return Wave(
@@ -135,12 +137,13 @@ def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:
     return [(band, slice(start, start + size)) for band in range(bands) for start in range(0, depths, size)]
 
 
-def _axes(
+def axes_of(
     camera: Camera,
     wavelengths: Tensor | Sequence[float],
     inverse_depths: Tensor | Sequence[float],
     relief: bool,
 ) -> tuple[Tensor, Tensor]:
+    """Wavelengths and inverse depths as float64 [n]; refuses what cannot be one, or has no glass data."""
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64, device="cpu").flatten().detach()
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64, device="cpu").flatten().detach()
     problems = []

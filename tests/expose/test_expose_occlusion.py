@@ -7,6 +7,7 @@ and averages over the pupil. That is the exact image of geometric optics; its PS
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
@@ -41,12 +42,20 @@ def ray_traced(sheets, defocus: list[int]) -> Tensor:
     return total / len(pupil())
 
 
-def kernels_for(bench, depths: list[float], defocus: list[int]) -> HeldKernels:
-    """The PSFs of those shifts: nodes ascend, so the farthest surface comes first."""
+def in_part(across: int, part: int, y: int, x: int) -> bool:
+    """Whether a point of the pupil lies in one of across x across parts."""
+    return part == (y * across // (2 * REACH + 1)) * across + x * across // (2 * REACH + 1)
+
+
+def kernels_for(bench, depths: list[float], defocus: list[int], part=lambda y, x: True) -> HeldKernels:
+    """The PSFs of those shifts: nodes ascend, so the farthest surface comes first. part: of the pupil, by
+    the indices of its points."""
     window = 2 * MARGIN + 1
     values = torch.zeros(len(depths), BANDS, window, window, dtype=torch.float64)
     for k, shift in enumerate(reversed(defocus)):
         for y, x in pupil():
+            if not part(y + REACH, x + REACH):
+                continue
             values[k, :, MARGIN + y * shift, MARGIN + x * shift] += 1 / len(pupil())
     nodes = torch.tensor(list(reversed(depths)), dtype=torch.float64)
     return HeldKernels(values, nodes, bench.wavelengths(BANDS))
@@ -100,6 +109,29 @@ def test_hidden_is_good_when_nothing_is_in_focus(bench, defocus):
         scores[name] = psnr(photo, truth)
     assert scores["hidden"] > 35
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"] - 1)
+
+
+@pytest.mark.parametrize("defocus", [[1, -1], [2, 1], [-1, 2]])
+def test_hidden_through_each_point_of_the_pupil_is_what_rays_see(bench, defocus):
+    """Part by part it comes nearer to the rays; with a part for each point it is them."""
+    sheets, depths = surfaces(bench, 2)
+    view = bench.stacked_view(sheets, MARGIN)
+    truth = view.crop_margin(ray_traced(sheets, defocus))
+    scores = {}
+    for across in (1, 3, 2 * REACH + 1):
+        parts = [
+            kernels_for(bench, depths, defocus, partial(in_part, across, part)) for part in range(across**2)
+        ]
+        blur = Blurring(
+            kernels_for(bench, depths, defocus),
+            torch.eye(BANDS, dtype=torch.float64),
+            METHODS["layered"],
+            gap=0.05,
+            parts=lambda parts=parts: iter(parts),
+        )
+        scores[across] = psnr(view.crop_margin(OCCLUSIONS["hidden"](view, blur)), truth)
+    assert scores[1] < scores[3] - 3
+    assert scores[2 * REACH + 1] > 200
 
 
 def test_dark_fringe_of_compositors_without_hidden_surfaces(bench):

@@ -7,6 +7,11 @@ the slabs behind hold. Where the hidden fragments are complete, K is 1 and this 
 geometric optics for two surfaces of which one is in focus. Where not, light from beside the hole fills it:
 f(K) = min(1, K / ENOUGH), and 1 behind the nearest slab. Without that bound the tails of a few far pixels'
 blur would fill whatever lies between them and a nearer slab.
+
+Where both are blurred, what a surface lets by is seen through one side of the pupil only, and so blurred
+otherwise than through all of it. The products above know averages over the pupil alone. With the pupil taken
+in parts (`optics.psf_parts`), each part is composited by itself, and the images are added: the more parts,
+the nearer to rays, and each costs as much as the whole.
 """
 
 from __future__ import annotations
@@ -43,13 +48,20 @@ def compose(view: View, blurring: Blurring) -> Tensor:
     if sum(transform_pixels(tile.height, tile.width, blurring.reach) for tile in tiles) >= transform_pixels(
         view.height, view.width, blurring.reach
     ):
-        return composite(view, blurring)
+        return sum(composite(view, part) for part in blurring.parts())
     photo = blurring.light(view, seen(view)).clone()
     m = view.margin
-    for tile in tiles:
-        part = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
-        done = part.crop_margin(composite(part, blurring))
-        photo[:, m + tile.top : m + tile.top + tile.height, m + tile.left : m + tile.left + tile.width] = done
+    around = [crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach) for tile in tiles]
+    done = [torch.zeros(()).to(photo)] * len(tiles)
+    for part in blurring.parts():
+        done = [
+            so_far + each.crop_margin(composite(each, part))
+            for so_far, each in zip(done, around, strict=True)
+        ]
+    for tile, image in zip(tiles, done, strict=True):
+        photo[:, m + tile.top : m + tile.top + tile.height, m + tile.left : m + tile.left + tile.width] = (
+            image
+        )
     return photo
 
 

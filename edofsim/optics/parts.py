@@ -1,0 +1,98 @@
+"""The PSF shared out among parts of the pupil: which light of it comes through which part.
+
+With the pupil function Q = sum_j w_j Q, sum_j w_j = 1, and the field F = sum_j F_j that follows from it,
+
+    |F|^2 = sum_j Re(F* F_j)
+
+for any mask, exactly: each summand is what part j adds to the energy in a place, interference with all the
+others included. Rays through a part of the pupil are what it becomes for short waves; that is how light that
+something in the way stops in one part, and lets by in another, is told apart. A summand may be negative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from .camera import Camera
+from .grid import PupilGrid
+from .height import trained_pitch
+from .propagation import Wave, energies, propagate
+from .psf import axes_of, wave_at
+from .pupil import aperture
+from .sampling import plan_sampling
+from .threads import in_threads
+
+MOST_PARTS = 16
+"""Along one axis. More have no more to tell than the diffraction at their borders lets them."""
+DARK = 0.2
+"""Parts of less than this share of the mean part's light are joined to a neighbour."""
+
+
+def psf_parts(
+    camera: Camera,
+    wavelengths: Tensor | Sequence[float],
+    inverse_depths: Tensor | Sequence[float],
+    across: int,
+    *,
+    window_px: int | None = None,
+    height: Tensor | None = None,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+) -> Iterator[Tensor]:
+    """What each part of the pupil adds to the PSFs: one tensor [depth, band, y, x] a part, as it is needed.
+
+    across: parts along each axis; there are at most across^2, those outside the aperture or behind an
+    opaque mask being joined to others. Their sum is `psf_bank(...).values`. Other arguments as there;
+    gradients reach `height`. Raises InputError as there, and for a number of parts out of range.
+    """
+    if not 1 <= across <= MOST_PARTS:
+        raise InputError(f"{across} parts across the pupil: give a whole number from 1 to {MOST_PARTS}")
+    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths, relief=height is not None)
+    pixels = camera.recipe.psf.window_px if window_px is None else window_px
+    pitch = None if height is None else trained_pitch(camera, height.shape[-1])
+    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
+    opening = aperture(camera, sampling.grid, height, None)
+    where = torch.device(device)
+    waves = [
+        wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
+    ]
+    intensity = sum(wave.pupil.detach().abs().square() for wave in waves).double().cpu()
+    for window in pupil_windows(sampling.grid, across, intensity):
+        yield _part(waves, window.to(where, dtype))[..., :pixels, :pixels]
+
+
+def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
+    """Smooth windows over the pupil that sum to 1 everywhere: float64 [part, samples, samples].
+
+    Along each axis they are raised cosines around the middles of `across` equal parts; a hard border would
+    scatter what comes through a part all over the sensor. intensity: [samples, samples], of the light in the
+    pupil: windows that hold next to none of it are joined to the nearest that do.
+    """
+    axis = grid.centres / grid.radius
+    place = ((axis + 1) * across / 2 - 0.5).clamp(0, across - 1)  # in parts, 0 at the middle of the first
+    apart = (place - torch.arange(across, dtype=torch.float64)[:, None]).abs().clamp_max(1)
+    along = torch.cos(math.pi / 2 * apart) ** 2
+    windows = torch.einsum("iy,jx->ijyx", along, along).flatten(0, 1)
+    held = (windows * intensity).sum((1, 2))
+    bright = torch.nonzero(held >= DARK * held.mean()).squeeze(1)
+    middles = torch.cartesian_prod(*2 * (torch.arange(across, dtype=torch.float64),)).reshape(-1, 2)
+    nearest = torch.cdist(middles, middles[bright]).argmin(1)
+    return torch.zeros_like(windows[bright]).index_add(0, nearest, windows)
+
+
+def _part(waves: Sequence[Wave], window: Tensor) -> Tensor:
+    """Re(F* F_j) = (|F + F_j|^2 - |F - F_j|^2) / 4 in each pixel, [depth, band, pixel, pixel]."""
+    more, less = ([replace(wave, pupil=wave.pupil * (1 + s * window)) for wave in waves] for s in (1, -1))
+    if any(wave.pupil.requires_grad for wave in waves):
+        return (propagate(more) - propagate(less)) / 4
+    device = window.device
+    both = in_threads(
+        lambda pair: energies(pair[0]) - energies(pair[1]), list(zip(more, less, strict=True)), device
+    )
+    return torch.stack(both, 1) / 4

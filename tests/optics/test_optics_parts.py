@@ -1,0 +1,86 @@
+"""PSFs shared out among parts of the pupil."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.expose.prepare import blur_per_dioptre
+from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
+from edofsim.optics.grid import PupilGrid, disc_coverage
+from edofsim.optics.parts import pupil_windows
+from edofsim.recipe import CameraRecipe, load_camera
+from edofsim.recipe.masks import ClearMask, CubicMask
+
+WAVELENGTHS = [482e-9, 611e-9]
+DEPTHS = [0.0, 1.0, 1.9]
+
+
+@pytest.mark.parametrize("mask", [ClearMask(), CubicMask(alpha_rad=30.0)])
+@pytest.mark.parametrize("across", [1, 2, 5])
+def test_parts_sum_up_to_the_whole(mask, across):
+    camera = Camera.from_recipe(CameraRecipe(name="parts", mask=mask))
+    parts = list(psf_parts(camera, WAVELENGTHS, DEPTHS, across, window_px=32, dtype=torch.float64))
+    whole = psf_bank(camera, WAVELENGTHS, DEPTHS, window_px=32, dtype=torch.float64).values
+    assert (sum(parts) - whole).abs().max() < 1e-12
+    assert 1 <= len(parts) <= across**2
+
+
+def test_a_part_sends_its_light_where_its_rays_go():
+    """The centroid of a part's light is the mean of its rays (the slope of the phase over the part), with
+    interference and all: moving the point by D dioptres moves it by the part's middle, in radii, times D
+    times half of the geometric blur's diameter per dioptre."""
+    camera = Camera.from_recipe(CameraRecipe(name="parts"))
+    depths, window, across = [0.2, 1.2, 2.2], 96, 2
+    axis = torch.arange(window, dtype=torch.float64) - window // 2
+    bands, at = torch.tensor([546e-9]).double(), torch.tensor(depths).double()
+    grid = plan_sampling(camera, bands, at, window).grid
+    disc = disc_coverage(grid, grid.radius)
+    windows = pupil_windows(grid, across, disc)
+    right, up = grid.normalised()
+    given = psf_parts(camera, [546e-9], depths, across, window_px=window, dtype=torch.float64)
+    for values, part in zip(given, windows, strict=True):
+        light = values.sum((-1, -2)).squeeze(1)
+        weight = part * disc
+        for centroid, middle in (
+            ((values.sum(-2) @ axis).squeeze(1) / light, (weight * right).sum() / weight.sum()),
+            ((values.sum(-1) @ axis).squeeze(1) / light, -(weight * up).sum() / weight.sum()),
+        ):
+            moved = float(centroid[2] - centroid[0]) / (depths[2] - depths[0])
+            assert abs(moved) == pytest.approx(abs(float(middle)) * blur_per_dioptre(camera) / 2, rel=0.03)
+            # all parts the same way round
+            assert moved * float(middle) < 0
+
+
+def test_windows_sum_to_one_and_dark_parts_are_joined():
+    grid = PupilGrid(64, 2.5e-3 / 28, 2.5e-3)
+    axis = grid.centres / grid.radius
+    disc = (axis[:, None] ** 2 + axis[None, :] ** 2 <= 1).double()
+    for across in (1, 2, 7):
+        windows = pupil_windows(grid, across, disc)
+        assert (windows.sum(0) - 1).abs().max() < 1e-12
+        assert (windows >= 0).all()
+    # corners of 7 x 7 squares lie outside the disc
+    assert len(pupil_windows(grid, 7, disc)) < 49
+    half = disc * (axis[None, :] > 0)
+    assert len(pupil_windows(grid, 4, half)) <= math.ceil(len(pupil_windows(grid, 4, disc)) * 0.75)
+
+
+def test_gradients_reach_the_height_map():
+    recipe = load_camera("paper-clear").recipe
+    camera = Camera.from_recipe(recipe)
+    height = (torch.rand(32, 32, generator=torch.Generator().manual_seed(1)) * 1e-6).requires_grad_()
+    third = list(psf_parts(camera, [546e-9], [1.5], 2, window_px=16, height=height, dtype=torch.float64))[2]
+    third[0, 0, 9, 5].backward()
+    assert torch.isfinite(height.grad).all()
+    assert height.grad.abs().max() > 0
+
+
+@pytest.mark.parametrize("across", [0, -1, 17])
+def test_a_number_of_parts_out_of_range(across):
+    camera = Camera.from_recipe(CameraRecipe(name="parts"))
+    with pytest.raises(InputError, match="parts"):
+        next(psf_parts(camera, [546e-9], [1.0], across))
