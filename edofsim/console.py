@@ -82,7 +82,11 @@ def exit_status(command: Callable[[], Any]) -> int:
             return _complain(
                 [f"{error.filename or 'the disk'}: no space left; free some and run the same again"], FAILED
             )
-        raise
+        place = error.filename or "a file"
+        return _complain(
+            [f"{place}: {error.strerror or error}; see to it, or name another place, and run the same again"],
+            FAILED,
+        )
     return DONE
 
 

@@ -12,6 +12,7 @@ import gc
 import json
 import math
 import multiprocessing
+import os
 import statistics
 import time
 from collections.abc import Callable
@@ -234,7 +235,7 @@ def _by_brute_force(
     grid = Grid(*view.padded_shape, view.margin, setting.camera.recipe.psf.window_px)
     state: dict[str, Any] = {"photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
     if kept is not None and kept.is_file():
-        state = torch.load(kept)
+        state = torch.load(kept, weights_only=True)
     while state["done"] < nodes.numel():
         block = range(state["done"], min(state["done"] + BLOCK, nodes.numel()))
         say(0.05 + 0.8 * block.start / nodes.numel(), f"brute force, {block.start} of {nodes.numel()} depths")
@@ -258,7 +259,8 @@ def _by_brute_force(
         }
         if kept is not None:
             kept.parent.mkdir(parents=True, exist_ok=True)
-            torch.save(state, kept)
+            torch.save(state, f"{kept}.tmp")
+            os.replace(f"{kept}.tmp", kept)
     return view.crop_margin(state["photo"]), {
         ("seconds_brute", ""): state["seconds"],
         ("seconds_brute_psfs", ""): state["psf_seconds"],

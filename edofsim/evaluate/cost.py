@@ -14,11 +14,14 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
 from torch import Tensor
 
 from ..expose import Photo
@@ -133,8 +136,7 @@ def measure(
         photo, entry = _timed(view, camera, case, height, device, clock, pace)
         entry["db"] = _psnr(photo.clean, full)
         known.setdefault(_key(case), []).append(entry)
-        with path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(entry) + "\n")
+        _append(path, entry)
     return [_row(case, known[_key(case)]) for case in cases]
 
 
@@ -178,15 +180,21 @@ def _reference(
 ) -> Tensor:
     """The full simulation's photo, kept in the folder: it takes longest of all."""
     (case,) = [case for case in cases if case.kind == "full"]
-    path = folder / f"full-{_identity(view, camera, height, clock)[:16]}.pt"
-    if path.is_file():
-        return torch.load(path, weights_only=True)
+    path = folder / f"full-{_identity(view, camera, height, clock)[:16]}.safetensors"
+    with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
+        return load_file(path)["photo"]
     photo, entry = _timed(view, camera, case, height, device, clock, pace)
     entry["db"] = math.inf
-    with (folder / LINES).open("a", encoding="utf-8") as file:
-        file.write(json.dumps(entry) + "\n")
-    torch.save(photo.clean, path)
+    _append(folder / LINES, entry)
+    psf_memory.write_whole(path, {"photo": photo.clean.contiguous()}, {})
     return photo.clean
+
+
+def _append(path: Path, entry: dict[str, Any]) -> None:
+    """A line more; one that was cut short stays alone."""
+    text = path.read_text(encoding="utf-8")
+    with path.open("a", encoding="utf-8") as file:
+        file.write(("" if text.endswith("\n") else "\n") + json.dumps(entry) + "\n")
 
 
 def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:

@@ -11,6 +11,7 @@ import torch
 from matplotlib.axes import Axes
 from torch import Tensor
 
+from ..expose.files import write_channels
 from ..optics import Camera, PsfBank, psf_bank
 from ..optics.grid import PupilGrid
 from ..optics.masks import catalogue, mask_amplitude
@@ -147,19 +148,14 @@ def _metres(depth: float) -> str:
 
 
 def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camera, bank: PsfBank) -> Path:
-    import OpenEXR
-
     channels = {
         name: np.ascontiguousarray(images[d, b].cpu().numpy(), dtype=np.float32)
         for d, row in enumerate(names)
         for b, name in enumerate(row)
     }
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
         "camera": camera.recipe.model_dump_json(),
         "pixel_um": camera.pixel * 1e6,
         "transmission": bank.transmission,
     }
-    OpenEXR.File(header, channels).write(str(path))
-    return path
+    return write_channels(path, channels, header)

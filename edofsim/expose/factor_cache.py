@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 
 import torch
-from filelock import FileLock
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
+from ..optics.cache import write_whole
 from .factors import Factors, Group
 from .kernels import Kernels
 
@@ -77,18 +74,13 @@ def _moved(factors: Factors, device: torch.device | str) -> Factors:
 
 
 def _write(path: Path, factors: Sequence[Factors]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     tensors = {}
     for number, each in enumerate(factors):
         # clones: groups share tensors, which the file format refuses
         tensors |= {f"{number} {name}": getattr(each, name).cpu().clone() for name in _TENSORS}
         tensors |= {f"{number} {name}": getattr(each.group, name).cpu().clone() for name in _GROUP}
     predicted = json.dumps([each.predicted_db for each in factors])
-    with FileLock(f"{path}.lock"):
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        os.close(handle)
-        save_file(tensors, name, {"predicted_db": predicted})
-        os.replace(name, path)
+    write_whole(path, tensors, {"predicted_db": predicted})
 
 
 def _read(path: Path) -> list[Factors] | None:

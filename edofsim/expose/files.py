@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 
@@ -19,7 +21,7 @@ PNG_AND_JPEG = (".png", ".jpg", ".jpeg")
 def write_photo(path: Path, photo: Photo) -> Path:
     """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it.
 
-    Attributes: exposure, and how the photo was made as JSON.
+    Attributes: exposure, and how the photo was made as JSON. Raises OSError where it cannot be written.
     """
     channels = (
         _channels(photo.image, "") | _channels(photo.clean, "clean.") | _channels(photo.ideal, "ideal.")
@@ -27,12 +29,12 @@ def write_photo(path: Path, photo: Photo) -> Path:
     how = json.dumps(
         {name: asdict(v) if is_dataclass(v) else v for name, v in photo.how.items()}, sort_keys=True
     )
-    return _write(path, channels, {"exposure": float(photo.exposure), "how": how})
+    return write_channels(path, channels, {"exposure": float(photo.exposure), "how": how})
 
 
 def write_image(path: Path, image: Tensor) -> Path:
-    """A linear image [3 or 1, y, x] as an OpenEXR file."""
-    return _write(path, _channels(image, ""), {})
+    """A linear image [3 or 1, y, x] as an OpenEXR file. Raises OSError where it cannot be written."""
+    return write_channels(path, _channels(image, ""), {})
 
 
 def read_image(path: Path) -> Tensor:
@@ -89,11 +91,16 @@ def _channels(image: Tensor, prefix: str) -> dict[str, np.ndarray]:
     return {prefix + name: np.ascontiguousarray(plane) for name, plane in zip(names, values, strict=True)}
 
 
-def _write(path: Path, channels: dict[str, np.ndarray], attributes: dict[str, object]) -> Path:
+def write_channels(path: Path, channels: dict[str, np.ndarray], attributes: dict[str, object]) -> Path:
+    """Float32 planes [y, x] by name, with a header, as an OpenEXR file. Raises OSError where it cannot be."""
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    OpenEXR.File(header, channels).write(str(path))
+    try:
+        OpenEXR.File(header, channels).write(str(path))
+    except RuntimeError as error:  # OpenEXR's own kind, with the system's reason in its text
+        full = os.strerror(errno.ENOSPC) in str(error)
+        raise OSError(errno.ENOSPC if full else errno.EIO, str(error), str(path)) from error
     return path

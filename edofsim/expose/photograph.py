@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, response
+from ..optics.precision import own_precision
 from ..recipe import CameraRecipe
 from ..render.view import View
 from .blurring import Blurring
@@ -39,6 +40,7 @@ from .sensor import SensorEffects, automatic_exposure, record
 Progress = Callable[[float, str], None]
 
 
+@own_precision
 def expose(
     view: View | Sequence[View],
     camera: Camera,

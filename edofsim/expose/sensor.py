@@ -15,6 +15,8 @@ Bayer = Literal["RGGB", "BGGR", "GRBG", "GBRG"]
 WHITE_PERCENTILE = 99.5
 WHITE_LEVEL = 0.9
 """Automatic exposure puts the 99.5th percentile of the ideal image, over all channels, at 0.9."""
+ROOM = 1e-3
+"""Part of a precision's range that exposed images may fill: sums over pixels must fit into it too."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,17 @@ class SensorEffects:
 
 
 def automatic_exposure(ideal: Tensor) -> float:
-    """Factor from radiance to full scale for an ideal image of any shape; 1 where the image is black."""
+    """Factor from radiance to full scale for an ideal image of any shape; 1 where the image is black.
+
+    Smaller where a photo of so little light, or of a lamp in it, would not fit into the image's precision.
+    """
     values = ideal.detach().flatten()
     index = min(values.numel() - 1, round(WHITE_PERCENTILE / 100 * (values.numel() - 1)))
     white = float(torch.kthvalue(values, index + 1).values)  # torch.quantile refuses large images
-    return WHITE_LEVEL / white if white > 0 else 1.0
+    if not white > 0:
+        return 1.0
+    room = ROOM * torch.finfo(values.dtype).max / max(float(values.max()), 1.0)
+    return min(WHITE_LEVEL / white, room)
 
 
 def record(clean: Tensor, effects: SensorEffects, seed: int) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -84,7 +85,9 @@ def _drop_from(path: Path, step: int) -> None:
     if not path.exists():
         return
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if _step_of(line) <= step]
-    path.write_text("".join(line + "\n" for line in lines if step > 0), encoding="utf-8")
+    kept = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    kept.write_text("".join(line + "\n" for line in lines if step > 0), encoding="utf-8")
+    kept.replace(path)
 
 
 def _step_of(line: str) -> float:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import tempfile
 from collections import OrderedDict
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +25,8 @@ from .sampling import Sampling
 
 if TYPE_CHECKING:
     from .psf import PsfBank
+
+LOG = logging.getLogger(__name__)
 
 VERSION = 2
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
@@ -94,18 +99,30 @@ def _remember(key: str, bank: PsfBank) -> None:
 
 
 def _write(path: Path, bank: PsfBank) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     tensors = {
         name: getattr(bank, name).contiguous() for name in ("values", "rest", "wavelengths", "inverse_depths")
     }
     s = bank.sampling
     about = [bank.transmission, s.grid.samples, s.grid.pitch, s.grid.radius]
     about += [s.largest_defocus, s.bound, s.replica_period, s.window]
-    with FileLock(f"{path}.lock"):
-        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-        os.close(handle)
-        save_file(tensors, name, {"edofsim": json.dumps(about)})
-        os.replace(name, path)
+    write_whole(path, tensors, {"edofsim": json.dumps(about)})
+
+
+def write_whole(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, str]) -> None:
+    """A file of named tensors, complete or not there. Where it cannot be written, work goes on without it."""
+    name = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(f"{path}.lock"):
+            handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
+            os.close(handle)
+            save_file(dict(tensors), name, dict(about))
+            os.replace(name, path)
+    except (OSError, SafetensorError) as error:
+        LOG.warning("%s is not kept for next time: %s", path, error)
+        if name is not None:
+            with suppress(OSError):
+                os.unlink(name)
 
 
 def _read(path: Path) -> PsfBank | None:

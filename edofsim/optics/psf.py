@@ -14,6 +14,7 @@ from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
 from .height import trained_pitch
+from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import Sampling, plan_sampling
@@ -43,6 +44,7 @@ class PsfBank:
     sampling: Sampling
 
 
+@own_precision
 def psf_bank(
     camera: Camera,
     wavelengths: Tensor | Sequence[float],

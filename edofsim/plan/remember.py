@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import platformdirs
@@ -45,16 +46,17 @@ def remembered(
         ],
         "products": found.products.tolist(),
     }
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
         temporary.write_text(json.dumps(content), encoding="utf-8")
         temporary.replace(path)
         oldest = sorted(path.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-KEPT]
         for each in oldest:
             each.unlink(missing_ok=True)
     except OSError:
-        pass
+        with suppress(OSError):
+            temporary.unlink()
     return found
 
 

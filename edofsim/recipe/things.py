@@ -174,6 +174,8 @@ class MeshFile(Placed):
     """longest side of the bounding box after scaling"""
     surface: AnySurface = MattSurface(kind="matt")
     smooth: bool = True
+    allow_outside: bool = False
+    """whether the mesh's file may name files outside its own folder"""
 
 
 class Goblet(Placed):

@@ -51,11 +51,11 @@ def fetch(
 
         # Read faster than the cache could be.
         return Fetched(picture_view(recipe, base), place, 0.0)
-    store.open_folder(place.folder)
-    # Without the lock first: readers of a finished view never wait for each other.
+    # Without the lock first: readers of a finished view never wait for each other, and need not write.
     view, _ = store.load(place, aside=False)
     if view is not None:
         return Fetched(view, place, 0.0)
+    store.open_folder(place.folder)
     with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
         view, message = store.load(place, aside=True)
         if view is not None:

@@ -164,9 +164,7 @@ def _images(
     )  # fmt: skip
 
 
-def _crops(
-    report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool = True
-) -> tuple[Block, ...]:
+def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool = True) -> tuple[Block, ...]:
     galleries = []
     images = report.images()
     for i, crop in enumerate(crops):

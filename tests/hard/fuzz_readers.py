@@ -75,7 +75,7 @@ def training(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
 
 def view(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     """A spectral EXR with fragments; as the cache reads it, with a damaged one's reason as a ValueError."""
-    from edofsim.evaluate.hard.photos import flat, layered_view
+    from edofsim.evaluate.hard.views import flat, layered_view
     from edofsim.render.exr import read_view, write_view
 
     path = folder / "seed.exr"

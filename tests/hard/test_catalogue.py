@@ -10,7 +10,10 @@ from edofsim.errors import InputError
 from edofsim.evaluate.hard import CASES, Case, Finding
 from edofsim.evaluate.stability import choose, figures, run_case, write_csv
 
-SLOW = {"psi 1000", "4096 wide", "killed in any step"}
+SLOW = {
+    "psi 1000", "4096 wide", "killed in any step", "a hundred wires", "layers of one pixel",
+    "layers of one column", "slanted through focus", "primes", "even",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(

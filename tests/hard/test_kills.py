@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from edofsim.render import cache
+from edofsim.restore.checkpoint import load_arrays
 
 SCENE = """
 name = "small"
@@ -96,6 +97,12 @@ def command(name: str, folder: Path) -> list[str]:
     }[name]  # fmt: skip
 
 
+def steps_done(folder: Path) -> int:
+    """Steps of the training that are kept."""
+    path = folder / "out" / "state.safetensors"
+    return json.loads(load_arrays(path, "state")[1]["state"])["step"] if path.exists() else 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["run", "render", "cost", "train", "evaluate"])
 def test_killed_twenty_times(name, tmp_path):
@@ -105,20 +112,30 @@ def test_killed_twenty_times(name, tmp_path):
     (tmp_path / "train.toml").write_text(TRAINING)
     (tmp_path / "camera.toml").write_text(CAMERA)
     complete: dict[str, float] = {}
-    for _ in range(kills):
+    landed, whole, steps = 0, 15.0, 0
+    while landed < kills:
         process = subprocess.Popen(
             command(name, tmp_path),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
-        time.sleep(rng.uniform(0, 15))
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+        begun = time.monotonic()
+        try:
+            process.wait(rng.uniform(0, whole))
+            # it ended first: later moments are drawn from the time that it takes now that its parts are kept
+            whole = time.monotonic() - begun
+            assert process.returncode == 0
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            landed += 1
         if (tmp_path / "cache").is_dir():
             for entry in cache.ls(tmp_path / "cache"):
                 stamp = entry.record["written"]
                 assert complete.setdefault(entry.key, stamp) == stamp, "a finished view was rendered again"
+        assert steps_done(tmp_path) >= steps, "steps that were kept are lost"
+        steps = steps_done(tmp_path)
     done = subprocess.run(command(name, tmp_path), capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
     assert json.loads((tmp_path / "record.json").read_text())["command"].startswith(name)

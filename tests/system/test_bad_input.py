@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from edofsim import console
-from edofsim.cli import app
 from edofsim.recipe import load_camera
 
 SCENE = """\
@@ -41,17 +40,6 @@ kind = "sky"
 """
 
 Run = Callable[..., tuple[int, str]]
-
-
-@pytest.fixture
-def edofsim(capfd: pytest.CaptureFixture[str]) -> Run:
-    """Run a command in this process: (exit status, what it said on the error channel)."""
-
-    def run(*arguments: str | Path) -> tuple[int, str]:
-        status = console.exit_status(lambda: app([str(a) for a in arguments], standalone_mode=False))
-        return status, capfd.readouterr().err
-
-    return run
 
 
 def scene_file(folder: Path, text: str) -> Path:

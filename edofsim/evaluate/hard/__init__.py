@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from .case import Case, Finding
-from .photo_cases import CASES as PHOTOS
+from .depth_cases import CASES as DEPTH
+from .light_cases import CASES as LIGHT
 from .pupils import CASES as PUPILS
 from .rendering import CASES as RENDERING
 from .restoration import CASES as RESTORATION
 from .training import CASES as TRAINING
 
-CASES: tuple[Case, ...] = (*PHOTOS, *PUPILS, *RESTORATION, *TRAINING, *RENDERING)
+CASES: tuple[Case, ...] = (*DEPTH, *LIGHT, *PUPILS, *RESTORATION, *TRAINING, *RENDERING)
 
 __all__ = ["CASES", "Case", "Finding"]

@@ -8,7 +8,7 @@ is, and agree in float32 and float64.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -17,24 +17,14 @@ import torch
 from scipy.signal import fftconvolve
 from torch import Tensor
 
-from ...expose import SensorEffects, expose
+from ...expose import expose
 from ...optics import Camera, psf_bank, response
-from ...recipe.camera import CameraRecipe, Lens, PsfSettings
-from ...recipe.masks import AnyMask, ClearMask, CubicMask, HeightMapMask
 from ...render.view import View
 from .case import Case, Finding, timed
-
-WINDOW, ROWS, COLUMNS = 17, 14, 19
-NANOMETRES = (450.0, 500.0, 550.0, 600.0, 650.0)
-QUIET = SensorEffects()
+from .views import MASKS, QUIET, WINDOW, camera_with, free_height, uniform
 
 METHODS = ("brute", "layered", "low_rank")
 OCCLUSIONS = ("over", "normalised", "hidden")
-MASKS: Mapping[str, AnyMask] = {
-    "clear": ClearMask(),
-    "cubic": CubicMask(alpha_rad=6.0),
-    "free": HeightMapMask(pitch_um=100.0),
-}
 
 SINGLE = 1e-4
 """float32 against float64, relative to the brightest value of the photo."""
@@ -42,6 +32,15 @@ SINGLE = 1e-4
 LAYERED = 0.01
 """Photos in layers against each fragment's own PSF: root mean square error relative to the brightest value,
 40 dB. The views are of white noise, for which the methods' tolerance (of natural images) does not speak."""
+FINE = {"coded": 2.0}
+"""Times LAYERED, for masks whose PSFs have so much fine detail that low rank, which leaves the finest out
+first, shows more of an error on white noise."""
+
+
+SLOPE = 1e-5
+"""Derivatives in float64 against what they stand for."""
+STEP = 1e-10
+"""Of a height in metres: a central difference over it is right to 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -54,90 +53,6 @@ class HardView:
     single: float = SINGLE
     options: Mapping[str, Any] = field(default_factory=dict)
     methods: tuple[str, ...] = METHODS
-
-
-def camera_with(mask: AnyMask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
-    """A camera with so small a pupil that its blur stays within small frames."""
-    recipe = CameraRecipe(
-        name="hard",
-        lens=Lens(aperture_radius_mm=aperture_mm),
-        mask=mask,
-        psf=PsfSettings(window_px=WINDOW, oversampling=1),
-    )
-    if sensor:
-        recipe = recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update=sensor)})
-    return Camera.from_recipe(recipe)
-
-
-def free_height(camera: Camera) -> Tensor | None:
-    """A smooth random height map for the free mask, float64 [n, n] in metres; None for other masks."""
-    if not isinstance(camera.recipe.mask, HeightMapMask):
-        return None
-    samples = round(2 * camera.aperture_radius / (camera.recipe.mask.pitch_um * 1e-6))
-    coarse = torch.rand(1, 1, 4, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
-    size = (samples, samples)
-    return torch.nn.functional.interpolate(coarse, size, mode="bicubic", align_corners=True)[0, 0] * 1e-6
-
-
-def flat(
-    inverse_depth: Tensor | float,
-    radiance: Tensor | None = None,
-    rows: int = ROWS,
-    columns: int = COLUMNS,
-    wavelengths: tuple[float, ...] = NANOMETRES,
-) -> View:
-    """One opaque fragment a pixel. inverse_depth: [y, x] of the frame with its margin, or a number."""
-    margin = WINDOW // 2
-    shape = (rows + 2 * margin, columns + 2 * margin)
-    depth = torch.as_tensor(inverse_depth, dtype=torch.float64).expand(shape).reshape(-1).clone()
-    if radiance is None:
-        radiance = 0.1 + 0.9 * uniform(len(wavelengths), *shape)
-    count = shape[0] * shape[1]
-    return View(
-        height=rows,
-        width=columns,
-        margin=margin,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count, dtype=torch.float64),
-        inverse_depth=depth,
-        radiance=radiance.reshape(len(wavelengths), -1).clone(),
-        hidden=torch.zeros(count, dtype=torch.bool),
-        wavelengths=torch.tensor(wavelengths, dtype=torch.float64) * 1e-9,
-        pixel_angle=camera_with(ClearMask()).pixel_angle,
-    )
-
-
-def uniform(*shape: int, seed: int = 0) -> Tensor:
-    """Random numbers in [0, 1), float64."""
-    return torch.rand(*shape, dtype=torch.float64, generator=torch.Generator().manual_seed(seed))
-
-
-def layered_view(front: Tensor, near: float, far: float, behind: Tensor | float = 0.0) -> View:
-    """A front surface of coverage `front` [y, x] at inverse depth `near` over a background at `far`, of which
-    the part `behind` of the covered is rendered too, as hidden."""
-    base = flat(far)
-    shape = base.padded_shape
-    front, behind = front.expand(shape).reshape(-1), torch.as_tensor(behind).expand(shape).reshape(-1)
-    colours = 0.1 + 0.9 * uniform(base.bands, front.numel(), seed=1)
-    pixel = torch.arange(front.numel())
-    parts = [
-        (pixel, front, near, colours, False),
-        (pixel, 1 - front, far, base.radiance, False),
-        (pixel, front * behind, far, base.radiance, True),
-    ]
-    order = torch.argsort(torch.cat([3 * part[0] + k for k, part in enumerate(parts)]))
-    coverage = torch.cat([part[1] for part in parts])
-    radiance = torch.cat([part[3] * part[1] for part in parts], 1)
-    depth = torch.cat([torch.full_like(front, part[2]) for part in parts])
-    hidden = torch.cat([torch.full_like(front, part[4], dtype=torch.bool) for part in parts])
-    return replace(
-        base,
-        pixel=torch.cat([part[0] for part in parts])[order],
-        coverage=coverage[order],
-        inverse_depth=depth[order],
-        radiance=radiance[:, order],
-        hidden=hidden[order],
-    )
 
 
 def true_photo(view: View, camera: Camera, height: Tensor | None) -> Tensor:
@@ -163,43 +78,62 @@ def true_photo(view: View, camera: Camera, height: Tensor | None) -> Tensor:
 
 
 def findings(hard: HardView) -> Iterator[Finding]:
-    """Every mask and method without occlusion against the truth, float32 against float64 with every kind of
-    occlusion, and the derivatives."""
+    """Every mask and method without occlusion against the truth, float32 and mixed precision against float64
+    with every kind of occlusion, and the derivatives."""
     for name, mask in MASKS.items():
         camera = camera_with(mask)
         height = free_height(camera)
         truth = true_photo(hard.view, camera, height)
         for method in hard.methods:
-            yield from _method(hard, camera, height, truth, f"{method}, {name}", method)
+            bound = hard.layered * (FINE.get(name, 1.0) if method == "low_rank" else 1.0)
+            yield from _method(hard, camera, height, truth, f"{method}, {name}", method, bound)
         for occlusion in OCCLUSIONS:
             yield from _occlusion(hard, camera, height, f"{occlusion}, {name}", occlusion)
         yield timed(f"gradient, {name}", SINGLE, lambda c=camera, h=height: _gradient(hard, c, h))
+        if height is not None:
+            yield timed(f"slope by height, {name}", SLOPE, lambda c=camera, h=height: _slope(hard, c, h))
 
 
 def _photo(hard: HardView, camera: Camera, height: Tensor | None, dtype: torch.dtype, **how: Any) -> Tensor:
-    made = expose(
-        hard.view, camera, height=height, exposure=1.0, effects=QUIET, dtype=dtype, **{**hard.options, **how}
-    )
-    return made.clean.double()
+    options = {"exposure": 1.0, "effects": QUIET, **hard.options, **how}
+    return expose(hard.view, camera, height=height, dtype=dtype, **options).clean.double()
 
 
 def _method(
-    hard: HardView, camera: Camera, height: Tensor | None, truth: Tensor, way: str, method: str
+    hard: HardView,
+    camera: Camera,
+    height: Tensor | None,
+    truth: Tensor,
+    way: str,
+    method: str,
+    bound: float,
 ) -> Iterator[Finding]:
     found: list[Tensor] = []
+    how = {"method": method, "occlusion": "none"}
 
     def double() -> float:
-        found.append(_photo(hard, camera, height, torch.float64, method=method, occlusion="none"))
+        found.append(_photo(hard, camera, height, torch.float64, **how))
         return deviation(found[0], truth)
 
-    yield timed(f"{way}, float64", hard.layered, double)
-    yield timed(
-        f"{way}, float32",
-        hard.single,
-        lambda: distance(
-            _photo(hard, camera, height, torch.float32, method=method, occlusion="none"), found[0]
-        ),
-    )
+    def single() -> float:
+        return distance(_photo(hard, camera, height, torch.float32, **how), found[0])
+
+    def mixed() -> float:
+        with torch.autocast("cpu", torch.bfloat16):
+            return single()
+
+    def adjoint() -> float:
+        # a photo is linear in the light: its derivative, applied to the light itself, is the photo
+        radiance = hard.view.radiance.detach().clone().requires_grad_()
+        lit = replace(hard, view=replace(hard.view, radiance=radiance))
+        pattern = uniform(*found[0].shape, seed=3)
+        (_photo(lit, camera, height, torch.float64, **how) * pattern).sum().backward()
+        return distance((radiance.grad * radiance.detach()).sum()[None], (found[0] * pattern).sum()[None])
+
+    yield timed(f"{way}, float64", bound, double)
+    yield timed(f"{way}, float32", hard.single, single)
+    yield timed(f"{way}, mixed", hard.single, mixed)
+    yield timed(f"{way}, gradient, float64", SLOPE, adjoint)
 
 
 def _occlusion(
@@ -232,19 +166,26 @@ def _gradient(hard: HardView, camera: Camera, height: Tensor | None) -> float:
     for dtype in (torch.float64, torch.float32):
         radiance = hard.view.radiance.detach().clone().to(dtype).requires_grad_()
         lever = None if height is None else height.detach().clone().to(dtype).requires_grad_()
-        photo = expose(
-            replace(hard.view, radiance=radiance),
-            camera,
-            height=lever,
-            exposure=1.0,
-            effects=QUIET,
-            dtype=dtype,
-            **hard.options,
-        ).clean
-        pattern = uniform(*photo.shape, seed=3).to(dtype)
-        (photo * pattern).sum().backward()
+        photo = _photo(replace(hard, view=replace(hard.view, radiance=radiance)), camera, lever, dtype)
+        (photo * uniform(*photo.shape, seed=3)).sum().backward()
         grads.append([each.grad.double() for each in (radiance, lever) if each is not None])
     return max(distance(single, double) for double, single in zip(*grads, strict=True))
+
+
+def _slope(hard: HardView, camera: Camera, height: Tensor) -> float:
+    """The derivative by height along a random direction against a central difference, float64; relative to
+    the largest that a direction of that length can have."""
+    lever = height.detach().clone().requires_grad_()
+    pattern = uniform(3, hard.view.height, hard.view.width, seed=3)
+
+    def weighed(at: Tensor) -> Tensor:
+        return (_photo(hard, camera, at, torch.float64, method="layered") * pattern).sum()
+
+    weighed(lever).backward()
+    step = STEP * (2 * uniform(*height.shape, seed=7) - 1)
+    difference = float(weighed(height + step) - weighed(height - step)) / 2
+    most = float(lever.grad.norm() * step.norm())
+    return abs(difference - float((lever.grad * step).sum())) / most if most > 0 else abs(difference)
 
 
 def distance(image: Tensor, truth: Tensor) -> float:
@@ -271,3 +212,10 @@ def photo_case(
 ) -> Case:
     """A case whose check is `findings` of what `make` makes."""
     return Case(name, group, physics, risk, expected, lambda: findings(make()))
+
+
+def photo_cases(
+    group: str, expected: str, rows: Iterable[tuple[str, str, str, Callable[[], HardView]]]
+) -> tuple[Case, ...]:
+    """Cases of a group from rows of (name, physics, risk, view)."""
+    return tuple(photo_case(name, group, physics, risk, expected, make) for name, physics, risk, make in rows)

@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...errors import InputError
 from ...optics import Camera, PsfBank, defocus, material, psf_bank
+from ...optics.masks import catalogue
 from ...recipe.camera import CameraRecipe, Lens, PsfSettings
 from ...recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask, HeightMapMask
 from .case import Case, Finding, timed
-from .photos import MASKS, camera_with, distance, free_height, uniform
+from .photos import distance
+from .views import MASKS, camera_with, free_height, uniform
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)
 SIDE = 25
+PRECISIONS = (torch.float64, torch.float32)
 
 
 def bank(
@@ -33,16 +38,30 @@ def bank(
     return psf_bank(camera, GREEN, [inverse_depth], window_px=side, height=height, dtype=dtype)
 
 
+def _name(dtype: torch.dtype) -> str:
+    return str(dtype).removeprefix("torch.")
+
+
 def whole(found: PsfBank) -> float:
-    """How far window and rest together are from all light; NaN where something is not finite."""
-    total = found.values.double().sum((-1, -2)) + found.rest.double()
-    return float((total - 1).abs().max()) + 0 * float(found.values.double().sum())
+    """How far window and rest together are from all light, and how far below zero either reaches; NaN where
+    something is not finite."""
+    values, rest = found.values.double(), found.rest.double()
+    below = torch.stack([-values.min(), -rest.min()]).max().clamp_min(0)
+    return float((values.sum((-1, -2)) + rest - 1).abs().max() + below) + 0 * float(values.sum())
 
 
-def camera_of(aperture_mm: float, mask: AnyMask | None = None, pupil_um: float | None = None) -> Camera:
-    """The paper's lens with another aperture and, if wanted, pupil sampling."""
-    psf = PsfSettings(window_px=SIDE, oversampling=1, pupil_sampling_um=pupil_um or "auto")
-    lens = Lens(aperture_radius_mm=aperture_mm)
+def camera_of(
+    aperture_mm: float,
+    mask: AnyMask | None = None,
+    pupil_um: float | None = None,
+    oversampling: int = 1,
+    **glass: Any,
+) -> Camera:
+    """The paper's lens with another aperture and, if wanted, pupil sampling and what else its recipe says.
+
+    oversampling: 1 is right for blurs much wider than a pixel."""
+    psf = PsfSettings(window_px=SIDE, oversampling=oversampling, pupil_sampling_um=pupil_um or "auto")
+    lens = Lens(aperture_radius_mm=aperture_mm, **glass)
     return Camera.from_recipe(CameraRecipe(name="hard", lens=lens, mask=mask or ClearMask(), psf=psf))
 
 
@@ -68,6 +87,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
             1e-4,
             lambda: distance(bank(camera, depth, torch.float32).values.double(), pair[0].values),
         )
+        yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
         if psi > 500:
             return  # a finer pupil would be larger than the largest that is computed
         finer = camera_of(2.5, pupil_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
@@ -78,6 +98,16 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
         )
 
     return check
+
+
+def _off_geometry(psi: float) -> float:
+    """Light in a window within the blur against that of an even disc, whose radius is r z_i times the defocus
+    in dioptres, psi lambda / (pi r^2)."""
+    camera = camera_of(2.5, thickness="parabolic")
+    dioptres = psi * float(GREEN) / (math.pi * camera.aperture_radius**2)
+    radius = camera.aperture_radius * camera.sensor_distance * dioptres
+    share = (SIDE * camera.pixel) ** 2 / (math.pi * radius**2)
+    return abs(float(bank(camera, depth_of_psi(camera, psi)).values.sum()) / share - 1)
 
 
 def _relief(change: Callable[[Tensor, Camera], Tensor], bound: float) -> Callable[[], Iterator[Finding]]:
@@ -107,9 +137,9 @@ def _wave(camera: Camera) -> float:
 def _random_heights() -> Iterator[Finding]:
     camera = camera_with(MASKS["free"])
     height = uniform(*free_height(camera).shape, seed=5) * _wave(camera)
-    for dtype in (torch.float64, torch.float32):
+    for dtype in PRECISIONS:
         yield timed(
-            f"energy, {str(dtype).removeprefix('torch.')}",
+            f"energy, {_name(dtype)}",
             1e-4,
             lambda dtype=dtype: whole(bank(camera, 0.3, dtype, height.to(dtype))),
         )
@@ -192,14 +222,53 @@ def _both_sides_of_focus() -> Iterator[Finding]:
 
 
 def _extreme_distances() -> Iterator[Finding]:
-    camera = camera_with(ClearMask())
-    for distance_m in (math.inf, 1e12, 1e9, 0.05):
-        for dtype in (torch.float64, torch.float32):
-            yield timed(
-                f"{distance_m:g} m, {str(dtype).removeprefix('torch.')}",
-                1e-4,
-                lambda z=distance_m, dtype=dtype: whole(bank(camera, 1 / z, dtype)),
-            )
+    for name, mask in MASKS.items():
+        camera = camera_with(mask)
+        height = free_height(camera)
+        for distance_m in (math.inf, 1e12, 1e9, 0.05):
+            for dtype in PRECISIONS:
+                made = partial(bank, camera, 1 / distance_m, dtype, height)
+                yield timed(f"{distance_m:g} m, {name}, {_name(dtype)}", 1e-4, lambda m=made: whole(m()))
+
+
+def _every_mask() -> Iterator[Finding]:
+    """All kinds of mask as they are by default, in focus and far out of it."""
+    for entry in catalogue():
+        camera = camera_of(2.5, entry.example, oversampling=4)
+        for depth in (0.7, 2.0):
+            found: list[PsfBank] = []
+
+            def energy(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+                found.append(bank(c, d))
+                return whole(found[0])
+
+            def single(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+                return distance(bank(c, d, torch.float32).values.double(), found[0].values)
+
+            yield timed(f"{entry.kind}, {depth:g} /m, float64", 1e-6, energy)
+            yield timed(f"{entry.kind}, {depth:g} /m, float32", 1e-4, single)
+
+
+def _pinhole() -> Iterator[Finding]:
+    """An aperture narrower than the paper's pupil sample: Airy's pattern, A / (lambda z_i)^2 [2 J1(x) / x]^2
+    times a pixel, x = 2 pi r rho / (lambda z_i). It is so wide that the window sees its top."""
+    camera = camera_of(0.01)
+    wave = float(GREEN) * camera.sensor_distance
+    at = (torch.arange(SIDE, dtype=torch.float64) - SIDE // 2) * camera.pixel
+    x = 2 * math.pi * camera.aperture_radius / wave * torch.hypot(at[:, None], at).clamp_min(1e-12)
+    top = math.pi * camera.aperture_radius**2 / wave**2 * camera.pixel**2
+    truth = top * (2 * torch.special.bessel_j1(x) / x).square()
+    for dtype in PRECISIONS:
+        made = partial(bank, camera, 0.5, dtype)
+        yield timed(f"{_name(dtype)}", 1e-3, lambda m=made: distance(m().values[0, 0].double(), truth))
+
+
+def _grids() -> Iterator[Finding]:
+    """128 and 129 samples across the pupil against 500."""
+    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=2.4), 0.3).values
+    for samples in (128, 129):
+        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=1200 / samples), 0.3)
+        yield timed(f"{samples} samples, float64", 2e-3, lambda m=made: distance(m().values, truth))
 
 
 CASES: tuple[Case, ...] = (
@@ -300,5 +369,29 @@ CASES: tuple[Case, ...] = (
         "1/z lost",
         "all light",
         _extreme_distances,
+    ),
+    Case(
+        "every kind of mask",
+        "pupil",
+        "all masks of the catalogue, in focus and far out of it",
+        "fractional powers, hard edges",
+        "all light, float32 as float64",
+        _every_mask,
+    ),
+    Case(
+        "a pupil of one sample",
+        "pupil",
+        "an aperture of 20 um",
+        "a grid of one sample",
+        "Airy's pattern",
+        _pinhole,
+    ),
+    Case(
+        "grids odd and even",
+        "pupil",
+        "128 and 129 samples across the pupil",
+        "half a sample",
+        "the PSF of a finer grid",
+        _grids,
     ),
 )

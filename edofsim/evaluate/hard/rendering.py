@@ -74,9 +74,11 @@ def depth_error(view: View, z: float) -> float:
 
 def _plane(z: float, bound: float = NOISE, **settings: object) -> Callable[[], Iterator[Finding]]:
     def check() -> Iterator[Finding]:
-        view = view_of([matt(sheet(z, z))], **settings)
-        yield timed("radiance", bound, lambda: radiance_error(view, ALBEDO))
-        yield timed("depth", 1e-5, lambda: depth_error(view, z))
+        for hidden in (False, True):
+            view = view_of([matt(sheet(z, z))], hidden=hidden, **settings)
+            way = ", hidden surfaces" if hidden else ""
+            yield timed(f"radiance{way}", bound, lambda view=view: radiance_error(view, ALBEDO))
+            yield timed(f"depth{way}", 1e-5, lambda view=view: depth_error(view, z))
 
     return check
 
@@ -85,7 +87,10 @@ def _objects(
     make: Callable[[], list[SceneObject]], truth: float, sky: float | None = 1.0, bound: float = NOISE
 ) -> Callable[[], Iterator[Finding]]:
     def check() -> Iterator[Finding]:
-        yield timed("radiance", bound, lambda: radiance_error(view_of(make(), sky), truth))
+        for hidden in (False, True):
+            view = view_of(make(), sky, hidden=hidden)
+            way = "radiance, hidden surfaces" if hidden else "radiance"
+            yield timed(way, bound, lambda view=view: radiance_error(view, truth))
 
     return check
 
@@ -101,6 +106,21 @@ def _grazing() -> Iterator[Finding]:
         return float((colour.mean() / ALBEDO - 1).abs())
 
     yield timed("radiance", NOISE, shown)
+
+
+def _grazing_lamp() -> Iterator[Finding]:
+    """A lamp of side s, 100 m beside a sheet and 0.1 degrees above it: a / pi L s^2 cos / d^2."""
+    side, far, light = 0.02, 100.0, 1e9
+    above = far * np.tan(np.radians(0.1))
+    corner = np.array([far, -side / 2, 2.0 - above - side / 2])
+    up, along = np.array([0, side, 0]), np.array([0, 0, side])
+    corners = np.stack([corner, corner + along, corner + along + up, corner + up]).astype(np.float32)
+    lamp = TriangleMesh(corners, np.array([(0, 1, 2), (0, 2, 3)], np.uint32))
+    square = far**2 + above**2
+    truth = ALBEDO / np.pi * light * side**2 * (far * above / square) / square
+    objects = [matt(sheet(2.0, 2.0)), matt(lamp, 0.0, light, "lamp")]
+    view = view_of(objects, None, angle=1e-3, max_depth=2)
+    yield timed("radiance", NOISE, lambda: radiance_error(view, truth))
 
 
 def _black() -> Iterator[Finding]:
@@ -240,6 +260,14 @@ CASES: tuple[Case, ...] = (
         "cosines near 0",
         "reflectance times sky",
         _grazing,
+    ),
+    Case(
+        "grazing lamp",
+        "renderer",
+        "a lamp 0.1 degrees above the plane of a sheet",
+        "rays that hit where they start",
+        "the lamp's irradiance",
+        _grazing_lamp,
     ),
     Case(
         "contrast 1e5 and a lamp seen",

@@ -13,7 +13,8 @@ from ...restore.losses import gradient_prior, restoration_loss
 from ...restore.network import apply_network, build_network
 from ..scores import psnr, score
 from .case import Case, Finding, timed
-from .photos import distance, uniform
+from .photos import distance
+from .views import uniform
 
 KINDS = ("dcnn", "local-unet")
 PRECISIONS = (torch.float64, torch.float32)

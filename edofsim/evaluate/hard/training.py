@@ -19,7 +19,8 @@ from ...recipe.train import TrainRecipe
 from ...restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
 from ...restore.network import apply_network, build_network
 from .case import Case, Finding, timed
-from .photos import distance, uniform
+from .photos import distance
+from .views import uniform
 
 STEPS = 3
 
@@ -48,19 +49,21 @@ def _losses(folder: Path) -> list[float]:
     return [line["loss"] for line in lines if "loss" in line]
 
 
-def _finite(**changes: object) -> Callable[[], Iterator[Finding]]:
+def _finite(**changes: dict[str, object]) -> Callable[[], Iterator[Finding]]:
     """Losses and weights stay finite over the steps."""
 
     def check() -> Iterator[Finding]:
-        def run() -> float:
+        def run(precision: str) -> float:
+            how = {**changes, "optimiser": {**changes.get("optimiser", {}), "precision": precision}}
             with TemporaryDirectory() as folder:
-                trained = train(small(**changes), Path(folder) / "out")
+                trained = train(small(**how), Path(folder) / "out")
                 checkpoint = load_checkpoint(trained.checkpoint)  # refuses what is not finite
                 losses = _losses(Path(folder) / "out")
             ended = checkpoint.card["step"] == STEPS and all(map(math.isfinite, losses))
             return 0.0 if ended else math.nan
 
-        yield timed("joint, float32", 0.0, run)
+        yield timed("joint, float32", 0.0, lambda: run("float32"))
+        yield timed("joint, mixed", 0.0, lambda: run("bfloat16"))
 
     return check
 

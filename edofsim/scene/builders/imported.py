@@ -18,7 +18,7 @@ SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
 
 def mesh_file(recipe: MeshFile, context: Context) -> list[Part]:
     """The file's triangles about the centre of their bounding box, scaled to `size_mm`."""
-    shape = read_mesh(context.base / recipe.path, context.what, smooth=recipe.smooth)
+    shape = read_mesh(context.base / recipe.path, context.what, recipe.smooth, recipe.allow_outside)
     low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
     scale = recipe.size_mm * 1e-3 / float((high - low).max())
     # files have z towards the viewer, camera space away from it: turned over in z alone, nothing is mirrored
@@ -27,8 +27,10 @@ def mesh_file(recipe: MeshFile, context: Context) -> list[Part]:
     return [Part("", solids.moved(centred, flip), context.surface(recipe.surface))]
 
 
-def read_mesh(path: Path, what: str, smooth: bool = True) -> TriangleMesh:
+def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = False) -> TriangleMesh:
     """A mesh file as triangles in the file's own axes and units.
+
+    allow_outside: whether files that it names may lie outside its folder.
 
     Duplicate and degenerate faces and stray vertices are dropped; a closed mesh that is inside out is
     turned. Raises InputError, naming `what`, for a missing or unreadable file, for one without triangles,
@@ -43,8 +45,14 @@ def read_mesh(path: Path, what: str, smooth: bool = True) -> TriangleMesh:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            loaded = trimesh.load(path, force="mesh", process=False)
+            near = trimesh.resolvers.FilePathResolver(str(path), allow_anywhere=allow_outside)
+            loaded = trimesh.load(path, force="mesh", process=False, resolver=near)
     except Exception as error:  # each reader raises its own kinds
+        if "escapes resolver root" in str(error):
+            raise InputError(
+                f"{what}: the mesh {str(path)!r} names a file outside its folder; set allow_outside = true "
+                "beside its path if you trust it"
+            ) from error
         text = (str(error).strip() or type(error).__name__).splitlines()[0][:160]
         raise InputError(f"{what}: {str(path)!r} cannot be read as a mesh: {text}") from error
     vertices = np.asarray(getattr(loaded, "vertices", np.empty((0, 3))), float)
