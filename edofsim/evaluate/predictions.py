@@ -22,6 +22,7 @@ from ..optics.threads import one_thread
 from ..plan import (
     Simulation,
     decibels,
+    in_photo,
     overall,
     photograph,
     planner_of,
@@ -135,6 +136,8 @@ def _rendering(
     """
     changes = {}
     shorter, plain = seen_in_thumbnails(recipe, base, camera, **how)
+    planner = planner_of(view, camera, height=height)
+    plain = in_photo(replace(planner.facts, plain_glass=plain)).plain_glass
     if 2 in shorter:
         changes["interreflection"] = (Simulation(bounces=2), shorter[2])
     if plain:
@@ -145,7 +148,7 @@ def _rendering(
         known = kept.get(key)
         if known is None:
             without = render(simpler_recipe(recipe, change), base, **how)
-            plan = planner_of(view, camera, height=height).plan().simulation
+            plan = planner.plan().simulation
             truth = photograph(view, camera, plan, height=height)
             other = photograph(without, camera, plan, height=height, exposure=truth.exposure)
             known = {"psnr_db": psnr(other.clean, truth.clean)}

@@ -28,7 +28,7 @@ class Facts:
     known; full: the simulation that leaves nothing out; sample: of the view; edges: pixels on depth edges;
     shorter: error of each channel if paths end after so many bounces, and plain_glass: if glass does not
     disperse, both from small renderings; grain: likewise of each channel, the noise that rendering leaves in
-    the photo at the recipe's samples.
+    the photo at the recipe's samples; averaging: what blur leaves of independent noise in each channel.
     """
 
     view: View
@@ -41,6 +41,7 @@ class Facts:
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
     grain: tuple[float, ...] = (0.0, 0.0, 0.0)
+    averaging: tuple[float, ...] = (1.0, 1.0, 1.0)
 
     @property
     def hidden(self) -> int:
@@ -106,21 +107,18 @@ def facts_of(
     )
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
-    return replace(facts, grain=_grain(facts))
+    return _with_grain(facts)
 
 
-def _grain(facts: Facts) -> tuple[float, ...]:
+def _with_grain(facts: Facts) -> Facts:
     """Noise of rendering in the photo: that of a pixel, averaged by the PSF as independent noise is.
 
     The view's noise is relative to the mean of its bands and alike in all of them.
     """
-    noise = facts.view.noise
-    if not noise > 0:
-        return tuple(0.0 for _ in facts.levels_of_light)
-    nodes = facts.sample.nodes(5)
     channels = facts.full.changed({"groups": 1, "colours": 1, "window": None})
-    energy = facts.sample.psf_energy(channels, nodes)
-    return tuple((noise * facts.levels_of_light * energy.sqrt()).tolist())
+    kept = facts.sample.psf_energy(channels, facts.sample.nodes(5)).sqrt()
+    grain = max(0.0, facts.view.noise) * facts.levels_of_light * kept
+    return replace(facts, grain=tuple(grain.tolist()), averaging=tuple(kept.tolist()))
 
 
 def metres(inverse_depth: float) -> str:

@@ -59,6 +59,7 @@ def look(
     facts = facts_of(
         view, camera, height=height, recipe=recipe, final=False, shorter=shorter, plain_glass=plain
     )
+    facts = in_photo(facts)
     grain = (small.render.samples / recipe.render.samples) ** 0.5
     facts = replace(facts, grain=tuple(value * grain for value in facts.grain))
     pace = _pace(small, base, cache)
@@ -78,7 +79,11 @@ def seen_in_thumbnails(
     recipe: SceneRecipe, base: Path, camera: Camera, **how: Any
 ) -> tuple[dict[int, tuple[float, ...]], tuple[float, ...]]:
     """What small renderings say of rendering: the error of each channel if paths end after so many bounces,
-    and if glass does not disperse (empty where none does). how: cache, device, progress of `render`."""
+    and if glass does not disperse (empty where none does). how: cache, device, progress of `render`.
+
+    Paths that glass sends elsewhere are other samples: most of that difference is noise, which is what as
+    many samples as the recipe's leave of it; a blur averages it yet (see `in_photo`).
+    """
     shorter: dict[int, tuple[float, ...]] = {}
     if recipe.source is not None:
         return shorter, ()
@@ -93,7 +98,15 @@ def seen_in_thumbnails(
     if not disperses(recipe):
         return shorter, ()
     without = simpler_recipe(small, Simulation(glass_dispersion=False))
-    return shorter, _difference(render(without, base, **how), whole, camera)
+    found = _difference(render(without, base, **how), whole, camera)
+    fewer = (small.render.samples / recipe.render.samples) ** 0.5
+    return shorter, tuple(error * fewer for error in found)
+
+
+def in_photo(facts: Facts) -> Facts:
+    """The facts with the noise of other glass as a photo shows it."""
+    pairs = zip(facts.plain_glass, facts.averaging, strict=False)
+    return replace(facts, plain_glass=tuple(error * kept for error, kept in pairs))
 
 
 def plan_scene(

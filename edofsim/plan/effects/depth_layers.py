@@ -8,9 +8,10 @@ from ..sample import FINEST_LAYERS
 
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33)
 FEW = 2
-COARSE = {"layers": 13, "colours": 3}
+COARSE = {"layers": 13, "colours": 2}
 """With one or two layers what errs is the size of the blur, which many wavelengths share: it is seen against
-few layers and in several wavelengths. With more it is the fine structure of each wavelength's PSF."""
+few layers and in several wavelengths, with occlusion, without which surfaces that meet at an edge would each
+err there alone. With more it is the fine structure of each wavelength's PSF."""
 
 
 def absent(facts: Facts) -> str:
@@ -33,7 +34,7 @@ def _label(count: int) -> str:
 def _sample(facts: Facts, count: int) -> dict[str, object]:
     if facts.full.occlusion == "normalised":  # whose layers lie at the nodes: nothing is interpolated
         return {"occlusion": "normalised"}
-    return COARSE if count <= FEW else {}
+    return {**COARSE, "occlusion": facts.full.occlusion} if count <= FEW else {}
 
 
 def why(facts: Facts) -> str:

@@ -28,6 +28,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True, "occlusion": "none"},
+    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True},
     stage="psf",
 )
