@@ -5,6 +5,10 @@ The paper (Akpinar et al., section "3D Scene") takes a picture with a depth a pi
 depth (Eq. `Forwardmodel`), and the sum is the photo (Eq. `SensorImage`): nothing hides anything. Ours has the
 linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges.
 The ways between change one thing at a time; all but ours know only the surfaces that are seen.
+
+Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
+scatter spreads over a thousand pixels, beyond any window of a PSF; so that light is taken off by its closed
+form (see `direct_light`), which is what is left of the PSFs of a mask that is made in full.
 """
 
 from __future__ import annotations
@@ -18,6 +22,8 @@ from torch import Tensor
 
 from ..expose import Photo, expose, ideal_image
 from ..expose.photograph import effects_of
+from ..expose.prepare import channel_weights
+from ..expose.sensor import automatic_exposure
 from ..expose.srgb import srgb_encode
 from ..learn.system import COLOURS
 from ..optics import Camera
@@ -30,6 +36,7 @@ from ..restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
 PAPER_DB = 30.76
 """The paper's PSNR of its one scene, an image of the TAU-Agent data set between 0.5 and 4.46 m."""
 DEPTH_STEP_M = 1e-3
+HEIGHT_ERROR_M = 30e-9
 LENS_ALONE = "lens_alone"
 FILTER_DEPTHS = 9
 
@@ -111,25 +118,48 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
     """
     camera = _of_three_lines(system.camera) if way.flat else system.camera
+    ideal = view.crop_margin(ideal_image(view, camera, 1.0))
+    wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
+    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
+    direct = direct_light(system.camera, view.wavelengths)
     photo = expose(
-        view,
+        replace(view, radiance=view.radiance * direct.to(view.radiance)[:, None]),
         camera,
         occlusion=way.occlusion or full_simulation(camera, view).occlusion,
-        exposure=1.0 if way.flat else None,
+        exposure=exposure,
         effects=effects_of(camera),
         seed=seed,
         height=system.height,
         device=device,
     )
+    photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
         depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
+        images["restored"], _ = restore(
+            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint
+        )
+        # a filter knows the mask as designed, and how bright the camera's pictures are
         taker = system.designed or system.camera
-        known = (photo.image, _of_three_lines(taker) if way.flat else taker, view.wavelengths, depths)
-        images["restored"], _ = restore(*known, checkpoint=system.checkpoint)
-        images["wiener"], _ = restore(*known, height=system.height)
+        taker = _of_three_lines(taker) if way.flat else taker
+        level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
+        images["wiener"], _ = restore(
+            photo.image / level, taker, view.wavelengths, depths, height=system.height
+        )
     return Taken(photo, images)
+
+
+def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
+    """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
+    [band], float64: exp(-s^2), s the standard deviation of the phase (Goodman, *Statistical Optics*, random
+    phase screens). 1 without a relief, and where the recipe says how the mask is made.
+    """
+    recipe = camera.recipe
+    if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
+        return torch.ones_like(wavelengths, dtype=torch.float64)
+    index = camera.mask_material.index(wavelengths.double())
+    return (-(2 * math.pi * (index - 1) * HEIGHT_ERROR_M / wavelengths).square()).exp()
 
 
 def flattened(view: View, camera: Camera, *, encoded: bool) -> View:

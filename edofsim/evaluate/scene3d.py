@@ -43,7 +43,7 @@ NETWORKS = ("paper-dcnn",)
 WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
-VERSION = 1
+VERSION = 2
 """Raised when the same scene and camera would give other scores, so that those in a folder are left."""
 
 
