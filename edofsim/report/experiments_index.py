@@ -57,7 +57,7 @@ def _card(path: Path, folder: Path) -> Link | None:
 
 
 def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
-    """The middle of the page's last picture, which is what came out; else of the plot that lies beside it."""
+    """The middle of the page's last picture, which is what came out; else all of the plot beside it."""
     found = _PICTURE.findall(text)
     beside = path.with_suffix(".png")
     if not found and not beside.is_file():
@@ -68,9 +68,10 @@ def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
             picture = image.convert("RGB")
     except (OSError, SyntaxError, ValueError):
         return None
-    side = min(picture.size)
-    left, top = (picture.width - side) // 2, (picture.height - side * 9 // 16) // 2
-    picture = picture.crop((left, top, left + side, top + side * 9 // 16))
+    if found:
+        side = min(picture.size)
+        left, top = (picture.width - side) // 2, (picture.height - side * 9 // 16) // 2
+        picture = picture.crop((left, top, left + side, top + side * 9 // 16))
     picture.thumbnail((THUMBNAIL_PX, THUMBNAIL_PX))
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
