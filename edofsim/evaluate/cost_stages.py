@@ -108,6 +108,7 @@ def restore_points(
     The networks take turns; the median of the repeats counts. folder: keeps what was measured.
     """
     own = network_of(camera)
+    default = own.path.resolve() if own else None
     kept = Kept(folder / "restoration.jsonl")
     rivals: list[tuple[str, Checkpoint | None, Checkpoint | None]] = [("Wiener", None, None)]
     for name in shipped_checkpoints():
@@ -116,9 +117,8 @@ def restore_points(
         except InputError:  # of another camera
             continue
         rivals.append((name, checkpoint, checkpoint))
-        if checkpoint.height is not None:
+        if checkpoint.height is not None and checkpoint.path.resolve() != default:
             rivals.append((f"Wiener, mask of {name}", checkpoint, None))
-    default = own.path.resolve() if own else None
     scores, photos = {}, {}
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
     for turn in range(repeats):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ..evaluate.cost import Row, pareto
 from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, Plot, new_figure
@@ -47,7 +48,7 @@ def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
         )  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
-        axes.xaxis.set_minor_formatter("{x:g}" if _narrow(rows) else NullFormatter())
+        few_ticks(axes.xaxis, [row.seconds for row in rows])
         axes.set_xlabel("seconds of a photo")
         axes.set_ylabel("PSNR against the full simulation (dB)")
         axes.legend(loc="best")
@@ -63,7 +64,10 @@ def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
     )
 
 
-def _narrow(rows: Sequence[Row]) -> bool:
-    """Whether so few decades of time are shown that their parts want numbers too."""
-    seconds = [row.seconds for row in rows]
-    return bool(seconds) and max(seconds) < 10 * min(seconds)
+def few_ticks(axis: Axis, values: Sequence[float]) -> None:
+    """Where so few decades are shown that their parts want numbers too: at 2, 3 and 5, which have room."""
+    if values and max(values) < 30 * min(values):
+        axis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
+        axis.set_minor_formatter("{x:g}")
+    else:
+        axis.set_minor_formatter(NullFormatter())

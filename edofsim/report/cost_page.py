@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from ..evaluate import cost, cost_stages
-from .cost_chart import cost_plot
+from .cost_chart import cost_plot, few_ticks
 from .page import Block, Column, Key, Keys, Page, Section, Table, Text, write_page
 from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, WIDE_IN, Plot, new_figure
 
@@ -45,13 +44,12 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
             )  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
-        seconds = [p.seconds for p in points]
-        axes.xaxis.set_minor_formatter("{x:g}" if max(seconds) < 10 * min(seconds) else NullFormatter())
+        few_ticks(axes.xaxis, [p.seconds for p in points])
         axes.margins(x=0.18, y=0.12)
         if rendering:
             axes.set_yscale("log")
             axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter("{x:g}")
+            few_ticks(axes.yaxis, [p.value for p in points])
         axes.set_xlabel("seconds of rendering" if rendering else "seconds of restoring")
         axes.set_ylabel("noise of a pixel (%)" if rendering else "PSNR against the ideal image (dB)")
         axes.legend(loc="best")
@@ -105,9 +103,9 @@ def _photo_table(rows: Sequence[cost.Row]) -> Table:
         Column("case"),
         Column("measured", "dB"),
         Column("predicted", "dB"),
-        Column("time", "s", 2),
-        Column("predicted", "s", 2),
-        *(Column(stage, "s", 2) for stage in cost.STAGES),
+        Column("time", "s", 3),
+        Column("predicted", "s", 3),
+        *(Column(stage, "s", 3) for stage in cost.STAGES),
     )
     names = {"without": "without ", "target": "for ", "chosen": "", "full": ""}
     cells = tuple(
@@ -133,4 +131,4 @@ def _stage_table(points: Sequence[cost_stages.Point]) -> Table:
     value = Column("noise", "%", 2) if rendering else Column("PSNR", "dB", 2, "largest")
     scale = 100.0 if rendering else 1.0
     rows = tuple((point.name, point.value * scale, point.seconds, point.chosen) for point in points)
-    return Table((Column("with"), value, Column("time", "s", 2), Column("by default")), rows)
+    return Table((Column("with"), value, Column("time", "s", 3), Column("by default")), rows)
