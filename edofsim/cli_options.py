@@ -71,6 +71,17 @@ OcclusionOption = Annotated[
     str | None,
     typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
 ]
+PupilPartsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--pupil-parts",
+        metavar="N",
+        min=1,
+        max=16,
+        help="Composite hidden surfaces through N x N parts of the pupil, one by one: truer where both sides "
+        "of an edge are blurred; default 1.",
+    ),
+]
 NetworkOption = Annotated[
     str | None,
     typer.Option(

@@ -64,7 +64,7 @@ def evaluate_occlusion(
     for scene in chosen:
         load_scene(scene)  # a wrong name is refused before any time is spent
     numbers = occlusion.run(folder, chosen, cache=cache, device=device, progress=progress)
-    table = Table("scene", "mask", "focus", *(f"{way} / dB" for way in occlusion.OCCLUSIONS), box=None)
+    table = Table("scene", "mask", "focus", *(f"{way} / dB" for way in occlusion.WAYS), box=None)
     for row in occlusion.table(numbers):
         table.add_row(*(f"{cell:.2f}" if isinstance(cell, float) else cell for cell in row))
     names = [*(f"occlusion-{scene}.png" for scene in chosen), "occlusion.csv"]

@@ -6,17 +6,21 @@ so that the reference takes minutes. Both sides see the same view: what is compa
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
-band along the edge. The other ways know the visible surfaces alone.
+band along the edge, and goes where the pupil is taken in parts. The other ways know the visible surfaces
+alone.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import InputError
@@ -34,6 +38,7 @@ from ..recipe.masks import ClearMask, CubicMask
 from ..reference import Take, clipped_pupils
 from ..reference.pinhole import Crop
 from ..render.view import View
+from ..scene.model import SceneModel
 from .bench_expose import smooth_relief
 from .drawing import new_figure, save, without_grid, write_csv
 from .scores import psnr
@@ -51,6 +56,9 @@ GAPS = (0.25, 1.3)
 """Depth edges of so many dioptres count: blurs are then no wider than the window."""
 GREEN = 1
 """Index of the band that is used."""
+PARTS = 4
+"""Along each axis of the pupil."""
+WAYS = (*OCCLUSIONS, "parts")
 TOLERANCE_DB = 60.0
 """Of the depth nodes of the compositors: their step is then no part of what is measured."""
 
@@ -72,9 +80,10 @@ def run(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> dict[str, float]:
-    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden}, and {near,far}_dpt.{scene}.
+    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,parts}, {near,far}_dpt.{scene}.
 
-    Writes occlusion.csv and a picture a scene. Finished scenes are kept in the folder, and gone on from.
+    `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes occlusion.csv and a picture a
+    scene. References and finished scenes are kept in the folder, and gone on from.
     """
     say = progress or (lambda fraction, text: None)
     figures: dict[str, float] = {}
@@ -85,20 +94,20 @@ def run(
 
         kept = folder / f"occlusion-{scene}.json"
         if not kept.is_file():
-            found = of_scene(scene, folder / f"occlusion-{scene}.png", cache, device, tell)
+            found = of_scene(scene, folder, cache, device, tell)
             kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
         figures |= json.loads(kept.read_text(encoding="utf-8"))
-    write_csv(folder / "occlusion.csv", ("scene", "mask", "focus", *OCCLUSIONS), table(figures))
+    write_csv(folder / "occlusion.csv", ("scene", "mask", "focus", *WAYS), table(figures))
     return figures
 
 
 def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
     """Rows (scene, mask, focus, PSNR of each way to composite) of the figures."""
     cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
-    return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in OCCLUSIONS)) for case in cases]
+    return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in WAYS)) for case in cases]
 
 
-def of_scene(scene: str, picture: Path, cache: Path | None, device: str, say: Progress) -> dict[str, float]:
+def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Progress) -> dict[str, float]:
     """Figures of one scene, and its picture."""
     from ..render import render
     from ..scene import build_scene
@@ -114,14 +123,14 @@ def of_scene(scene: str, picture: Path, cache: Path | None, device: str, say: Pr
         for mask in MASKS
         for focus, distance in focus_distances(edge).items()
     }
-    truths = clipped_pupils(
+    truths = references(
+        folder / f"occlusion-{scene}.safetensors",
         view,
         model,
-        list(takes.values()),
+        takes,
         edge.where,
-        window_px=WINDOW,
-        device=device,
-        progress=lambda f, t: say(0.2 + 0.7 * f, t),
+        device,
+        lambda f, t: say(0.2 + 0.7 * f, t),
     )
     say(0.9, "compositing")
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
@@ -131,8 +140,32 @@ def of_scene(scene: str, picture: Path, cache: Path | None, device: str, say: Pr
         for way, photo in photos.items():
             figures[f"psnr_db.{scene}.{mask}.{focus}.{way}"] = psnr(photo, truth * factor)
         shown[mask, focus] = {"reference": truth * factor, **photos}
-    draw(shown, picture)
+    draw(shown, folder / f"occlusion-{scene}.png")
     return figures
+
+
+def references(
+    kept: Path,
+    view: View,
+    model: SceneModel,
+    takes: dict[tuple[str, str], Take],
+    where: Crop,
+    device: str,
+    progress: Progress,
+) -> list[Tensor]:
+    """The reference photo of each take, from the file if it holds those of this very view and crop."""
+    light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
+    said = json.dumps({"view": light, "where": vars(where), "takes": [".".join(take) for take in takes]})
+    if kept.is_file():
+        with safe_open(kept, "pt") as file:
+            if (file.metadata() or {}).get("of") == said:
+                return [file.get_tensor(".".join(take)) for take in takes]
+    truths = clipped_pupils(
+        view, model, list(takes.values()), where, window_px=WINDOW, device=device, progress=progress
+    )
+    photos = {".".join(take): truth.contiguous() for take, truth in zip(takes, truths, strict=True)}
+    save_file(photos, kept, {"of": said})
+    return truths
 
 
 def three_bands(loaded: Loaded[SceneRecipe]) -> SceneRecipe:
@@ -205,18 +238,19 @@ def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor],
             height=taken.height,
             method="layered",
             tolerance_db=TOLERANCE_DB,
-            occlusion=way,
+            occlusion="hidden" if way == "parts" else way,
+            pupil_parts=PARTS if way == "parts" else 1,
             exposure=factor,
             effects=SensorEffects(),
         ).clean
-        for way in OCCLUSIONS
+        for way in WAYS
     }
     return photos, factor
 
 
 def draw(shown: dict[tuple[str, str], dict[str, Tensor]], path: Path) -> Path:
     """For each mask and focus the reference, and for each way the photo with its error below, times ten."""
-    figure, grid = new_figure(2 * len(shown), 1 + len(OCCLUSIONS), width=1.3, height=1.3)
+    figure, grid = new_figure(2 * len(shown), 1 + len(WAYS), width=1.3, height=1.3)
     for number, ((mask, focus), images) in enumerate(shown.items()):
         truth = images["reference"]
         for column, (name, image) in enumerate(images.items()):

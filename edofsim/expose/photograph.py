@@ -109,7 +109,15 @@ def expose(
     parts = None
     if pupil_parts != 1 and occlusion == "hidden":
         parts = partial(
-            kernels_of_parts, camera, views[0].wavelengths, kernels, pupil_parts, height, dtype, device
+            kernels_of_parts,
+            camera,
+            views[0].wavelengths,
+            nodes,
+            window,
+            pupil_parts,
+            height=height,
+            dtype=dtype,
+            device=device,
         )
     gap = 1 / blur_per_dioptre(camera)
     blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts)

@@ -84,14 +84,16 @@ def kernels_of(
 def kernels_of_parts(
     camera: Camera,
     wavelengths: Tensor,
-    kernels: Kernels,
+    nodes: Tensor,
+    window: int,
     across: int,
+    *,
     height: Tensor | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Kernels]:
-    """`kernels` shared out among `across` x `across` parts of the pupil. Nothing of them is cached."""
-    nodes, window = kernels.nodes, kernels.window
+    """`kernels_of` shared out among `across` x `across` parts of the pupil, each held in memory for its turn
+    and nowhere else."""
     for values in psf_parts(
         camera, wavelengths, nodes, across, window_px=window, height=height, dtype=dtype, device=device
     ):

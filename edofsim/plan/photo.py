@@ -210,9 +210,9 @@ def plan_photo(
 ) -> Plan:
     """Decide on the effects of a photo.
 
-    overrule: what the user insists on: `layers`, `occlusion`, `method`, `without` and `with_` (names of
-    effects); None values are left to the plan. target: None for the default. height: height map of the mask
-    in place of the recipe's. Raises InputError for an effect that is not known.
+    overrule: what the user insists on: `layers`, `occlusion`, `pupil_parts`, `method`, `without` and `with_`
+    (names of effects); None values are left to the plan. target: None for the default. height: height map of
+    the mask in place of the recipe's. Raises InputError for an effect that is not known.
     """
     insisted = {name: value for name, value in (overrule or {}).items() if value is not None}
     more = _levels_of(insisted)
@@ -226,9 +226,14 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     if "layers" in insisted:
         count = insisted["layers"]
         more["depth layers"] = Level(f"{count} layer{'s'[: count > 1]}", {"layers": count})
-    if "occlusion" in insisted:
-        _known(insisted["occlusion"], OCCLUSIONS, "occlusion")
-        more["occlusion"] = Level(insisted["occlusion"], {"occlusion": insisted["occlusion"]})
+    parts = insisted.get("pupil_parts", 1)
+    if "occlusion" in insisted or parts != 1:
+        way = insisted.get("occlusion", "hidden")
+        _known(way, OCCLUSIONS, "occlusion")
+        if parts != 1 and way != "hidden":
+            raise InputError(f"the pupil is taken in parts for the occlusion `hidden` alone, not for {way!r}")
+        said = way if parts == 1 else f"{way}, {parts} x {parts} parts of the pupil"
+        more["occlusion"] = Level(said, {"occlusion": way, "pupil_parts": parts})
     if "method" in insisted:
         _known(insisted["method"], METHODS, "method")
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})

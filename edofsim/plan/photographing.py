@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,11 +15,12 @@ from ..expose import Photo
 from ..expose.blurring import Blurring
 from ..expose.checks import check_pixel_angle, check_view, check_window
 from ..expose.crop import crop, with_margin
+from ..expose.kernels import Kernels
 from ..expose.light import seen
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
 from ..expose.photograph import light_lost
-from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of
+from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, kernels_of_parts
 from ..expose.sensor import automatic_exposure, record
 from ..optics import Camera, defocus
 from ..render.view import View
@@ -78,12 +79,19 @@ def photograph(
     if simulation.groups:
         kernels = gathered_kernels(kernels, gathering)
     watch.lap("psf", 0.4)
+
+    def parts() -> Iterator[Kernels]:
+        bands, across = gathering.wavelengths, simulation.pupil_parts
+        for part in kernels_of_parts(simpler, bands, nodes, window, across, height=height, device=device):
+            yield gathered_kernels(part, gathering) if simulation.groups else part
+
     blurring = Blurring(
         kernels,
         response,
         METHODS[simulation.method],
         simulation.tolerance_db,
         gap=1 / blur_per_dioptre(camera),
+        parts=parts if simulation.pupil_parts > 1 else None,
     )
     photo = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
     watch.lap("blur", 0.9)
@@ -93,6 +101,7 @@ def photograph(
         "method": simulation.method,
         "layers": int(nodes.numel()),
         "occlusion": simulation.occlusion,
+        "pupil_parts": simulation.pupil_parts,
         "bands": gathering.groups,
         "window_px": window,
         "tolerance_db": simulation.tolerance_db,

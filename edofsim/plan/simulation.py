@@ -30,7 +30,7 @@ class Simulation:
     groups: the light of each channel is gathered in so many groups of bands, 0: every band on its own;
     colours: wavelengths at which a group's PSF is computed, 0: all of its bands;
     layers: depth nodes, None: as many as `FULL_DB` asks for;
-    occlusion: one of `expose`'s ways; method: likewise; tolerance_db: of `low_rank`;
+    occlusion: one of `expose`'s ways; pupil_parts, method: likewise; tolerance_db: of `low_rank`;
     window: side of the PSFs in pixels, None: the recipe's; oversampling: samples along a pixel's side;
     pupil_um: sampling of the pupil, None: the recipe's, which may be automatic;
     exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation,
@@ -42,6 +42,7 @@ class Simulation:
     colours: int = 0
     layers: int | None = None
     occlusion: str = "hidden"
+    pupil_parts: int = 1
     method: str = "layered"
     tolerance_db: float = FULL_DB
     window: int | None = None

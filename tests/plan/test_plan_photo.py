@@ -322,3 +322,16 @@ def test_the_plan_takes_fewer_calls_than_the_full_simulation(monkeypatch: pytest
     full = counted(monkeypatch, view, known.plan(parse_target("full", None)))
     assert planned["psfs"] < full["psfs"] and planned["convolutions"] < full["convolutions"]
     assert full["coverages"] > 0
+
+
+def test_parts_of_the_pupil_are_taken_on_request():
+    """Through parts the photo changes where both sides of an edge are blurred; its light stays nearly all."""
+    view = scene(STEP, hidden=True)
+    plan = plan_photo(view, CAMERA, {"pupil_parts": 2})
+    four = photograph(view, CAMERA, plan.simulation)
+    one = photograph(view, CAMERA, replace(plan.simulation, pupil_parts=1))
+    assert plan.simulation.occlusion == "hidden" and four.how["pupil_parts"] == 2
+    assert not torch.equal(one.clean, four.clean)
+    assert (one.clean - four.clean).abs().mean() < 0.05 * one.clean.mean()
+    with pytest.raises(InputError, match="hidden"):
+        plan_photo(view, CAMERA, {"occlusion": "over", "pupil_parts": 2})
