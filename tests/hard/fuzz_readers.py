@@ -172,6 +172,32 @@ def mesh(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], obj
     return make
 
 
+def foreign(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+    """A Mitsuba scene; what it cannot carry is told in one message too."""
+    from edofsim.recipe.sources import MitsubaSource
+    from edofsim.scene.foreign import NotCarried, read_scene
+
+    scene = b"""<scene version="3.0.0">
+    <default name="grey" value="0.25"/>
+    <bsdf type="plastic" id="paint"><rgb name="diffuse_reflectance" value="0.2, 0.4, $grey"/></bsdf>
+    <shape type="rectangle"><ref id="paint"/>
+        <transform name="to_world"><scale value="2"/><translate z="3"/></transform></shape>
+    <shape type="sphere"><point name="center" x="0" y="0" z="2"/><float name="radius" value="0.5"/>
+        <emitter type="area"><spectrum name="radiance" value="400:1, 500:2, 700:6"/></emitter></shape>
+    <emitter type="constant"><float name="radiance" value="1.5"/></emitter>
+    <sensor type="perspective"><float name="fov" value="40"/></sensor>
+</scene>"""
+
+    def read(path: Path) -> object:
+        source = MitsubaSource(kind="mitsuba", path=path.name)
+        try:
+            return read_scene(source, path.parent, np.linspace(450e-9, 650e-9, 3), "scene")
+        except NotCarried as error:
+            raise InputError(error.problems) from error
+
+    return scene, "scene.xml", read
+
+
 READERS = {
     "recipe": recipe,
     "training": training,
@@ -180,6 +206,7 @@ READERS = {
     "picture": picture,
     "checkpoint": checkpoint,
     "response": response,
+    "foreign": foreign,
     **{f"depth{suffix}": depth(suffix) for suffix in (".npy", ".npz", ".mat", ".pfm")},
     **{f"mesh{suffix}": mesh(suffix) for suffix in (".obj", ".ply", ".stl", ".glb")},
 }

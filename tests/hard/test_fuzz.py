@@ -19,6 +19,7 @@ READERS = [
     "picture",
     "checkpoint",
     "response",
+    "foreign",
     "depth.npy",
     "depth.npz",
     "depth.mat",

@@ -83,6 +83,25 @@ def test_banks_on_disk_outlive_the_memory_and_damage_is_computed_again(tmp_path)
     assert torch.equal(psf_bank(camera(), [GREEN], [0.5, 1.0], cache=tmp_path).values, first.values)
 
 
+def test_a_folder_that_cannot_be_written_is_done_without(tmp_path, caplog):
+    (tmp_path / "file").touch()
+    first = psf_bank(camera(), [GREEN], [0.5], cache=tmp_path / "file")
+    assert "not kept" in caplog.text and [path.name for path in tmp_path.iterdir()] == ["file"]
+    store.forget()
+    assert torch.equal(psf_bank(camera(), [GREEN], [0.5]).values, first.values)
+
+
+def test_mixed_precision_around_it_changes_no_bit():
+    """Nor what is remembered for those who ask without it; trained reliefs neither."""
+    height = torch.zeros(40, 40, requires_grad=True)
+    with torch.autocast("cpu", torch.bfloat16):
+        mixed = psf_bank(camera(), [GREEN], [0.5]).values
+        trained = psf_bank(camera(), [GREEN], [0.5], height=height).values
+    store.forget()
+    assert torch.equal(psf_bank(camera(), [GREEN], [0.5]).values, mixed)
+    assert torch.equal(psf_bank(camera(), [GREEN], [0.5], height=height).values, trained)
+
+
 def test_memory_has_a_limit(monkeypatch):
     monkeypatch.setattr(store, "MEMORY_BYTES", 3000)  # two banks of 16 x 16 float32, not three
     banks = [psf_bank(camera(), [GREEN], [depth]) for depth in (0.1, 0.2, 0.3)]

@@ -19,7 +19,7 @@ from ...recipe.masks import ClearMask
 from ...render.exr import read_view, write_view
 from ...render.view import View
 from .case import Case, Finding, timed
-from .photos import LAYERED, METHODS, SINGLE, HardView, distance, photo_cases, true_photo
+from .photos import LAYERED, METHODS, HardView, distance, photo_cases, true_photo
 from .views import (
     MASKS,
     MIDDLE,
@@ -34,14 +34,10 @@ from .views import (
     uniform,
 )
 
-LAMP_SINGLE = 3e-4
-"""Factored PSFs are factored anew in each precision, to a tolerance for whole images; a lamp alone shows the
-difference of a single one."""
 
-
-def _scaled(change: Callable[[Tensor], Tensor], single: float = SINGLE) -> HardView:
+def _scaled(change: Callable[[Tensor], Tensor]) -> HardView:
     view = flat(half(0.4, 1.2))
-    return HardView(replace(view, radiance=change(view.radiance)), single=single)
+    return HardView(replace(view, radiance=change(view.radiance)))
 
 
 def _band_off(radiance: Tensor) -> Tensor:
@@ -92,13 +88,13 @@ RADIANCE = (
         "one pixel of 1e6",
         "a lamp seen directly",
         "its light leaks through a transform",
-        lambda: _scaled(_one_bright(1e6), LAMP_SINGLE),
+        lambda: _scaled(_one_bright(1e6)),
     ),
     (
         "one pixel of 1e12",
         "the sun in one pixel",
         "its light leaks through a transform",
-        lambda: _scaled(_one_bright(1e12), LAMP_SINGLE),
+        lambda: _scaled(_one_bright(1e12)),
     ),
     (
         "faint light",
@@ -209,7 +205,7 @@ def _denormals() -> Iterator[Finding]:
         truth = true_photo(view, camera, height)
         for method in METHODS:
             measure = partial(lost, method, camera, height, truth)
-            yield timed(f"{method}, {name}, float32", 1.0, measure)
+            yield timed(f"{method}, {name}, float32, of the least normal number", 1.0, measure)
 
 
 def _automatic() -> Iterator[Finding]:
@@ -233,7 +229,7 @@ def _automatic() -> Iterator[Finding]:
             found = float(values[round(0.995 * (len(values) - 1))])
             return math.nan if not finite else 0.0 if white is None else abs(found - white)
 
-        yield timed(f"{way}, float32", 1e-4, off)
+        yield timed(f"{way}, white level", 1e-4, off)
 
 
 def _negative_lobes() -> Iterator[Finding]:

@@ -45,12 +45,11 @@ STEP = 1e-10
 
 @dataclass(frozen=True)
 class HardView:
-    """view: through `camera_with(mask)`; layered, single: bounds in place of LAYERED and SINGLE; options: of
+    """view: through `camera_with(mask)`; layered: a bound in place of LAYERED; options: of
     `expose`; methods: those that apply."""
 
     view: View
     layered: float = LAYERED
-    single: float = SINGLE
     options: Mapping[str, Any] = field(default_factory=dict)
     methods: tuple[str, ...] = METHODS
 
@@ -131,8 +130,8 @@ def _method(
         return distance((radiance.grad * radiance.detach()).sum()[None], (found[0] * pattern).sum()[None])
 
     yield timed(f"{way}, float64", bound, double)
-    yield timed(f"{way}, float32", hard.single, single)
-    yield timed(f"{way}, mixed", hard.single, mixed)
+    yield timed(f"{way}, float32", SINGLE, single)
+    yield timed(f"{way}, mixed", SINGLE, mixed)
     yield timed(f"{way}, gradient, float64", SLOPE, adjoint)
 
 
@@ -154,7 +153,7 @@ def _occlusion(
     yield timed(f"{way}, light, float64", 1e-3, double)
     yield timed(
         f"{way}, float32",
-        hard.single,
+        SINGLE,
         lambda: distance(_photo(hard, camera, height, torch.float32, occlusion=occlusion), found[0]),
     )
 

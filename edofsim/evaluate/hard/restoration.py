@@ -242,7 +242,7 @@ CASES: tuple[Case, ...] = (
         "a photo of 1e3",
         "overflow in half precision",
         "in [0, 1]",
-        _networks(lambda: torch.full((3, 16, 16), 1.0, dtype=torch.float64) * 2),
+        _networks(lambda: 1e3 * _ones(3, 16, 16)),
     ),
     Case(
         "dark photo",
