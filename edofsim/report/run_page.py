@@ -179,7 +179,7 @@ def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool
         caption = (
             f"Pixels {crop.x} to {crop.x + crop.size - 1} across, {crop.y} to {crop.y + crop.size - 1} down."
         )
-        galleries.append(Gallery(tuple(pictures), caption, columns=4, pixels=True, title=title))
+        galleries.append(Gallery(tuple(pictures), caption, len(pictures), pixels=True, title=title))
     what = "The most textured square"
     if not chosen:
         what = "Parts of the objects"
