@@ -219,7 +219,7 @@ def _ways_table(every: Sequence[Measured], network: str) -> Table:
         restored, photo, filtered = (
             _mean(every, way.name, network, image) for image in ("restored", "photo", "wiener")
         )
-        largest = DASH if far is None else f"{_signed(off[far])}\n{far}"
+        largest = DASH if far is None or off[far] == 0 else f"{_signed(off[far])}\n{far}"
         rows.append(
             (
                 way.title,
