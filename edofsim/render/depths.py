@@ -60,6 +60,12 @@ def survey(tiles: Iterator[tuple[np.ndarray, np.ndarray]], gap: float, surfaces:
     return DepthSurvey(*(np.concatenate(parts) for parts in (pixels, bounds, tops, farthest)))
 
 
+def unparted(pixels: np.ndarray) -> DepthSurvey:
+    """Pixels that are taken to see one surface each, at depths that nobody asked for: all NOWHERE."""
+    nothing = np.full((len(pixels), 1), NOWHERE, np.float32)
+    return DepthSurvey(pixels, nothing[:, :0], nothing, nothing[:, 0])
+
+
 def split(inverse_depth: np.ndarray, gap: float, surfaces: int) -> tuple[np.ndarray, np.ndarray]:
     """Boundaries between surfaces, and the inverse depth of the nearest sample behind each: float32
     [pixel, surfaces - 1] each, falling, NOWHERE if unused.

@@ -184,16 +184,34 @@ def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:
     """Radiance of a light towards -direction, [band, lane]."""
     row = dr.gather(mi.UInt32, stage.light_of, dr.reinterpret_array(mi.UInt32, emitter), active)
     fields = dr.gather(mi.ArrayXu, stage.lights, row, active, shape=(FIELDS, dr.width(row)))
-    if not stage.has_sky_image:
+    coefficients = [mi.Float(1.0)]
+    if stage.has_sky_image:
+        sky = active & (fields[WIDTH] > 0)
+        uv = mi.Point2f(
+            0.5 + dr.atan2(direction.x, direction.z) * dr.inv_two_pi,
+            1 - dr.safe_acos(direction.y) * dr.inv_pi,
+        )
+        texel = texel_at(stage, fields, uv, mi.Bool(True), mi.Bool(False), sky)
+        coefficients = [dr.select(sky, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
+    if stage.few_lights is not None:
+        radiance = mixed_constants(stage, fields[BASIS], coefficients, active)
+    elif stage.has_sky_image:
+        radiance = mixed(stage, fields[BASIS], coefficients, active)
+    else:
         return spectrum(stage, fields[BASIS], active)
-    sky = active & (fields[WIDTH] > 0)
-    uv = mi.Point2f(
-        0.5 + dr.atan2(direction.x, direction.z) * dr.inv_two_pi, 1 - dr.safe_acos(direction.y) * dr.inv_pi
-    )
-    texel = texel_at(stage, fields, uv, mi.Bool(True), mi.Bool(False), sky)
-    coefficients = [dr.select(sky, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
     # A picture may reach below 0 in some band where its coefficients come from colours
-    return dr.maximum(mixed(stage, fields[BASIS], coefficients, active), 0.0)
+    return dr.maximum(radiance, 0.0) if stage.has_sky_image else radiance
+
+
+def mixed_constants(stage: Stage, row: Any, coefficients: list[Any], active: Any) -> Any:
+    """As `mixed`, of the spectra that are constants of the kernel; the same bits."""
+    total = [mi.Float(0.0)] * stage.bands
+    for base, rows in stage.few_lights:
+        here = active & (row == base)
+        for values, coefficient in zip(rows, coefficients, strict=False):
+            share = dr.select(here, coefficient, 0.0)
+            total = [dr.fma(value, share, before) for value, before in zip(values, total, strict=True)]
+    return mi.ArrayXf(total)
 
 
 def texel_at(stage: Stage, fields: Any, uv: Any, wrap_u: Any, wrap_v: Any, active: Any) -> Any:

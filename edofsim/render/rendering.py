@@ -13,7 +13,7 @@ import torch
 
 from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
-from .depths import NOWHERE, DepthSurvey, survey
+from .depths import NOWHERE, DepthSurvey, survey, unparted
 from .engine import thread_count, use_engine
 from .interrupts import interruptible
 from .partial import load_partial, save_partial
@@ -140,6 +140,9 @@ def survey_layers(
         tiles = depth_tiles(stage, settings, pixels, limits, lambda part: progress(part, "measuring depth"))
         return survey(tiles, settings.gap, settings.fragments)
 
+    if not settings.hidden and settings.fragments == 1:
+        # Every pixel has one fragment of all its samples, whatever their depths
+        return [unparted(everything)], limits, "not rendered: the recipe says so"
     surveys = [look(everything)]
     if not settings.hidden:
         return surveys, limits, "not rendered: the recipe says so"

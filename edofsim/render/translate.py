@@ -29,6 +29,11 @@ whether its texture coordinates leave the unit square, whether its mesh encloses
 its refractive index if that changes with wavelength (else 0)."""
 
 
+FEW_LIGHT_ROWS = 8
+"""So many rows of light spectra are constants of the kernel, which is faster than to look them up: a lookup
+loads a packet of bands for every ray, a constant is loaded once for all. Surfaces have too many for it."""
+
+
 @dataclass(frozen=True)
 class Stage:
     """A scene ready to be traced. Buffers are Dr.Jit arrays of the engine that is active.
@@ -36,7 +41,8 @@ class Stage:
     spectra: Float, [row * stride + band], ROWS rows a basis; texels: Float, 4 a texel; objects: UInt32,
     FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; lights: as
     `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up;
-    disperses: whether any index changes with wavelength.
+    disperses: whether any index changes with wavelength; few_lights: (row of a basis, its rows of Floats
+    [row][band]) for each basis of the lights if these are few, else None.
     """
 
     scene: Any
@@ -52,6 +58,7 @@ class Stage:
     has_textures: bool
     disperses: bool
     has_sky_image: bool
+    few_lights: tuple[tuple[Any, list[list[Any]]], ...] | None
 
     def in_world(self, ray: Any) -> Any:
         """A ray of camera space in the scene's world: they are the same."""
@@ -167,9 +174,30 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
         disperses=bool(model.dispersive),
         has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
         has_sky_image=sky_image,
+        few_lights=_few_lights(mi, lights, np.concatenate(tables.spectra), bands),
     )
     dr.eval(stage.spectra, stage.texels, stage.objects, stage.object_of, stage.lights, stage.light_of)
     return stage
+
+
+def _few_lights(
+    mi: Any, lights: list[np.ndarray], spectra: np.ndarray, bands: int
+) -> tuple[tuple[Any, list[list[Any]]], ...] | None:
+    """The lights' bases as constants, or None if these are too many. spectra: float32 [row, stride]."""
+    import drjit as dr
+
+    bases = sorted({int(fields[BASIS]) for fields in lights})
+    # Rows behind a basis' last one are zero: they add nothing
+    used = {base: [j for j in range(ROWS) if j == 0 or spectra[base + j].any()] for base in bases}
+    if sum(map(len, used.values())) > FEW_LIGHT_ROWS:
+        return None
+
+    def constants(row: np.ndarray) -> list[Any]:
+        return [dr.opaque(mi.Float, float(value)) for value in row[:bands]]
+
+    return tuple(
+        (dr.opaque(mi.UInt32, base), [constants(spectra[base + j]) for j in used[base]]) for base in bases
+    )
 
 
 def _check(model: SceneModel) -> None:

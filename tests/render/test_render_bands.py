@@ -8,6 +8,7 @@ from dataclasses import replace
 import colour
 import numpy as np
 import pytest
+import torch
 from scipy import stats
 
 from edofsim.errors import InputError
@@ -273,3 +274,23 @@ def test_packed_scene_shows_the_band_it_is_asked_for(mi, make):
         seen = scene.image(256, 1).mean(axis=(1, 2)) / rho[bands]
         assert seen == pytest.approx(1, rel=0.02)
         assert np.ptp(seen) < 1e-5
+
+
+@pytest.mark.parametrize("sky", ["none", "flat", "picture"])
+def test_light_spectra_that_are_constants_of_the_kernel_change_no_bit(mi, make, monkeypatch, sky):
+    """Few spectra of lights are constants, many are looked up in the table: the same numbers."""
+    rng = np.random.default_rng(3)
+    picture = make.texture(rng.uniform(0, 1, (2, 31)), rng.uniform(0, 1, (4, 8, 2)))
+    ball = make.thing("ball", make.sphere(0.02, (0, 0, 1), rings=12), make.matt(0.7))
+    lamps = [
+        make.thing(f"lamp{n}", make.quad([(x, -9, 2), (x, 9, 2), (x + 6, 9, 2), (x + 6, -9, 2)]),
+                   make.matt(0.0), rng.uniform(1, 9, 31))
+        for n, x in enumerate((-7, 1))
+    ]  # fmt: skip
+    scene = make.model([ball, *lamps], sky={"none": None, "flat": 0.5, "picture": picture}[sky])
+    settings = make.settings(samples=16, angle=0.006)
+    few = render_model(scene, settings)
+    monkeypatch.setattr("edofsim.render.translate.FEW_LIGHT_ROWS", 0)
+    many = render_model(scene, settings)
+    assert few.radiance.abs().sum() > 0
+    assert torch.equal(few.radiance, many.radiance)

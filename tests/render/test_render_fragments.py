@@ -224,3 +224,20 @@ def test_photo_from_fragments_is_the_thin_lens_photo(mi, make, focus):
     print(f"focus at {focus} m: {whole:.1f} dB with hidden fragments, {without:.1f} dB without")
     assert whole >= 40
     assert without < whole - 5
+
+
+def test_no_survey_of_depths_where_pixels_are_not_parted(mi, make, monkeypatch):
+    """One fragment a pixel and nothing hidden: the same radiance as with more fragments, and no depth is
+    measured before."""
+    ball = make.thing("ball", make.sphere(0.03, (0, 0, 1), rings=16), make.matt(0.5))
+    wall = make.thing("wall", make.facing(4, 4, 3.0), make.matt(0.9))
+    scene = make.model([ball, wall], sky=1.0)
+    parted = render_model(scene, make.settings(samples=16, hidden=False, fragments=3))
+
+    def refuse(*arguments):
+        raise AssertionError("depths were measured")
+
+    monkeypatch.setattr("edofsim.render.tracing.depth_tiles", refuse)
+    whole = render_model(scene, make.settings(samples=16, hidden=False, fragments=1))
+    assert len(parted.pixel) > len(whole.pixel) == 16 * 12
+    np.testing.assert_allclose(whole.all_in_focus().numpy(), parted.all_in_focus().numpy(), rtol=1e-5)
