@@ -39,7 +39,9 @@ def _sample(facts: Facts, count: int) -> dict[str, object]:
 
 def why(facts: Facts) -> str:
     far, near = facts.sample.ends
-    return f"depths from {metres(near)} to {metres(far)} change the blur by {facts.blur_spread:.1f} pixels"
+    spread = f"depths from {metres(near)} to {metres(far)} change the blur by {facts.blur_spread:.1f} pixels"
+    filled = facts.view.metadata.get("holes filled")
+    return f"{spread}; holes of the depth map were filled: {filled}" if filled else spread
 
 
 EFFECT = Effect(

@@ -10,7 +10,7 @@ def absent(facts: Facts) -> str:
     if not facts.edges:
         return "there are no depth edges: nothing is hidden"
     if not facts.hidden:
-        return f"what edges hide is not known: {facts.view.metadata.get('hidden', 'the view holds none')}"
+        return f"what edges hide is not known ({facts.view.metadata.get('hidden', 'the view holds none')})"
     return ""
 
 
