@@ -160,6 +160,6 @@ def test_the_plan_of_a_picture_names_what_it_lacks(cache: Path):
     """The motorcycle's depth map has holes, and no picture holds the light from behind its edges."""
     loaded = small("motorcycle")
     plan = plan_photo(render(loaded.recipe, loaded.base, cache=cache), CAMERA)
-    why = {row.effect: row.why for row in plan.rows}
+    why = {decision.effect: decision.why for decision in plan.decisions}
     assert "holes of the depth map were filled" in why["depth layers"]
     assert "no light from behind its edges" in why["hidden surfaces"]
