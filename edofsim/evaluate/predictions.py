@@ -22,7 +22,6 @@ from ..optics.threads import one_thread
 from ..plan import (
     Simulation,
     decibels,
-    in_photo,
     overall,
     photograph,
     planner_of,
@@ -135,9 +134,8 @@ def _rendering(
     keeps what was measured; how: cache and device of `render`.
     """
     changes = {}
-    shorter, plain = seen_in_thumbnails(recipe, base, camera, **how)
     planner = planner_of(view, camera, height=height)
-    plain = in_photo(replace(planner.facts, plain_glass=plain)).plain_glass
+    shorter, plain = seen_in_thumbnails(replace(planner.facts, recipe=recipe), base, **how)
     if 2 in shorter:
         changes["interreflection"] = (Simulation(bounces=2), shorter[2])
     if plain:

@@ -4,7 +4,7 @@ from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
 from .photo import Planner, plan_photo, planner_of
 from .photographing import photograph
-from .scene import Looked, in_photo, look, plan_scene, seen_in_thumbnails
+from .scene import Looked, look, plan_scene, seen_in_thumbnails
 from .simulation import Simulation, full_simulation, simpler_recipe
 from .target import Target, parse_target
 from .thumbnail import thumbnail
@@ -21,7 +21,6 @@ __all__ = [
     "Target",
     "decibels",
     "full_simulation",
-    "in_photo",
     "look",
     "overall",
     "parse_target",

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
+from ..expose.photograph import all_in_focus
+from ..expose.prepare import channel_weights
+from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
@@ -53,13 +59,11 @@ def look(
     if view is not None:
         return Looked(facts_of(view, camera, height=height, recipe=recipe), lambda s: 0.0, 0.0, recipe)
     how = {"cache": cache, "device": device, "progress": progress}
-    shorter, plain = seen_in_thumbnails(recipe, base, camera, **how)
     small = sketch(recipe)
     view = render(small, base, **how)
-    facts = facts_of(
-        view, camera, height=height, recipe=recipe, final=False, shorter=shorter, plain_glass=plain
-    )
-    facts = in_photo(facts)
+    facts = facts_of(view, camera, height=height, recipe=recipe, final=False)
+    shorter, plain = seen_in_thumbnails(facts, base, **how)
+    facts = replace(facts, shorter=shorter, plain_glass=plain)
     grain = (small.render.samples / recipe.render.samples) ** 0.5
     facts = replace(facts, grain=tuple(value * grain for value in facts.grain))
     pace = _pace(small, base, cache)
@@ -76,37 +80,30 @@ def look(
 
 
 def seen_in_thumbnails(
-    recipe: SceneRecipe, base: Path, camera: Camera, **how: Any
+    facts: Facts, base: Path, **how: Any
 ) -> tuple[dict[int, tuple[float, ...]], tuple[float, ...]]:
-    """What small renderings say of rendering: the error of each channel if paths end after so many bounces,
-    and if glass does not disperse (empty where none does). how: cache, device, progress of `render`.
+    """What small renderings say of rendering: the error of each channel of the photo if paths end after so
+    many bounces, and if glass does not disperse (empty where none does). how: cache, device, progress of
+    `render`.
 
-    Paths that glass sends elsewhere are other samples: most of that difference is noise, which is what as
-    many samples as the recipe's leave of it; a blur averages it yet (see `in_photo`).
     """
+    recipe = facts.recipe
     shorter: dict[int, tuple[float, ...]] = {}
-    if recipe.source is not None:
+    if recipe is None or recipe.source is not None:
         return shorter, ()
     small = thumbnail(recipe)
     lengths = [length for length in BOUNCES if length < recipe.render.max_depth]
     if not lengths and not disperses(recipe):
         return shorter, ()
     whole = render(small, base, **how)
+
+    def error(simulation: Simulation) -> tuple[float, ...]:
+        without = render(simpler_recipe(small, simulation), base, **how)
+        return _in_photo(_difference(without, whole, facts.camera), facts, small)
+
     for length in lengths:
-        few = simpler_recipe(small, Simulation(bounces=length))
-        shorter[length] = _difference(render(few, base, **how), whole, camera)
-    if not disperses(recipe):
-        return shorter, ()
-    without = simpler_recipe(small, Simulation(glass_dispersion=False))
-    found = _difference(render(without, base, **how), whole, camera)
-    fewer = (small.render.samples / recipe.render.samples) ** 0.5
-    return shorter, tuple(error * fewer for error in found)
-
-
-def in_photo(facts: Facts) -> Facts:
-    """The facts with the noise of other glass as a photo shows it."""
-    pairs = zip(facts.plain_glass, facts.averaging, strict=False)
-    return replace(facts, plain_glass=tuple(error * kept for error, kept in pairs))
+        shorter[length] = error(Simulation(bounces=length))
+    return shorter, error(Simulation(glass_dispersion=False)) if disperses(recipe) else ()
 
 
 def plan_scene(
@@ -150,18 +147,34 @@ def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> dict[str, floa
         return {}
 
 
-def _difference(view: View, whole: View, camera: Camera) -> tuple[float, ...]:
-    """Root mean square difference of two thumbnails' all-in-focus images, per channel, exposed as the whole.
+def _difference(view: View, whole: View, camera: Camera) -> Tensor:
+    """Difference of two thumbnails' all-in-focus images, [channel, y, x], exposed as the whole.
 
     Both follow the same random numbers, so that what differs is the light of the longer paths.
     """
-    from ..expose.photograph import all_in_focus
-    from ..expose.prepare import channel_weights
-    from ..expose.sensor import automatic_exposure
-
     weights = channel_weights(camera, whole.wavelengths).to(whole.radiance)
     ideal = all_in_focus(whole, weights)
     other = all_in_focus(view, weights)
     exposure = automatic_exposure(whole.crop_margin(ideal))
-    difference = whole.crop_margin(other - ideal) * exposure
-    return tuple(difference.double().square().mean((1, 2)).sqrt().tolist())
+    return whole.crop_margin(other - ideal).double() * exposure
+
+
+def _in_photo(difference: Tensor, facts: Facts, small: SceneRecipe) -> tuple[float, ...]:
+    """Root mean square of a thumbnail's difference [channel, y, x] as it will be in the photo, per channel.
+
+    What a Gaussian leaves of it is light that differs; the rest is noise of few samples (paths that glass
+    sends elsewhere are other samples). The recipe's samples leave less noise, and the photo's blur less yet:
+    a PSF leaves `facts.averaging` of it, the root of sum psf^2, which a Gaussian of 1 / (2 sqrt(pi) sigma)
+    has. The Gaussian here is as wide as that of the photo, and at least one pixel of the thumbnail.
+    """
+    coarser = small.frame.pixel_angle_mrad / facts.recipe.frame.pixel_angle_mrad
+    fewer = small.render.samples / facts.recipe.render.samples
+    found = []
+    for plane, kept in zip(difference.numpy(), facts.averaging, strict=True):
+        sigma = max(1.0, 1 / (2 * math.pi**0.5 * kept) / coarser)
+        left = 1 / (4 * math.pi * sigma**2)
+        whole = float(np.square(plane).mean())
+        blurred = float(np.square(gaussian_filter(plane, sigma)).mean())
+        light = min(max((blurred - left * whole) / (1 - left), 0.0), whole)
+        found.append(math.sqrt(light + kept**2 * fewer * (whole - light)))
+    return tuple(found)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
+import torch
 
 from edofsim.plan import EFFECTS, Simulation, simpler_recipe
+from edofsim.plan.scene import _in_photo
 from edofsim.plan.simulation import disperses
-from edofsim.plan.thumbnail import sketch
+from edofsim.plan.thumbnail import sketch, thumbnail
 from edofsim.recipe import load_scene
 
 
@@ -48,3 +52,17 @@ def test_a_sketch_has_every_pixel_and_few_samples():
     recipe = load_scene("desk").recipe
     small = sketch(recipe)
     assert small.frame == recipe.frame and small.render.samples < recipe.render.samples / 8
+
+
+def test_noise_of_a_thumbnail_averages_in_the_photo_and_light_does_not():
+    """Light 0.05 everywhere and independent noise 0.2 a pixel: a PSF that leaves 0.1 of noise, and four
+    times the samples, leave 0.2 * 0.1 / 2 of it."""
+    recipe = load_scene("desk").recipe
+    small = thumbnail(recipe)
+    small = small.model_copy(update={"render": small.render.model_copy(update={"samples": 16})})
+    more = recipe.model_copy(update={"render": recipe.render.model_copy(update={"samples": 64})})
+    noise = torch.randn(3, 240, 320, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    facts = SimpleNamespace(recipe=more, averaging=(0.1, 0.3, 1.0))
+    found = _in_photo(0.05 + 0.2 * noise, facts, small)
+    for error, kept in zip(found, facts.averaging, strict=True):
+        assert error == pytest.approx((0.05**2 + (0.2 * kept / 2) ** 2) ** 0.5, rel=0.03)

@@ -17,8 +17,10 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     channels = len(facts.sample.response)
+    # Without occlusion the light of all surfaces at an edge adds up, and so would their errors
+    sample = {"occlusion": facts.full.occlusion}
     few = [
-        Level(_label(groups, colours, channels), {"groups": groups, "colours": colours})
+        Level(_label(groups, colours, channels), {"groups": groups, "colours": colours}, sample=sample)
         for groups, colours in GATHERED
         if groups * max(colours, 1) < facts.bands_a_channel
     ]
@@ -39,5 +41,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"layers": 5, "snapped": True, "occlusion": "none", "groups": 0, "colours": 0},
+    sample={"layers": 5, "snapped": True, "groups": 0, "colours": 0},
 )
