@@ -114,7 +114,9 @@ def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
 def load_mat(path: Path, what: str) -> dict[str, Any]:
     """All of a MAT file; structures become objects with attributes."""
     existing(path, what)
-    _survive(path, what)
+    # Some damaged MAT files crash the reader of SciPy, which would take this process with it
+    if _crashes(path):
+        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
     from scipy.io import loadmat
 
     try:
@@ -129,17 +131,14 @@ def load_mat(path: Path, what: str) -> dict[str, Any]:
         ) from error
 
 
-def _survive(path: Path, what: str) -> None:
-    """Have another process read the file first: some damaged MAT files crash the reader of SciPy, which would
-    take this process with it."""
+def _crashes(path: Path) -> bool:
+    """Whether SciPy's reader crashes on a file, or does not come to an end: tried in another process."""
     code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
     command = [sys.executable, "-c", code, str(path)]
     try:
-        crashed = subprocess.run(command, capture_output=True, timeout=300, check=False).returncode < 0
+        return subprocess.run(command, capture_output=True, timeout=300, check=False).returncode < 0
     except subprocess.TimeoutExpired:
-        crashed = True
-    if crashed:
-        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
+        return True
 
 
 def mat_value(data: dict[str, Any], key: str | None, path: Path, what: str) -> Any:
