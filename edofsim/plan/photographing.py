@@ -132,13 +132,16 @@ def gathering_of(
     weights: Tensor,
     simulation: Simulation,
     spectrum: Tensor | None = None,
+    ends: tuple[float, float] | None = None,
 ) -> Gathering:
-    """How a simulation gathers a view's bands; weights: [channel, band], the sensor's response."""
+    """How a simulation gathers a view's bands; weights: [channel, band], the sensor's response; spectrum,
+    ends (farthest and nearest inverse depth): of the view that this is a part of."""
     wavelengths = view.wavelengths.cpu()
     if simulation.groups == 0:
         return every_band(wavelengths, weights)
     spectrum = spectrum_of(view) if spectrum is None else spectrum
-    middle = (float(view.inverse_depth.max()) + float(view.inverse_depth.min())) / 2
+    ends = ends or (float(view.inverse_depth.min()), float(view.inverse_depth.max()))
+    middle = sum(ends) / 2
     place = defocus(camera, wavelengths, middle)
     return gathered(wavelengths, weights, spectrum, place, simulation.groups, simulation.colours)
 

@@ -22,7 +22,7 @@ from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
-from .colours import gathered_kernels, gathered_view
+from .colours import Gathering, gathered_kernels, gathered_view
 from .photographing import gathering_of, ideal_of, spectrum_of, with_part_of_margin
 from .simulation import Simulation, simpler_camera
 
@@ -73,8 +73,8 @@ class Sample:
         margin = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
         parts = []
         blurring = None
+        gathering = self._gathering(simulation)
         for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
-            gathering = gathering_of(view, self.camera, self.response, simulation, self.spectrum)
             light = gathered_view(view, gathering) if simulation.groups else view
             if snapped:
                 light = replace(light, inverse_depth=_nearest(light.inverse_depth, nodes))
@@ -102,6 +102,10 @@ class Sample:
             self._photos[simulation] = self.photo(simulation).double() / weights.sqrt()
         return self._photos[simulation], weights
 
+    def _gathering(self, simulation: Simulation) -> Gathering:
+        """As the whole view's: the tiles share the PSFs of the groups."""
+        return gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum, self.ends)
+
     def _kernels(self, simulation: Simulation, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
         camera = simpler_camera(self.camera, simulation)
@@ -118,14 +122,14 @@ class Sample:
 
     def narrow(self, simulation: Simulation, window: int, lost: float) -> bool:
         """Whether PSFs of that window lose less than `lost` of the light at every depth, on average."""
-        gathering = gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum)
+        gathering = self._gathering(simulation)
         kernels = self._kernels(simulation, gathering.wavelengths, self.nodes(5), window)
         rest = gathered_kernels(kernels, gathering)
         return max(float(rest.rest(k).mean()) for k in range(rest.nodes.numel())) < lost
 
     def psf_energy(self, simulation: Simulation, nodes: Tensor) -> Tensor:
         """sum of psf^2 of each channel, mean over nodes, [channel]: how far independent noise averages."""
-        gathering = gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum)
+        gathering = self._gathering(simulation)
         window = self.camera.recipe.psf.window_px
         kernels = gathered_kernels(self._kernels(simulation, gathering.wavelengths, nodes, window), gathering)
         layers = [kernels.layer(k).square().sum((-2, -1)) for k in range(nodes.numel())]

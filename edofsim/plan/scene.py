@@ -59,6 +59,8 @@ def look(
     if view is not None:
         return Looked(facts_of(view, camera, height=height, recipe=recipe), lambda s: 0.0, 0.0, recipe)
     how = {"cache": cache, "device": device, "progress": progress}
+    # the first rendering compiles kernels: a thumbnail's does, so that the sketch's seconds are those of rays
+    render(thumbnail(recipe), base, **how)
     small = sketch(recipe)
     view = render(small, base, **how)
     facts = facts_of(view, camera, height=height, recipe=recipe, final=False)

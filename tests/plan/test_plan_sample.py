@@ -1,0 +1,46 @@
+"""The sample that effects are measured on."""
+
+from __future__ import annotations
+
+import torch
+
+from edofsim.optics import Camera
+from edofsim.plan.sample import sample_of
+from edofsim.plan.simulation import full_simulation
+from edofsim.recipe import CameraRecipe
+from edofsim.recipe.camera import PsfSettings
+from edofsim.render.view import View
+
+CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48)))
+
+
+def test_tiles_of_other_depths_share_the_groups_of_bands():
+    """Each more group of bands is nearer to every band on its own, though the parts of the frame that stand
+    for all of it lie at other distances."""
+    height, width, margin, bands = 384, 576, 24, 12
+    rows, columns = height + 2 * margin, width + 2 * margin
+    depth = torch.full((rows, columns), 0.3)
+    depth[:, columns // 2 :] = 2.0
+    count = rows * columns
+    view = View(
+        height=height,
+        width=width,
+        margin=margin,
+        pixel=torch.arange(count),
+        coverage=torch.ones(count),
+        inverse_depth=depth.reshape(-1),
+        radiance=torch.rand(bands, count, generator=torch.Generator().manual_seed(0)),
+        hidden=torch.zeros(count, dtype=torch.bool),
+        wavelengths=torch.linspace(420e-9, 720e-9, bands, dtype=torch.float64),
+        pixel_angle=CAMERA.pixel_angle,
+    )
+    sample = sample_of(view, CAMERA)
+    assert len({float(tile.inverse_depth.mean()) for tile in sample.tiles}) > 1
+    full = full_simulation(CAMERA, view).changed({"occlusion": "none", "window": 48})
+    every = sample.photo(full.changed({"groups": 0, "colours": 0}))
+    errors = [
+        float((sample.photo(full.changed({"groups": groups, "colours": 0})) - every).square().sum())
+        for groups in (1, 2, 4, 8, bands)
+    ]
+    assert all(more < 0.8 * fewer for fewer, more in zip(errors, errors[1:], strict=False))
+    assert errors[-1] < 1e-9
