@@ -20,6 +20,7 @@ from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
 from ..render.fetch import place_of
+from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from .effect import Plan
 from .facts import Facts, facts_of
 from .photo import Progress, plan_photo
@@ -68,15 +69,15 @@ def look(
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     grain = (small.render.samples / recipe.render.samples) ** 0.5
     facts = replace(facts, grain=tuple(value * grain for value in facts.grain))
-    pace = _pace(small, base, cache)
     expected = forecast([Task(recipe, base)], cache=cache)
+    pace = _pace(recipe, base, cache)
 
     def seconds(simulation: Simulation) -> float:
-        if not pace:
+        if pace is None:
             return expected.seconds
         planned = simpler_recipe(recipe, simulation)
-        rays = _rays(planned, view, simulation) / _rays(small, view, Simulation())
-        return pace["load"] + (pace["survey"] + pace["paths"]) * rays
+        shares = [_rays(each, view, s) for each, s in ((planned, simulation), (small, Simulation()))]
+        return pace.seconds(planned.render.samples, shares[0] / shares[1])
 
     return Looked(facts, seconds, expected.bytes / 2**20, recipe)
 
@@ -87,7 +88,6 @@ def seen_in_thumbnails(
     """What small renderings say of rendering: the error of each channel of the photo if paths end after so
     many bounces, and if glass does not disperse (empty where none does). how: cache, device, progress of
     `render`.
-
     """
     recipe = facts.recipe
     shorter: dict[int, tuple[float, ...]] = {}
@@ -139,14 +139,63 @@ def _rays(recipe: SceneRecipe, view: View, simulation: Simulation) -> float:
     return pixels * (1 + behind) * recipe.render.samples * recipe.render.max_depth
 
 
-def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> dict[str, float]:
-    """Seconds that a rendering took, from its entry in the cache; empty where that does not say."""
+SURVEYED = 0.1
+"""A ray of the survey of depths, in seconds of a path."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What a sketch took, in seconds. once: loading, compiling, what a survey takes with few rays; a_pass: of
+    each pass of samples, however few; rays: of those of the whole sketch."""
+
+    once: float
+    a_pass: float
+    rays: float
+
+    def seconds(self, samples: int, times: float) -> float:
+        """Of a rendering with so many samples a pixel and so many times the sketch's rays."""
+        surveyed = max(times * min(1.0, SURVEY_SAMPLES / samples) - 1, 0.0)
+        rays = times + SURVEYED * surveyed
+        return self.once + passes_of(samples) * self.a_pass + self.rays * rays
+
+
+def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> Pace | None:
+    """The pace of the sketch and thumbnail of a scene, from their entries in the cache; None where those do
+    not say. Two last passes, of many rays and of few, tell what a pass and what a ray takes."""
+    small = sketch(recipe)
     try:
-        text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
-        found = json.loads(text)["run"]["seconds"]
-        return {name: float(found[name]) for name in ("load", "survey", "paths")}
+        many, few = (_run_of(each, base, cache) for each in (small, thumbnail(recipe)))
+        counts = [_rays_of_a_pass(each) for each in (small, thumbnail(recipe))]
+        last, adding = (many["last_pass_seconds"][name] for name in ("all", "adding"))
+        least = few["last_pass_seconds"]["all"]
+        once = sum(many["seconds"][name] for name in ("load", "survey", "paths"))
     except (OSError, ValueError, KeyError, TypeError):
-        return {}
+        return None
+    a_ray = last / counts[0]
+    if counts[0] > counts[1] and last - adding > least:
+        a_ray = (last - adding - least) / (counts[0] - counts[1])
+    passes = passes_of(small.render.samples)
+    return Pace(
+        once=once - passes * last,
+        a_pass=last - a_ray * counts[0],
+        rays=a_ray * counts[0] * passes,
+    )
+
+
+def _rays_of_a_pass(recipe: SceneRecipe) -> int:
+    frame = recipe.frame
+    pixels = (frame.width_px + 2 * frame.margin_px) * (frame.height_px + 2 * frame.margin_px)
+    return pixels * samples_of_a_pass(recipe.render.samples)
+
+
+def passes_of(samples: int) -> int:
+    """Passes that so many samples a pixel are taken in."""
+    return -(-samples // samples_of_a_pass(samples))
+
+
+def _run_of(recipe: SceneRecipe, base: Path, cache: Path | None) -> dict[str, Any]:
+    text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
+    return json.loads(text)["run"]
 
 
 def _difference(view: View, whole: View, camera: Camera) -> Tensor:

@@ -99,7 +99,9 @@ def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int
 class Sums:
     """What came in. radiance: float64 [slot, band]; count, inverse_depth: float64 [slot]; first, second:
     float64 [pixel of layer 0], of each full pass's band mean and of its square; launches, passes: done;
-    samples: a pixel, of passes done; broken: samples that were not finite and count as black."""
+    samples: a pixel, of passes done; broken: samples that were not finite and count as black; seconds: of all
+    launches; last_pass: likewise of the last pass, whose kernels are compiled; adding: of it, for adding up
+    on the host."""
 
     radiance: np.ndarray
     count: np.ndarray
@@ -111,6 +113,8 @@ class Sums:
     samples: int = 0
     broken: int = 0
     seconds: float = 0.0
+    last_pass: float = 0.0
+    adding: float = 0.0
 
     @classmethod
     def empty(cls, groups: tuple[Group, ...], bands: int) -> Sums:

@@ -115,6 +115,7 @@ def render_stage(
     }
     seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
     run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
+    run["last_pass_seconds"] = {"all": sums.last_pass, "adding": sums.adding}
     return assemble(wavelengths, settings, groups, sums, {**metadata, "run": run})
 
 
@@ -198,12 +199,16 @@ def take_samples(
         try:
             for number, size in enumerate(pass_sizes(settings)):
                 launches = launches_of(groups, number, size, stage.bands)
+                spent, adding = sums.seconds, 0.0
                 for launch in launches[max(0, sums.launches - before) :]:
                     wish.raise_if_asked()
                     start = time.perf_counter()
-                    sums.add(launch, groups, run_launch(stage, settings, groups[launch.group], launch))
+                    result = run_launch(stage, settings, groups[launch.group], launch)
+                    traced = time.perf_counter()
+                    sums.add(launch, groups, result)
                     now = time.perf_counter()
                     sums.seconds += now - start
+                    adding += now - traced
                     clock.tick(launch, sums)
                     if partial and now - saved > SAVE_SECONDS:
                         save_partial(partial, sums)
@@ -212,6 +217,7 @@ def take_samples(
                 if sums.passes == number:
                     sums.passes += 1
                     sums.samples += size
+                    sums.last_pass, sums.adding = sums.seconds - spent, adding
                 if sums.passes == number + 1 and _good_enough(sums, settings):
                     break
             wish.raise_if_asked()

@@ -10,6 +10,8 @@ INTEGRATOR = 3
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give other pixels."""
 
 LARGEST_PASS = 64
+SURVEY_SAMPLES = 64
+"""At most so many samples a pixel tell the depths that it sees."""
 """Samples beyond which stratifying them against each other gains little."""
 
 
@@ -42,10 +44,7 @@ class RenderSettings:
     @property
     def pass_samples(self) -> int:
         """Samples of one pass: a power of two, at least two passes a view so that their scatter is known."""
-        size = 1
-        while size < LARGEST_PASS and 4 * size <= self.samples:
-            size *= 2
-        return size
+        return samples_of_a_pass(self.samples)
 
     @classmethod
     def from_recipe(cls, recipe: SceneRecipe, noise: float | None = None) -> RenderSettings:
@@ -65,3 +64,11 @@ class RenderSettings:
             seed=recipe.seed,
             noise=noise,
         )
+
+
+def samples_of_a_pass(samples: int) -> int:
+    """Of so many in all: see `RenderSettings.pass_samples`."""
+    size = 1
+    while size < LARGEST_PASS and 4 * size <= samples:
+        size *= 2
+    return size

@@ -16,10 +16,9 @@ from . import foreign, paths
 from .foreign import ForeignStage
 from .passes import Group, Launch, LaunchResult, pass_sizes
 from .rays import Lens, Samples, behind, camera_rays
-from .settings import RenderSettings
+from .settings import SURVEY_SAMPLES, RenderSettings
 from .translate import Stage
 
-SURVEY_SAMPLES = 64
 SURVEY_LAUNCH = 1 << 22
 
 

@@ -41,5 +41,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"layers": 3, "snapped": True, "groups": 0, "colours": 0},
+    sample={"layers": 5, "snapped": True, "groups": 0, "colours": 0},
 )

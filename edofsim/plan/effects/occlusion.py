@@ -18,4 +18,7 @@ def why(facts: Facts) -> str:
     return f"{facts.edges} pixels lie on depth edges"
 
 
-EFFECT = Effect("occlusion", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 9})
+# The whole window: what shines far beyond an edge, as lamps do, is seen to be blocked only by that
+EFFECT = Effect(
+    "occlusion", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 9, "window": None}
+)
