@@ -222,7 +222,7 @@ class SpectralFilm:
 
 
 def whole_view(size: int, bands: int, samples: int) -> tuple[float, float]:
-    """Seconds and peak memory in MiB of a desk view of size x size pixels, margin and scene included."""
+    """Seconds and peak memory in MiB of loading the desk and viewing it in size x size pixels, no margin."""
     model, settings = desk(size, size, samples, bands)
     begun = time.perf_counter()
     render_model(model, settings)

@@ -3,7 +3,6 @@ network restores the photo against its seconds."""
 
 from __future__ import annotations
 
-import json
 import math
 import statistics
 import time
@@ -21,7 +20,7 @@ from ..plan import parse_target, photograph, plan_photo
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
 from ..record import machine, versions
 from ..render import View, render
-from ..render.fetch import place_of
+from ..render.fetch import run_of
 from ..restore import restore
 from ..restore.checkpoint import (
     Checkpoint,
@@ -86,11 +85,8 @@ def render_points(
 
 def _render_seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> float:
     """Seconds that a rendering took, from its entry in the cache; 0 where that does not say."""
-    try:
-        text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
-        return sum(float(value) for value in json.loads(text)["run"]["seconds"].values())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return 0.0
+    run = run_of(recipe, base, cache)
+    return sum(run["seconds"].values()) if run and "seconds" in run else 0.0
 
 
 def restore_points(

@@ -163,9 +163,12 @@ def ideal_image(view: View, camera: Camera | None = None, exposure: float | None
 def all_in_focus(view: View, weights: Tensor) -> Tensor:
     """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed."""
     rows, columns = view.padded_shape
-    which = seen(view)
-    image = view.radiance.new_zeros(len(weights), rows * columns)
-    return image.index_add(1, view.pixel[which], weights @ view.radiance[:, which]).reshape(-1, rows, columns)
+    light = weights.to(view.radiance) @ view.radiance
+    if not view.one_each:
+        which = seen(view)
+        image = view.radiance.new_zeros(len(weights), rows * columns)
+        light = image.index_add(1, view.pixel[which], light.index_select(1, which))
+    return light.reshape(-1, rows, columns)
 
 
 def light_lost(view: View, kernels: Kernels, weights: Tensor) -> Tensor:

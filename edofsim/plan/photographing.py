@@ -16,10 +16,9 @@ from ..expose.blurring import Blurring
 from ..expose.checks import check_pixel_angle, check_view, check_window
 from ..expose.crop import crop, with_margin
 from ..expose.kernels import Kernels
-from ..expose.light import seen
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
-from ..expose.photograph import light_lost
+from ..expose.photograph import all_in_focus, light_lost
 from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, kernels_of_parts
 from ..expose.sensor import automatic_exposure, record
 from ..optics import Camera, defocus
@@ -59,7 +58,7 @@ def photograph(
     check_pixel_angle(view, camera.pixel_angle)
     view = view.to(device, torch.float32)
     weights = channel_weights(camera, view.wavelengths.cpu())
-    ideal = view.crop_margin(ideal_of(view, weights))
+    ideal = view.crop_margin(all_in_focus(view, weights))
     factor = _exposure(exposure, camera, ideal)
     gathering = gathering_of(view, camera, weights, simulation, spectrum)
     if nodes is None:
@@ -149,17 +148,6 @@ def gathering_of(
 def spectrum_of(view: View) -> Tensor:
     """Light of the whole frame in each band, [band], float64."""
     return (view.radiance @ (~view.hidden).to(view.radiance)).double().cpu()
-
-
-def ideal_of(view: View, weights: Tensor) -> Tensor:
-    """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed."""
-    rows, columns = view.padded_shape
-    light = weights.to(view.radiance) @ view.radiance
-    if not view.one_each:
-        which = seen(view)
-        image = view.radiance.new_zeros(len(weights), rows * columns)
-        light = image.index_add(1, view.pixel[which], light.index_select(1, which))
-    return light.reshape(-1, rows, columns)
 
 
 def with_part_of_margin(view: View, margin: int | None) -> View:

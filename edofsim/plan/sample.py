@@ -18,12 +18,13 @@ from ..expose.crop import crop, with_margin
 from ..expose.kernels import HeldKernels, Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
+from ..expose.photograph import all_in_focus
 from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
 from .colours import Gathering, gathered_kernels, gathered_view
-from .photographing import gathering_of, ideal_of, spectrum_of, with_part_of_margin
+from .photographing import gathering_of, spectrum_of, with_part_of_margin
 from .simulation import Simulation, simpler_camera
 
 TILE = 96
@@ -150,7 +151,7 @@ def _nearest(inverse_depth: Tensor, nodes: Tensor) -> Tensor:
 def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: int = 0) -> Sample:
     """The sample of a view for a camera."""
     response = channel_weights(camera, view.wavelengths)
-    ideal = view.crop_margin(ideal_of(view, response))
+    ideal = view.crop_margin(all_in_focus(view, response))
     wanted = camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     tiles, weights = _tiles(view, ideal, camera, seed)

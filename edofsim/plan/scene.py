@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +18,7 @@ from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
-from ..render.fetch import place_of
+from ..render.fetch import run_of
 from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from .effect import Plan
 from .facts import Facts, facts_of
@@ -163,14 +162,14 @@ def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> Pace | None:
     """The pace of the sketch and thumbnail of a scene, from their entries in the cache; None where those do
     not say. Two last passes, of many rays and of few, tell what a pass and what a ray takes."""
     small = sketch(recipe)
-    try:
-        many, few = (_run_of(each, base, cache) for each in (small, thumbnail(recipe)))
-        counts = [_rays_of_a_pass(each) for each in (small, thumbnail(recipe))]
-        last, adding = (many["last_pass_seconds"][name] for name in ("all", "adding"))
-        least = few["last_pass_seconds"]["all"]
-        once = sum(many["seconds"][name] for name in ("load", "survey", "paths"))
-    except (OSError, ValueError, KeyError, TypeError):
+    many, few = (run_of(each, base, cache) for each in (small, thumbnail(recipe)))
+    # entries of before have no such field, and what was interrupted after its last pass has 0
+    if not all(run and run.get("last_pass_seconds", {}).get("all") for run in (many, few)):
         return None
+    counts = [_rays_of_a_pass(each) for each in (small, thumbnail(recipe))]
+    last, adding = (many["last_pass_seconds"][name] for name in ("all", "adding"))
+    least = few["last_pass_seconds"]["all"]
+    once = sum(many["seconds"][name] for name in ("load", "survey", "paths"))
     a_ray = last / counts[0]
     if counts[0] > counts[1] and last - adding > least:
         a_ray = (last - adding - least) / (counts[0] - counts[1])
@@ -191,11 +190,6 @@ def _rays_of_a_pass(recipe: SceneRecipe) -> int:
 def passes_of(samples: int) -> int:
     """Passes that so many samples a pixel are taken in."""
     return -(-samples // samples_of_a_pass(samples))
-
-
-def _run_of(recipe: SceneRecipe, base: Path, cache: Path | None) -> dict[str, Any]:
-    text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
-    return json.loads(text)["run"]
 
 
 def _difference(view: View, whole: View, camera: Camera) -> Tensor:

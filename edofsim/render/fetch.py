@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..recipe.scene import SceneRecipe
 from ..recipe.sources import CubeSource, RgbdSource
@@ -100,3 +102,13 @@ def _rendered(
     stored = store.store(place, view, canonical(recipe), record)
     partial.unlink(missing_ok=True)
     return stored
+
+
+def run_of(recipe: SceneRecipe, base: Path, cache: Path | None = None) -> dict[str, Any] | None:
+    """What the entry of a view says of its rendering (`seconds` by stage, `last_pass_seconds`, `threads`,
+    `host`); None where it does not say."""
+    try:
+        text = place_of(recipe, base, cache, None).file("json").read_text(encoding="utf-8")
+        return dict(json.loads(text)["run"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -9,9 +9,9 @@ from ..recipe.scene import SceneRecipe
 INTEGRATOR = 3
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give other pixels."""
 
-LARGEST_PASS = 64
 SURVEY_SAMPLES = 64
 """At most so many samples a pixel tell the depths that it sees."""
+LARGEST_PASS = 64
 """Samples beyond which stratifying them against each other gains little."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,66 +17,16 @@ import pytest
 from edofsim.render import cache
 from edofsim.restore.checkpoint import load_arrays
 
-SCENE = """
-name = "small"
-[frame]
-width_px = 32
-height_px = 24
-margin_px = 16
-pixel_angle_mrad = 0.1626126
-[bands]
-count = 5
-[render]
-samples = 16
-[[objects]]
-kind = "wall"
-depth_m = 3.0
-surface = { kind = "matt", reflectance = 0.6 }
-[[objects]]
-kind = "panel"
-depth_m = 0.8
-width_mm = 4
-height_mm = 4
-surface = { kind = "matt", reflectance = 0.3 }
-[[lights]]
-kind = "sky"
-radiance = 1.0
-"""
-CAMERA = """
-name = "small"
-[psf]
-window_px = 16
-oversampling = 1
-[sensor]
-read_noise = 0.005
-"""
-TRAINING = """
-name = "small"
-camera = "camera.toml"
-seed = 3
-device = "cpu"
-[mask]
-kind = "height-map"
-pitch_um = 100.0
-[psf]
-window_px = 16
-oversampling = 1
-pupil_sampling_um = 21.0
-[data]
-patch_px = 16
-validation_patches = 2
-[[data.sources]]
-kind = "packaged"
-[optimiser]
-steps = 60
-batch = 2
-precision = "float32"
-[journal]
-log_every = 10
-save_every = 5
-validate_every = 50
-pictures_every = 100
-"""
+SMALL = Path(__file__).parents[1] / "small"
+"""A scene, a camera and a training that take a second."""
+LONGER = {
+    "steps = 4": "steps = 60",
+    "log_every = 1": "log_every = 10",
+    "save_every = 2": "save_every = 5",
+    "validate_every = 4": "validate_every = 50",
+    "pictures_every = 4": "pictures_every = 100",
+}
+"""Lines of the training, so that it can be killed in the middle."""
 
 
 def command(name: str, folder: Path) -> list[str]:
@@ -108,9 +59,12 @@ def steps_done(folder: Path) -> int:
 def test_killed_twenty_times(name, tmp_path):
     kills = int(os.environ.get("EDOFSIM_KILLS", "20"))
     rng = np.random.default_rng(len(name))
-    (tmp_path / "small.toml").write_text(SCENE)
-    (tmp_path / "train.toml").write_text(TRAINING)
-    (tmp_path / "camera.toml").write_text(CAMERA)
+    shutil.copytree(SMALL, tmp_path, dirs_exist_ok=True)
+    training = (SMALL / "train.toml").read_text()
+    for short, long in LONGER.items():
+        assert f"{short}\n" in training
+        training = training.replace(f"{short}\n", f"{long}\n")
+    (tmp_path / "train.toml").write_text(training)
     complete: dict[str, float] = {}
     landed, whole, steps = 0, 15.0, 0
     while landed < kills:

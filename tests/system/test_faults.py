@@ -19,76 +19,15 @@ from edofsim.render import cache
 
 Run = Callable[..., tuple[int, str]]
 PAGE = 4096
-
-SCENE = """
-name = "small"
-[frame]
-width_px = 32
-height_px = 24
-margin_px = 16
-pixel_angle_mrad = 0.1626126
-[bands]
-count = 5
-[render]
-samples = 16
-[[objects]]
-kind = "wall"
-depth_m = 3.0
-surface = { kind = "matt", reflectance = 0.6 }
-[[objects]]
-kind = "panel"
-depth_m = 0.8
-width_mm = 4
-height_mm = 4
-surface = { kind = "matt", reflectance = 0.3 }
-[[lights]]
-kind = "sky"
-radiance = 1.0
-"""
-CAMERA = """
-name = "small"
-[psf]
-window_px = 16
-oversampling = 1
-[sensor]
-read_noise = 0.005
-"""
-TRAINING = """
-name = "small"
-camera = "camera.toml"
-seed = 3
-device = "cpu"
-[mask]
-kind = "height-map"
-pitch_um = 100.0
-[psf]
-window_px = 16
-oversampling = 1
-pupil_sampling_um = 21.0
-[data]
-patch_px = 16
-validation_patches = 2
-[[data.sources]]
-kind = "packaged"
-[optimiser]
-steps = 4
-batch = 2
-precision = "float32"
-[journal]
-log_every = 1
-save_every = 2
-validate_every = 4
-pictures_every = 4
-"""
+SMALL = Path(__file__).parents[1] / "small"
+"""A scene, a camera and a training that take a second."""
 
 
 @pytest.fixture
 def command(tmp_path: Path) -> Callable[[str, Path], list[str | Path]]:
     """The command line of a small job that keeps all it writes in a folder."""
     scene, camera = tmp_path / "small.toml", tmp_path / "camera.toml"
-    scene.write_text(SCENE)
-    camera.write_text(CAMERA)
-    (tmp_path / "train.toml").write_text(TRAINING)
+    shutil.copytree(SMALL, tmp_path, dirs_exist_ok=True)
     write_image(tmp_path / "photo.exr", torch.rand(3, 24, 32, generator=torch.Generator().manual_seed(1)))
 
     def line(name: str, folder: Path) -> list[str | Path]:
