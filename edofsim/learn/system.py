@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -9,12 +10,15 @@ import torch
 from torch import Tensor, nn
 
 from ..optics import Camera, psf_bank
+from ..restore.filter_bank import FilterBank
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.wiener_network import WienerNetwork
 from .imaging import photograph, surroundings
+from .linear import local_filters
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 """The paper's red, green and blue, in metres."""
+FILTER_DEPTHS = 5  # PSFs that a filter of a bank stands for
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,22 @@ class Optics:
             self.camera, COLOURS, inverse_depths, window_px=self.window, height=height, device=self.device
         )
         return bank.values.to(torch.float32)
+
+    def mean_psfs(self, inverse_depths: Tensor, height: Tensor, height_noise: float) -> Tensor:
+        """The same for a height map [n, n] in metres whose samples err, in the mean over such masks.
+
+        height_noise: standard deviation in metres. exp(-s^2) of the light stays where the design sends it, s
+        the standard deviation of the phase; the rest spreads evenly over the period of the sampled mask
+        (Goodman, *Statistical Optics*, random phase screens).
+        """
+        camera = self.camera
+        index = camera.mask_material.index(COLOURS)
+        direct = (-(2 * math.pi * (index - 1) * height_noise / COLOURS).square()).exp()
+        pitch = camera.recipe.mask.pitch_um * 1e-6
+        period = COLOURS * camera.sensor_distance / pitch / camera.pixel
+        haze = (1 - direct) / period.square()
+        psf = self.psfs(inverse_depths, height)
+        return psf * direct.to(psf)[:, None, None] + haze.to(psf)[:, None, None]
 
 
 @dataclass(frozen=True)
@@ -146,6 +166,16 @@ class System(nn.Module):
         photo = photo.contiguous(memory_format=torch.channels_last)
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
             return self.network(photo).to(torch.float32)
+
+    def prime(self) -> None:
+        """Give a bank of filters those of the mask as it is, made with the mean error of fabrication."""
+        if isinstance(self.network, FilterBank):
+            groups, (low, high) = self.network.groups, self.depth_range
+            count = groups * FILTER_DEPTHS
+            depths = low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
+            with torch.no_grad():
+                psf = self.optics.mean_psfs(depths, self.mask(), self.height_noise)
+                self.network.filters.copy_(local_filters(psf, self.network.support, groups).flatten(0, 1))
 
     def settle(self) -> None:
         """Give a filter the PSFs of the mask as it is now, to keep in its checkpoint."""

@@ -17,7 +17,7 @@ Count = Annotated[int, Field(ge=1)]
 class NetworkTable(RecipeModel):
     """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from."""
 
-    kind: Literal["dcnn", "local-unet", "wiener"] = "dcnn"
+    kind: Literal["dcnn", "local-unet", "filter-bank", "wiener"] = "dcnn"
     settings: dict[str, Any] = {}
     start: str | None = None
 

@@ -25,12 +25,35 @@ class LocalUNet(nn.Module):
 
     def __init__(self, width: int = 32, blocks: tuple[int, ...] = (2, 2, 2), kernel: int = 5) -> None:
         super().__init__()
+        self.trunk = Trunk(3, 3, width, blocks, kernel)
+        self.radius, self.multiple = self.trunk.radius, self.trunk.multiple
+
+    def settings(self) -> dict[str, int | list[int]]:
+        """What rebuilds this network."""
+        return self.trunk.settings()
+
+    def forward(self, photo: Tensor) -> Tensor:
+        """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,
+        where a clamp would stop the gradient of the pixels that need it most."""
+        sharp = photo + self.trunk(photo).to(photo.dtype)
+        return sharp if self.training else sharp.clamp(0, 1)
+
+
+class Trunk(nn.Module):
+    """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
+
+    width, blocks, kernel: see `LocalUNet`. multiple: images are padded to a multiple of so many pixels.
+    radius: how far in pixels an output pixel sees, at most.
+    """
+
+    def __init__(self, inputs: int, outputs: int, width: int, blocks: tuple[int, ...], kernel: int) -> None:
+        super().__init__()
         self.width, self.blocks, self.kernel = width, tuple(blocks), kernel
         levels = len(self.blocks)
         channels = [width << level for level in range(levels)]
         kernels = [3] + [kernel] * (levels - 1)
-        self.first = nn.Conv2d(12, width, 3, padding=1)
-        self.last = nn.Conv2d(width, 12, 3, padding=1)
+        self.first = nn.Conv2d(4 * inputs, width, 3, padding=1)
+        self.last = nn.Conv2d(width, 4 * outputs, 3, padding=1)
         self.down_blocks = nn.ModuleList(
             nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
             for i in range(levels)
@@ -43,15 +66,10 @@ class LocalUNet(nn.Module):
         self.ups = nn.ModuleList(nn.Conv2d(channels[i + 1], 4 * channels[i], 1) for i in range(levels - 1))
         nn.init.zeros_(self.last.weight)
         nn.init.zeros_(self.last.bias)
+        self.multiple = 1 << levels
+        self.radius = self._radius()
 
-    @property
-    def multiple(self) -> int:
-        """Photos are padded to a multiple of this many pixels."""
-        return 1 << len(self.blocks)
-
-    @property
-    def radius(self) -> int:
-        """How far in pixels an output pixel sees, at most."""
+    def _radius(self) -> int:
         reach = 2 + 2 + self.multiple  # first and last convolution, and pixels that share a coarse one
         for level, count in enumerate(self.blocks):
             passes = count if level == len(self.blocks) - 1 else 2 * count
@@ -59,15 +77,13 @@ class LocalUNet(nn.Module):
         return reach
 
     def settings(self) -> dict[str, int | list[int]]:
-        """What rebuilds this network."""
+        """What rebuilds it, but for its inputs and outputs."""
         return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
 
-    def forward(self, photo: Tensor) -> Tensor:
-        """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,
-        where a clamp would stop the gradient of the pixels that need it most."""
-        rows, columns = photo.shape[-2:]
+    def forward(self, images: Tensor) -> Tensor:
+        rows, columns = images.shape[-2:]
         padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
-        padded = functional.pad(photo, padding, mode="replicate") if any(padding) else photo
+        padded = functional.pad(images, padding, mode="replicate") if any(padding) else images
         features = self.first(functional.pixel_unshuffle(padded, 2))
         skipped = []
         for level, blocks in enumerate(self.down_blocks):
@@ -78,9 +94,7 @@ class LocalUNet(nn.Module):
         for level in reversed(range(len(self.ups))):
             features = skipped[level] + functional.pixel_shuffle(self.ups[level](features), 2)
             features = self.up_blocks[level](features)
-        residual = functional.pixel_shuffle(self.last(features), 2)[..., :rows, :columns]
-        sharp = photo + residual.to(photo.dtype)
-        return sharp if self.training else sharp.clamp(0, 1)
+        return functional.pixel_shuffle(self.last(features), 2)[..., :rows, :columns]
 
 
 class GatedBlock(nn.Module):

@@ -10,12 +10,14 @@ from torch import Tensor, nn
 
 from ..errors import InputError
 from .dcnn import DCnn
+from .filter_bank import FilterBank
 from .local_unet import LocalUNet
 from .wiener_network import WienerNetwork
 
 NETWORKS: dict[str, type[nn.Module]] = {
     DCnn.kind: DCnn,
     LocalUNet.kind: LocalUNet,
+    FilterBank.kind: FilterBank,
     WienerNetwork.kind: WienerNetwork,
 }
 

@@ -16,7 +16,7 @@ from .case import Case, Finding, timed
 from .photos import distance
 from .views import uniform
 
-KINDS = ("dcnn", "local-unet")
+KINDS = ("dcnn", "local-unet", "filter-bank")
 PRECISIONS = (torch.float64, torch.float32)
 
 

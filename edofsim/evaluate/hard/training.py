@@ -120,7 +120,7 @@ def _resumed() -> Iterator[Finding]:
 
 def _dead_channels() -> Iterator[Finding]:
     """A network whose weights shrank to 1e-40: its checkpoint holds zeros, and restores the same picture."""
-    for kind in ("dcnn", "local-unet"):
+    for kind in ("dcnn", "local-unet", "filter-bank"):
 
         def kept(kind: str = kind) -> float:
             torch.manual_seed(0)

@@ -1,0 +1,146 @@
+"""How well a linear filter could restore what a mask photographs, in closed form.
+
+The least mean square error of one filter for all depths follows from the PSFs and the statistics of
+photographs alone, and its gradient has no noise, while a gradient through single patches and an untrained
+network is noise for the most part. Two filters stand for the two kinds of restorers:
+
+`wiener_error` for Wiener deconvolution, which sees the whole photo and each colour alone;
+
+`local_error` for a convolutional network, which sees a few pixels around each, but all colours: the edges of
+photographs are nearly the same in all, so that what one colour has lost can be had from another that is
+sharp at that depth. Its PSNR plus a constant is what a trained D-CNN reaches, for each mask and depth.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .imaging import good_size
+
+NOISE = 0.006  # read noise, below the middle of the training's range
+COARSEST_PX = 300.0  # below this frequency the spectrum of photographs is taken as level
+FALL = 2.5  # their power spectrum falls with this power of the frequency,
+POWER = 2.7e-4  # and this is its size at one cycle a pixel, full scale 1
+# correlation of differences between neighbouring pixels; with FALL and POWER measured on the photographs of
+# BSDS500's training part and of Sun and Hays
+COLOUR_CORRELATION = ((1.0, 0.985, 0.972), (0.985, 1.0, 0.985), (0.972, 0.985, 1.0))
+SUPPORT = 9
+
+
+def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
+    """Mean square error that Wiener deconvolution leaves where every PSF is equally likely, [depth, channel].
+
+    psf: [depth, channel, y, x], light landing in each pixel. With the scene's power spectrum S, the noise's
+    N and the transfer functions H of the depths, the filter is W = E[H*] S / (E|H|^2 S + N), and leaves
+    |1 - W H|^2 S + |W|^2 N at each frequency and depth.
+    """
+    size = good_size(2 * psf.shape[-1])
+    transfer = _transfer(psf, size)
+    spectrum = _spectrum(size, psf)
+    mean, power = transfer.mean(0), transfer.abs().square().mean(0)
+    inverse = mean.conj() * spectrum / (power * spectrum + noise**2)
+    left = (1 - inverse * transfer).abs().square() * spectrum + inverse.abs().square() * noise**2
+    share = torch.full_like(spectrum, 2.0)
+    share[:, 0] = 1
+    if size % 2 == 0:
+        share[:, -1] = 1
+    return (left * share).sum((-1, -2)) / size**2
+
+
+def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, groups: int = 1) -> Tensor:
+    """Mean square error of the best filter of `support` x `support` pixels of all channels, [depth, channel].
+
+    psf: [depth, 3, y, x]; every PSF is equally likely. groups: so many filters, each for as many neighbouring
+    depths; 1 for a filter that is the same for all. For stationary scenes the filter F solves E[R] F = E[X],
+    with R the covariance of the pixels that it sees and X theirs with the pixel to be restored; at a depth it
+    leaves V - 2 F X + F R F, V the variance of the scene.
+    """
+    depths, channels = psf.shape[:2]
+    size = good_size(2 * psf.shape[-1])
+    transfer, spectrum = _transfer(psf, size), _spectrum(size, psf)
+    covariance, with_sharp = _covariances(transfer, spectrum, size, support, noise)
+    grouped = covariance.unflatten(0, (groups, -1)).mean(1), with_sharp.unflatten(0, (groups, -1)).mean(1)
+    filters = _solve(*grouped).repeat_interleave(depths // groups, 0)
+    variance = torch.fft.irfft2(spectrum.to(transfer.dtype), s=(size, size))[0, 0]
+    passed = (filters * with_sharp).sum(-1)
+    return variance - 2 * passed + ((filters @ covariance) * filters).sum(-1)
+
+
+def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) -> Tensor:
+    """The filters of `local_error`, [group, 3 out, 3 in, support, support], as a convolution of torch takes
+    them. psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group."""
+    channels = psf.shape[1]
+    size = good_size(max(2 * psf.shape[-1], psf.shape[-1] + support))
+    transfer, spectrum = _transfer(psf, size), _spectrum(size, psf)
+    filters = []
+    for part in transfer.unflatten(0, (groups, -1)):  # one at a time: a covariance has support^4 numbers
+        covariance, with_sharp = _mean_covariance(part, spectrum, size, support, noise)
+        filters.append(_solve(covariance[None], with_sharp[None])[0])
+    return torch.stack(filters).unflatten(-1, (channels, support, support))
+
+
+def _solve(covariance: Tensor, with_sharp: Tensor) -> Tensor:
+    """F [group, channel, n] of R [group, n, n] and X [group, channel, n]."""
+    factor = torch.linalg.cholesky(covariance)
+    return torch.cholesky_solve(with_sharp.transpose(-1, -2), factor).transpose(-1, -2)
+
+
+def _covariances(
+    transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
+) -> tuple[Tensor, Tensor]:
+    """(R [depth, n, n], X [depth, channel, n]) of the n = channel * support^2 pixels that a filter sees."""
+    pairs = transfer[:, :, None] * transfer[:, None].conj()
+    return _placed(pairs, transfer, spectrum, size, support, noise)
+
+
+def _mean_covariance(
+    transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
+) -> tuple[Tensor, Tensor]:
+    """The same, mean over depths, [n, n] and [channel, n]."""
+    pairs = torch.einsum("dayx,dbyx->abyx", transfer, transfer.conj()) / len(transfer)
+    covariance, with_sharp = _placed(
+        pairs[None], transfer.mean(0, keepdim=True), spectrum, size, support, noise
+    )
+    return covariance[0], with_sharp[0]
+
+
+def _placed(
+    pairs: Tensor, transfer: Tensor, spectrum: Tensor, size: int, support: int, noise: float
+) -> tuple[Tensor, Tensor]:
+    """Spectra [depth, channel, channel, y, x // 2 + 1] to covariances between the pixels of a filter."""
+    depths, channels = transfer.shape[:2]
+    place = torch.arange(support, device=transfer.device)
+    rows, columns = (axis.reshape(-1) for axis in torch.meshgrid(place, place, indexing="ij"))
+    down, across = ((axis[:, None] - axis[None, :]) % size for axis in (rows, columns))
+    alike = torch.tensor(COLOUR_CORRELATION).to(spectrum)
+    blocks: dict[tuple[int, int], Tensor] = {}
+    for first in range(channels):
+        for second in range(first, channels):
+            both = pairs[:, first, second] * (spectrum * alike[first, second])
+            block = torch.fft.irfft2(both, s=(size, size))[:, down, across]
+            blocks[first, second], blocks[second, first] = block, block.transpose(-1, -2)
+    covariance = torch.cat(
+        [torch.cat([blocks[first, second] for second in range(channels)], -1) for first in range(channels)],
+        -2,
+    )
+    around = (place - support // 2) % size
+    seen = torch.fft.irfft2(transfer * spectrum, s=(size, size))[..., around, :][..., around]
+    with_sharp = (alike[:, :, None] * seen.reshape(depths, 1, channels, -1)).reshape(depths, channels, -1)
+    return covariance + noise**2 * torch.eye(covariance.shape[-1]).to(covariance), with_sharp
+
+
+def _transfer(psf: Tensor, size: int) -> Tensor:
+    """Transfer functions for periods of `size` pixels, [depth, channel, y, x // 2 + 1]."""
+    window = psf.shape[-1]
+    padded = functional.pad(psf, (0, size - window, 0, size - window))
+    return torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
+
+
+def _spectrum(size: int, like: Tensor) -> Tensor:
+    """Power spectrum of photographs on the half plane of frequencies, [y, x // 2 + 1], for a transform whose
+    inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency."""
+    fy = torch.fft.fftfreq(size, device=like.device)[:, None]
+    fx = torch.fft.rfftfreq(size, device=like.device)[None, :]
+    return (POWER * (fy.square() + fx.square() + COARSEST_PX**-2) ** (-FALL / 2)).to(like.dtype)

@@ -1,0 +1,178 @@
+"""Masks designed alone: the closed forms against dense linear algebra, random masks and a trained network."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from edofsim.learn.design import design
+from edofsim.learn.doe import FreeHeight
+from edofsim.learn.imaging import surroundings
+from edofsim.learn.linear import (
+    COARSEST_PX,
+    COLOUR_CORRELATION,
+    FALL,
+    POWER,
+    local_error,
+    local_filters,
+    wiener_error,
+)
+from edofsim.learn.sources import central_patches, packaged_images
+from edofsim.learn.system import Optics, Planes
+from edofsim.optics import Camera
+from edofsim.recipe.load import load_camera
+from edofsim.restore.checkpoint import load_checkpoint, trained_camera
+from edofsim.restore.network import apply_network
+
+NOISE = 0.02
+WINDOW, SIZE = 6, 12
+
+
+def _psfs(depths: int) -> Tensor:
+    random = torch.rand(depths, 3, WINDOW, WINDOW, generator=torch.Generator().manual_seed(4)).double() ** 3
+    return random / random.sum((-1, -2), keepdim=True)
+
+
+def _scene() -> Tensor:
+    """Covariance of a periodic scene, [3 * pixels, 3 * pixels], term by term."""
+    frequency = torch.fft.fftfreq(SIZE, dtype=torch.float64)
+    power = POWER * (frequency[:, None] ** 2 + frequency[None, :] ** 2 + COARSEST_PX**-2) ** (-FALL / 2)
+    place = torch.cartesian_prod(torch.arange(SIZE), torch.arange(SIZE)).double()
+    waves = torch.exp(2j * math.pi / SIZE * (place @ place.T))
+    alone = (waves @ torch.diag(power.reshape(-1)).to(waves) @ waves.conj().T).real / SIZE**2
+    return torch.kron(torch.tensor(COLOUR_CORRELATION, dtype=torch.float64), alone)
+
+
+def _blur(psf: Tensor) -> Tensor:
+    """The blur of one depth as a matrix, [3 * pixels, 3 * pixels]: a sum over places, no transform."""
+    matrix = torch.zeros(3, SIZE, SIZE, 3, SIZE, SIZE, dtype=torch.float64)
+    for channel in range(3):
+        for y in range(SIZE):
+            for x in range(SIZE):
+                for v in range(WINDOW):
+                    for u in range(WINDOW):
+                        row, column = (y + v - WINDOW // 2) % SIZE, (x + u - WINDOW // 2) % SIZE
+                        matrix[channel, row, column, channel, y, x] += psf[channel, v, u]
+    return matrix.reshape(3 * SIZE**2, 3 * SIZE**2)
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+def test_local_error_is_that_of_dense_least_squares(groups: int) -> None:
+    psf, scene = _psfs(4), _scene()
+    support, middle = 3, SIZE // 2
+    pixels = [
+        channel * SIZE**2 + (middle + v) * SIZE + middle + u
+        for channel in range(3)
+        for v in (-1, 0, 1)
+        for u in (-1, 0, 1)
+    ]
+    sharp = [channel * SIZE**2 + middle * SIZE + middle for channel in range(3)]
+    covariances, crosses = [], []
+    for blur in (_blur(one) for one in psf):
+        covariance = blur @ scene @ blur.T + NOISE**2 * torch.eye(3 * SIZE**2, dtype=torch.float64)
+        covariances.append(covariance[pixels][:, pixels])
+        crosses.append((scene @ blur.T)[sharp][:, pixels])
+    errors, filters = [], []
+    for index in range(4):
+        group = slice(index // (4 // groups) * (4 // groups), (index // (4 // groups) + 1) * (4 // groups))
+        mean, cross = torch.stack(covariances[group]).mean(0), torch.stack(crosses[group]).mean(0)
+        best = torch.linalg.solve(mean, cross.T).T
+        left = scene[sharp][:, sharp] - 2 * best @ crosses[index].T + best @ covariances[index] @ best.T
+        errors.append(left.diag())
+        filters.append(best)
+    torch.testing.assert_close(
+        local_error(psf, NOISE, support, groups), torch.stack(errors), rtol=1e-6, atol=0
+    )
+    made = local_filters(psf, support, groups, NOISE)
+    step = 4 // groups
+    torch.testing.assert_close(
+        made.reshape(groups, 3, -1), torch.stack(filters[::step]), rtol=2e-2, atol=2e-3
+    )  # on a longer period
+
+
+def test_wiener_error_is_that_of_a_dense_filter_for_one_depth() -> None:
+    psf, scene = _psfs(1), _scene()
+    blur = _blur(psf[0])
+    for channel in range(3):
+        part = slice(channel * SIZE**2, (channel + 1) * SIZE**2)
+        one, matrix = scene[part, part], blur[part, part]
+        covariance = matrix @ one @ matrix.T + NOISE**2 * torch.eye(SIZE**2, dtype=torch.float64)
+        left = one - one @ matrix.T @ torch.linalg.solve(covariance, matrix @ one)
+        expected = left.diag().mean()
+        assert float(wiener_error(psf, NOISE)[0, channel]) == pytest.approx(float(expected), rel=1e-6)
+
+
+def test_a_filter_for_fewer_depths_and_more_pixels_leaves_less() -> None:
+    psf = _psfs(8)
+    by_groups = [float(local_error(psf, NOISE, 5, groups).mean()) for groups in (1, 2, 4, 8)]
+    by_support = [float(local_error(psf, NOISE, support).mean()) for support in (1, 3, 5, 7)]
+    assert by_groups == sorted(by_groups, reverse=True)
+    assert by_support == sorted(by_support, reverse=True)
+
+
+def test_mean_psfs_are_the_mean_over_masks_that_err() -> None:
+    optics = _optics("paper-clear", 32)
+    height = torch.full((239, 239), 0.6e-6)
+    depths = torch.tensor([0.7], dtype=torch.float64)
+    generator = torch.Generator().manual_seed(1)
+    drawn = [
+        optics.psfs(depths, height + 60e-9 * torch.randn(height.shape, generator=generator))
+        for _ in range(200)
+    ]
+    mean = torch.stack(drawn).mean(0)
+    found = optics.mean_psfs(depths, height, 60e-9)
+    peak = found.amax((-1, -2))
+    torch.testing.assert_close(mean.amax((-1, -2)), peak, rtol=0.01, atol=0)
+    torch.testing.assert_close(
+        mean[..., :8, :].sum((-1, -2)), found[..., :8, :].sum((-1, -2)), rtol=0.05, atol=0
+    )
+
+
+def test_design_lowers_the_error_and_repeats_itself() -> None:
+    optics = _optics("paper-clear", 32)
+    maps = []
+    for _ in range(2):
+        mask = FreeHeight(torch.full((239, 239), 0.6e-6), 1.2e-6, 1.3e-7)
+        depths = torch.linspace(0, 2, 5, dtype=torch.float64)
+        with torch.no_grad():
+            before = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
+        design(mask, optics, 12, (0.0, 2.0), error=local_error, height_noise=40e-9, stray=0.5, seed=3)
+        with torch.no_grad():
+            after = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
+        assert float(after) < float(before) - 0.1
+        maps.append(mask().detach())
+    assert torch.equal(*maps)
+
+
+def test_the_closed_form_predicts_a_trained_network() -> None:
+    """The shipped D-CNN restores what a linear filter of its kind could, and a constant more."""
+    checkpoint = load_checkpoint("paper-dcnn")
+    optics = Optics(Camera.from_recipe(trained_camera(checkpoint)), 96, torch.device("cpu"))
+    depths = torch.linspace(0, 2, 9, dtype=torch.float64)
+    psf = optics.psfs(depths, checkpoint.height)
+    predicted = -10 * local_error(optics.mean_psfs(depths, checkpoint.height, 30e-9)).mean(1).log10()
+    sharp = central_patches(packaged_images(128), 6, 128, surroundings(96))
+    generator, reached = torch.Generator().manual_seed(0), []
+    for index in range(len(depths)):
+        planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))
+        captured = planes.photograph(optics, None)
+        photo = captured.clean + 0.005 * torch.randn(captured.clean.shape, generator=generator)
+        restored = torch.stack([apply_network(checkpoint.network, one) for one in photo])
+        error = (restored - captured.ideal).square().mean((1, 2, 3))
+        reached.append(float((-10 * error.log10()).mean()))
+    both = torch.stack([predicted.double(), torch.tensor(reached, dtype=torch.float64)])
+    assert float(torch.corrcoef(both)[0, 1]) > 0.9
+
+
+def _optics(camera: str, window: int) -> Optics:
+    recipe = load_camera(camera).recipe
+    mask = {"kind": "height-map", "pitch_um": 21.0}
+    psf = {"window_px": window, "pupil_sampling_um": 21.0}
+    made = type(recipe).model_validate(
+        recipe.model_dump(mode="json", by_alias=True) | {"mask": mask, "psf": psf}
+    )
+    return Optics(Camera.from_recipe(made, Path()), window, torch.device("cpu"))
