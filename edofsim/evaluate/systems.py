@@ -19,6 +19,7 @@ from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
 from ..restore.checkpoint import (
     camera_with_mask,
+    comparison_checkpoints,
     find_checkpoint,
     load_checkpoint,
     shipped_checkpoints,
@@ -45,11 +46,13 @@ class Contestant:
     digest: str
 
 
-def contestants(names: Sequence[str | Path] | None) -> list[Contestant]:
-    """Systems by name or file; None for all that ship, with the clear and the cubic aperture.
+def contestants(names: Sequence[str | Path] | None, *, every: bool = False) -> list[Contestant]:
+    """Systems by name or file; None for all that ship, with the clear and the cubic aperture, and with
+    `every` also those that were trained for comparison.
 
     Raises InputError for what is neither, and for two systems of one name."""
-    found = [contestant(name) for name in names or (*shipped_checkpoints(), *WITHOUT_TRAINING)]
+    trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
+    found = [contestant(name) for name in names or (*trained, *WITHOUT_TRAINING)]
     known = [system.name for system in found]
     twice = sorted({name for name in known if known.count(name) > 1})
     if twice:

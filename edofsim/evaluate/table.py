@@ -43,16 +43,18 @@ def run(
     """Measure, write OUT/table.csv, and return all of it.
 
     data: folder of pictures, None for scikit-image's. systems: checkpoints (files or shipped names) and
-    shipped cameras whose photos Wiener deconvolution restores; None for all that ship, with the clear and the
-    cubic aperture. chart_file: picture of a chart, None for a drawn USAF-1951. show: names of pictures, the
-    first two by default. Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures,
-    psnr_db.SYSTEM.photo.* of the photos, psnr_db.SYSTEM.chart.* of the chart, pictures, left_out. Raises
-    InputError for pictures and systems that cannot be used.
+    shipped cameras whose photos Wiener deconvolution restores; None for all that ship, those
+    that were trained for comparison, and the clear and the cubic aperture. chart_file: picture of a chart,
+    None for a drawn USAF-1951. show: names of pictures, the first two by default.
+
+    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* of the
+    photos, psnr_db.SYSTEM.chart.* of the chart, pictures, left_out. Raises InputError for pictures and
+    systems that cannot be used.
     """
     found = photographs(data, limit)
     shown = chosen(found.pictures, show, SHOWN)
     target = chart(chart_file)
-    every = contestants(systems)
+    every = contestants(systems, every=True)
     fixed = [Condition(f"{m:g}m", 1 / m, READ_NOISE, paper_test(seed)) for m in DEPTHS_M]
     conditions = [Condition(RANDOM, None, READ_NOISE, paper_test(seed)), *fixed]
     rows: list[Row] = []

@@ -60,7 +60,15 @@ class Checkpoint:
 
 def shipped_checkpoints() -> dict[str, Path]:
     """Checkpoints that came with the package, by name."""
-    folder = shipped_folder("train") / "checkpoints"
+    return _checkpoints_in(shipped_folder("train") / "checkpoints")
+
+
+def comparison_checkpoints() -> dict[str, Path]:
+    """Those of the systems that ours are compared with, by name."""
+    return _checkpoints_in(shipped_folder("train") / "checkpoints" / "comparisons")
+
+
+def _checkpoints_in(folder: Path) -> dict[str, Path]:
     return {path.name.removesuffix(SUFFIX): path for path in sorted(folder.glob("*" + SUFFIX))}
 
 
@@ -69,7 +77,7 @@ def find_checkpoint(source: str | Path) -> Path:
     path = Path(source)
     if path.is_file():
         return path
-    known = shipped_checkpoints()
+    known = shipped_checkpoints() | comparison_checkpoints()
     if str(source) in known:
         return known[str(source)]
     names = ", ".join(known) or "none"
