@@ -146,12 +146,16 @@ class System(nn.Module):
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
         captured = self.capture(draw, height)
-        noise = draw.read_noise.to(captured.clean)[:, None, None, None]
-        photo = captured.clean + noise * _normal(captured.clean, draw.generator)
+        photo = _noisy(captured.clean, draw)
         restored = self.restore(photo, height)
         loss = restoration_loss(restored, captured.ideal, self.loss_weights) + self.stray * captured.lost
         psf = None if captured.psf is None else captured.psf.detach()
         return Outcome(loss, photo, restored, captured.ideal, psf)
+
+    def photographed(self, draw: Draw) -> tuple[Tensor, Tensor]:
+        """The photo of the drawn scenes and what it should show, [batch, 3, y, x] each."""
+        captured = self.capture(draw, self.mask())
+        return _noisy(captured.clean, draw), captured.ideal
 
     def capture(self, draw: Draw, height: Tensor | None) -> Captured:
         """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication."""
@@ -186,6 +190,11 @@ class System(nn.Module):
     def _filter_psfs(self, height: Tensor | None) -> Tensor:
         depths = torch.linspace(*self.depth_range, self.network.depths, dtype=torch.float64)
         return self.optics.psfs(depths, height)
+
+
+def _noisy(clean: Tensor, draw: Draw) -> Tensor:
+    noise = draw.read_noise.to(clean)[:, None, None, None]
+    return clean + noise * _normal(clean, draw.generator)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -21,7 +21,9 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
+from ..restore.filter_bank import FilterBank
 from ..restore.wiener_network import WienerNetwork
+from .choosing import learn_choice
 from .design import design
 from .journal import Journal
 from .linear import local_error, wiener_error
@@ -33,6 +35,7 @@ from .workers import Workers, join_workers
 
 Progress = Callable[[float, str], None]
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
+CHOICE = 1 << 10  # part of a step that no update of the network reaches
 DESIGN_STRAY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
@@ -119,6 +122,7 @@ def _train(
             _design(setup, progress)
         if recipe.network.start is None:
             setup.system.prime()
+            _choose(setup, workers, progress)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)
     loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
@@ -158,6 +162,17 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         seed=recipe.seed,
         progress=progress,
     )
+
+
+def _choose(setup: Setup, workers: Workers, progress: Progress | None) -> None:
+    """The choice of a filter bank; every worker learns it alike, from the draws of the first."""
+    if isinstance(setup.system.network, FilterBank) and setup.recipe.network.choice_steps:
+        first = replace(workers, rank=0)
+
+        def draw(step: int) -> Draw:
+            return draw_batch(setup, step, first, part=CHOICE)
+
+        learn_choice(setup.system, draw, setup.recipe.network.choice_steps, progress)
 
 
 def _linear_error(network: nn.Module) -> Callable[[Tensor], Tensor]:

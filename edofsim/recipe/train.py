@@ -15,11 +15,13 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class NetworkTable(RecipeModel):
-    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from."""
+    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. choice_steps: of
+    a filter bank without `start`, so many steps on the choice among its filters come first."""
 
     kind: Literal["dcnn", "local-unet", "filter-bank", "wiener"] = "dcnn"
     settings: dict[str, Any] = {}
     start: str | None = None
+    choice_steps: Annotated[int, Field(ge=0)] = 200
 
 
 class DoeTable(RecipeModel):
