@@ -27,6 +27,7 @@ from ..expose.sensor import automatic_exposure
 from ..expose.srgb import srgb_encode
 from ..learn.system import COLOURS
 from ..optics import Camera
+from ..optics.fabrication import direct_part
 from ..plan.simulation import full_simulation
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
@@ -152,14 +153,12 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
 
 def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
-    [band], float64: exp(-s^2), s the standard deviation of the phase (Goodman, *Statistical Optics*, random
-    phase screens). 1 without a relief, and where the recipe says how the mask is made.
+    [band], float64. 1 without a relief, and where the recipe says how the mask is made.
     """
     recipe = camera.recipe
     if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
         return torch.ones_like(wavelengths, dtype=torch.float64)
-    index = camera.mask_material.index(wavelengths.double())
-    return (-(2 * math.pi * (index - 1) * HEIGHT_ERROR_M / wavelengths).square()).exp()
+    return direct_part(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
 
 
 def flattened(view: View, camera: Camera, *, encoded: bool) -> View:

@@ -1,8 +1,8 @@
 """The choice of a filter bank, learned before the rest.
 
 Which of its filters fits shows in the photo alone, but a network that also learns to mend what filters
-leave mends at first what a wrong filter did, and chooses late. A few hundred steps on the choice alone, by
-the PSNR of what is chosen, find the best single filter to within about 0.1 dB.
+leave mends at first what a wrong filter did, and chooses late. So the choice alone is trained first, by the
+PSNR of what is chosen.
 """
 
 from __future__ import annotations
@@ -44,8 +44,7 @@ def learn_choice(
             photo, ideal = system.photographed(draw(step))
             filtered = network.filtered(photo)
             each = _error(filtered - ideal[:, None], margin)
-        weights = network.weights(photo, filtered)
-        error = _error((filtered * weights[:, :, None]).sum(1, keepdim=True) - ideal[:, None], margin)[:, 0]
+        error = _error((network.chosen(photo, filtered) - ideal)[:, None], margin)[:, 0]
         optimiser.zero_grad(set_to_none=True)
         (error + SMALLEST_ERROR).log().mean().backward()
         optimiser.step()

@@ -8,7 +8,7 @@ network is noise for the most part. Two filters stand for the two kinds of resto
 
 `local_error` for a convolutional network, which sees a few pixels around each, but all colours: the edges of
 photographs are nearly the same in all, so that what one colour has lost can be had from another that is
-sharp at that depth. Its PSNR plus a constant is what a trained D-CNN reaches, for each mask and depth.
+sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over depth.
 """
 
 from __future__ import annotations
@@ -57,12 +57,11 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
     with R the covariance of the pixels that it sees and X theirs with the pixel to be restored; at a depth it
     leaves V - 2 F X + F R F, V the variance of the scene.
     """
-    depths, channels = psf.shape[:2]
     size = good_size(2 * psf.shape[-1])
     transfer, spectrum = _transfer(psf, size), _spectrum(size, psf)
     covariance, with_sharp = _covariances(transfer, spectrum, size, support, noise)
     grouped = covariance.unflatten(0, (groups, -1)).mean(1), with_sharp.unflatten(0, (groups, -1)).mean(1)
-    filters = _solve(*grouped).repeat_interleave(depths // groups, 0)
+    filters = _solve(*grouped).repeat_interleave(len(psf) // groups, 0)
     variance = torch.fft.irfft2(spectrum.to(transfer.dtype), s=(size, size))[0, 0]
     passed = (filters * with_sharp).sum(-1)
     return variance - 2 * passed + ((filters @ covariance) * filters).sum(-1)

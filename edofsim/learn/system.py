@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -10,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ..optics import Camera, psf_bank
+from ..optics.fabrication import direct_part
 from ..restore.filter_bank import FilterBank
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.wiener_network import WienerNetwork
@@ -40,13 +40,11 @@ class Optics:
     def mean_psfs(self, inverse_depths: Tensor, height: Tensor, height_noise: float) -> Tensor:
         """The same for a height map [n, n] in metres whose samples err, in the mean over such masks.
 
-        height_noise: standard deviation in metres. exp(-s^2) of the light stays where the design sends it, s
-        the standard deviation of the phase; the rest spreads evenly over the period of the sampled mask
-        (Goodman, *Statistical Optics*, random phase screens).
+        height_noise: standard deviation in metres. Light that the errors scatter spreads evenly over the
+        period of the sampled mask.
         """
         camera = self.camera
-        index = camera.mask_material.index(COLOURS)
-        direct = (-(2 * math.pi * (index - 1) * height_noise / COLOURS).square()).exp()
+        direct = direct_part(COLOURS, height_noise, camera.mask_material)
         pitch = camera.recipe.mask.pitch_um * 1e-6
         period = COLOURS * camera.sensor_distance / pitch / camera.pixel
         haze = (1 - direct) / period.square()

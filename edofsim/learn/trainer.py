@@ -150,13 +150,14 @@ def _design(setup: Setup, progress: Progress | None) -> None:
     recipe, system = setup.recipe, setup.system
     if not list(system.mask.parameters()):
         raise InputError("doe.design_steps: this mask has nothing to design; choose another mask, or 0 steps")
+    groups = getattr(system.network, "groups", 1)
     design(
         system.mask,
         system.optics,
         recipe.doe.design_steps,
         recipe.capture.inverse_depth_per_m,
-        error=_linear_error(system.network),
-        groups=getattr(system.network, "groups", 1),
+        error=_linear_error(system.network, groups),
+        groups=groups,
         height_noise=recipe.doe.height_noise_nm * 1e-9,
         stray=DESIGN_STRAY,
         seed=recipe.seed,
@@ -175,11 +176,11 @@ def _choose(setup: Setup, workers: Workers, progress: Progress | None) -> None:
         learn_choice(setup.system, draw, setup.recipe.network.choice_steps, progress)
 
 
-def _linear_error(network: nn.Module) -> Callable[[Tensor], Tensor]:
+def _linear_error(network: nn.Module, groups: int) -> Callable[[Tensor], Tensor]:
     """What a linear restoration of this network's kind leaves."""
     if isinstance(network, WienerNetwork):
         return wiener_error
-    return partial(local_error, groups=getattr(network, "groups", 1))
+    return partial(local_error, groups=groups)
 
 
 def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Progress | None) -> bool:

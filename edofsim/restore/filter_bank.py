@@ -66,8 +66,7 @@ class FilterBank(nn.Module):
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training."""
         with torch.autocast(photo.device.type, enabled=False):
             restorations = self.filtered(photo)
-            weights = self.weights(photo, restorations)
-            chosen = (restorations * weights[:, :, None]).sum(1)
+            chosen = self.chosen(photo, restorations)
         seen = torch.cat([photo, chosen], 1).contiguous(memory_format=torch.channels_last)
         sharp = chosen + self.trunk(seen).to(photo.dtype)
         return sharp if self.training else sharp.clamp(0, 1)
@@ -82,14 +81,18 @@ class FilterBank(nn.Module):
         spectrum = torch.einsum("byxc,gocyx->bgoyx", torch.fft.rfft2(padded, s=size).movedim(1, -1), transfer)
         return torch.fft.irfft2(spectrum, s=size)[..., :rows, :columns]
 
+    def chosen(self, photo: Tensor, restorations: Tensor) -> Tensor:
+        """What the choice makes of the restorations [batch, group, 3, y, x] of a photo, [batch, 3, y, x]."""
+        return (restorations * self.weights(photo, restorations)[:, :, None]).sum(1)
+
     def weights(self, photo: Tensor, restorations: Tensor) -> Tensor:
         """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
         rows, columns = photo.shape[-2:]
         images = torch.cat([photo, restorations.flatten(1, 2)], 1)
         padding = (0, -columns % CELL, 0, -rows % CELL)
         images = functional.pad(images, padding, mode="replicate") if any(padding) else images
-        fine = images - _mean(images, 1)
-        coarse = _mean(images, 1) - _mean(images, 4)
+        smooth = _mean(images, 1)
+        fine, coarse = images - smooth, smooth - _mean(images, 4)
         strengths = []
         for details in (fine, coarse):
             width = 2 * REACH + CELL
