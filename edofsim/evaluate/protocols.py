@@ -7,8 +7,8 @@ linear light of all bands, every surface that a pixel sees at its own depth, and
 The ways between change one thing at a time; all but ours know only the surfaces that are seen.
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
-scatter spreads over a thousand pixels, beyond any window of a PSF; so that light is taken off by its closed
-form (see `direct_light`), which is what is left of the PSFs of a mask that is made in full.
+scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
+`direct_light`), becomes a veil: every surface gets its share of the picture's mean.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     direct = direct_light(system.camera, view.wavelengths)
     photo = expose(
-        replace(view, radiance=view.radiance * direct.to(view.radiance)[:, None]),
+        veiled(view, direct),
         camera,
         occlusion=way.occlusion or full_simulation(camera, view).occlusion,
         exposure=exposure,
@@ -141,12 +141,12 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         images["restored"], _ = restore(
             photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint
         )
-        # a filter knows the mask as designed, and how bright the camera's pictures are
+        # a filter knows the mask as designed, and the veil that its making leaves
         taker = system.designed or system.camera
         taker = _of_three_lines(taker) if way.flat else taker
         level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
         images["wiener"], _ = restore(
-            photo.image / level, taker, view.wavelengths, depths, height=system.height
+            unveiled(photo.image, level), taker, view.wavelengths, depths, height=system.height
         )
     return Taken(photo, images)
 
@@ -159,6 +159,20 @@ def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
         return torch.ones_like(wavelengths, dtype=torch.float64)
     return direct_part(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
+
+
+def veiled(view: View, direct: Tensor) -> View:
+    """The view with the light that a made mask scatters, 1 - `direct` [band], spread evenly over it."""
+    part = direct.to(view.radiance)[:, None]
+    rows, columns = view.padded_shape
+    mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
+    return replace(view, radiance=view.radiance * part + mean * (1 - part) * view.coverage)
+
+
+def unveiled(photo: Tensor, direct: Tensor) -> Tensor:
+    """A photo [3, y, x] without the veil: `direct` [3, 1, 1] is the part of its light that is no veil."""
+    mean = photo.mean((-1, -2), keepdim=True)
+    return (photo - (1 - direct) * mean) / direct
 
 
 def flattened(view: View, camera: Camera, *, encoded: bool) -> View:

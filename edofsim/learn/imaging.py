@@ -15,15 +15,20 @@ def surroundings(window: int) -> tuple[int, int]:
 def photograph(sharp: Tensor, psf: Tensor) -> Tensor:
     """The noise-free photo of planes, each at its own depth.
 
-    sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w].
-    Returns [batch, band, y, x]: only pixels whose light is all known, so that nothing wraps or is missing
-    (Eq. `Forwardmodel`).
+    sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w],
+    the fraction of light that lands in each pixel. Returns [batch, band, y, x]: only pixels whose light is
+    all known, so that nothing wraps or is missing (Eq. `Forwardmodel`).
+
+    Light that leaves the PSFs' window is not gone. What height errors scatter spreads over a thousand pixels
+    and more, nearly evenly: it comes back as the mean of the picture, a veil over all of it.
     """
     rows, columns = sharp.shape[-2:]
     window = psf.shape[-1]
     size = (good_size(rows), good_size(columns))
     spectrum = torch.fft.rfft2(sharp, s=size) * torch.fft.rfft2(psf, s=size)
-    return torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
+    direct = torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
+    outside = 1 - psf.sum((-1, -2), keepdim=True)
+    return direct + outside * sharp.mean((-1, -2), keepdim=True)
 
 
 def good_size(size: int) -> int:

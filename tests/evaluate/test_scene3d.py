@@ -27,6 +27,8 @@ from edofsim.evaluate.protocols import (
     quantised,
     systems_of,
     take,
+    unveiled,
+    veiled,
     views_of,
 )
 from edofsim.expose import ideal_image
@@ -162,6 +164,18 @@ def test_what_height_errors_leave_is_what_a_made_mask_leaves():
     assert torch.allclose(real.sum((1, 2)).double() / designed.sum((1, 2)), kept, atol=4e-3)
     assert (real - designed * kept[:, None, None]).abs().max() < 0.02 * designed.max()
     assert (direct_light(CAMERA, at) == 1).all() and (direct_light(Camera.from_recipe(made), at) == 1).all()
+
+
+def test_scattered_light_is_a_veil_that_a_filter_takes_off(view: View):
+    """No light is made or lost, contrast falls by what is scattered, and the photo without it is as before."""
+    part = torch.linspace(0.8, 0.95, view.bands, dtype=torch.float64)
+    hazy = veiled(view, part)
+    before, after = (ideal_image(each, CAMERA, 1.0) for each in (view, hazy))
+    assert torch.allclose(before.mean((1, 2)), after.mean((1, 2)), rtol=1e-5)
+    even = veiled(view, torch.full((view.bands,), 0.9))
+    level = torch.full((3, 1, 1), 0.9)
+    assert torch.allclose(unveiled(ideal_image(even, CAMERA, 1.0), level), before, atol=1e-5)
+    assert not torch.allclose(ideal_image(even, CAMERA, 1.0), before, atol=1e-2)
 
 
 def test_pixels_within_the_blur_radius_of_an_edge(view: View):

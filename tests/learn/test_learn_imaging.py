@@ -15,6 +15,7 @@ def test_a_patch_is_cut_from_the_whole_convolution(window: int) -> None:
     """Against scipy's direct convolution of the whole picture; the patch with its surroundings is enough."""
     generator = np.random.default_rng(1)
     picture, psf = generator.random((40, 37)), generator.random((window, window))
+    psf /= psf.sum()
     full = convolve2d(picture, psf)  # pixel i of the photo is at i + window // 2, the centre of the PSF
     before, after = surroundings(window)
     top, left, rows, columns = 12, 11, 9, 14
@@ -33,6 +34,25 @@ def test_light_goes_where_the_psf_says() -> None:
     before, _ = surroundings(6)
     photo = photograph(sharp, psf)
     assert torch.allclose(photo, sharp[..., before : before + 10, before - 1 : before + 9], atol=1e-6)
+
+
+def test_light_beyond_the_window_is_a_veil() -> None:
+    """Against a window that holds all the light: a point with a halo that is wider than the small window."""
+    wide, small = 241, 9
+    generator = np.random.default_rng(2)
+    picture = np.pad(generator.random((60, 60)), 120, "wrap")[1:, 1:]  # 60 pixels, again and again
+    halo = np.full((wide, wide), 0.1 / wide**2)
+    halo[wide // 2, wide // 2] += 0.9
+    exact = convolve2d(picture, halo, "valid")
+    before, after = surroundings(small)
+    middle = (picture.shape[0] - exact.shape[0]) // 2
+    rows = slice(middle - before, middle + exact.shape[0] + after)
+    core = halo[wide // 2 - small // 2 : wide // 2 + small // 2 + 1][:, wide // 2 - 4 : wide // 2 + 5]
+    cut, psf = (torch.from_numpy(a.copy())[None, None] for a in (picture[rows, rows], core))
+    photo = photograph(cut, psf)[0, 0].numpy()
+    lost = 1 - core.sum()
+    error = np.abs(photo - exact)
+    assert error.max() < 0.03 * lost
 
 
 def test_lengths_for_the_transform_are_products_of_small_primes() -> None:
