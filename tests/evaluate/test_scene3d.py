@@ -167,7 +167,7 @@ def test_what_height_errors_leave_is_what_a_made_mask_leaves():
 
 
 def test_scattered_light_is_a_veil_that_a_filter_takes_off(view: View):
-    """No light is made or lost, contrast falls by what is scattered, and the photo without it is as before."""
+    """No light is made or lost, contrast falls, and the photo without the veil is as before."""
     part = torch.linspace(0.8, 0.95, view.bands, dtype=torch.float64)
     hazy = veiled(view, part)
     before, after = (ideal_image(each, CAMERA, 1.0) for each in (view, hazy))
