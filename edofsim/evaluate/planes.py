@@ -20,10 +20,10 @@ from PIL import Image
 from torch import Tensor
 
 from ..learn.imaging import photograph, surroundings
-from ..learn.sources import mirrored
 from ..learn.system import COLOURS
 from ..optics import psf_bank
 from ..recipe.fabrication import Fabrication
+from ..restore.borders import mirrored
 from .drawing import write_csv
 from .kept import Kept, key_of
 from .photographs import Photograph

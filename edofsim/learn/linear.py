@@ -15,17 +15,11 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
+from ..restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
 from .imaging import good_size
 
 NOISE = 0.006  # read noise, below the middle of the training's range
-COARSEST_PX = 300.0  # below this frequency the spectrum of photographs is taken as level
-FALL = 2.5  # their power spectrum falls with this power of the frequency,
-POWER = 2.7e-4  # and this is its size at one cycle a pixel, full scale 1
-# correlation of differences between neighbouring pixels; with FALL and POWER measured on the photographs of
-# BSDS500's training part and of Sun and Hays
-COLOUR_CORRELATION = ((1.0, 0.985, 0.972), (0.985, 1.0, 0.985), (0.972, 0.985, 1.0))
 SUPPORT = 9
 
 
@@ -37,8 +31,8 @@ def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
     |1 - W H|^2 S + |W|^2 N at each frequency and depth.
     """
     size = good_size(2 * psf.shape[-1])
-    transfer = _transfer(psf, size)
-    spectrum = _spectrum(size, psf)
+    transfer = transfer_functions(psf, size)
+    spectrum = power_spectrum(size, psf)
     mean, power = transfer.mean(0), transfer.abs().square().mean(0)
     inverse = mean.conj() * spectrum / (power * spectrum + noise**2)
     left = (1 - inverse * transfer).abs().square() * spectrum + inverse.abs().square() * noise**2
@@ -58,7 +52,7 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
     leaves V - 2 F X + F R F, V the variance of the scene.
     """
     size = good_size(2 * psf.shape[-1])
-    transfer, spectrum = _transfer(psf, size), _spectrum(size, psf)
+    transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
     covariance, with_sharp = _covariances(transfer, spectrum, size, support, noise)
     grouped = covariance.unflatten(0, (groups, -1)).mean(1), with_sharp.unflatten(0, (groups, -1)).mean(1)
     filters = _solve(*grouped).repeat_interleave(len(psf) // groups, 0)
@@ -72,7 +66,7 @@ def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) 
     them. psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group."""
     channels = psf.shape[1]
     size = good_size(max(2 * psf.shape[-1], psf.shape[-1] + support))
-    transfer, spectrum = _transfer(psf, size), _spectrum(size, psf)
+    transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
     filters = []
     for part in transfer.unflatten(0, (groups, -1)):  # one at a time: a covariance has support^4 numbers
         covariance, with_sharp = _mean_covariance(part, spectrum, size, support, noise)
@@ -128,18 +122,3 @@ def _placed(
     seen = torch.fft.irfft2(transfer * spectrum, s=(size, size))[..., around, :][..., around]
     with_sharp = (alike[:, :, None] * seen.reshape(depths, 1, channels, -1)).reshape(depths, channels, -1)
     return covariance + noise**2 * torch.eye(covariance.shape[-1]).to(covariance), with_sharp
-
-
-def _transfer(psf: Tensor, size: int) -> Tensor:
-    """Transfer functions for periods of `size` pixels, [depth, channel, y, x // 2 + 1]."""
-    window = psf.shape[-1]
-    padded = functional.pad(psf, (0, size - window, 0, size - window))
-    return torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
-
-
-def _spectrum(size: int, like: Tensor) -> Tensor:
-    """Power spectrum of photographs on the half plane of frequencies, [y, x // 2 + 1], for a transform whose
-    inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency."""
-    fy = torch.fft.fftfreq(size, device=like.device)[:, None]
-    fx = torch.fft.rfftfreq(size, device=like.device)[None, :]
-    return (POWER * (fy.square() + fx.square() + COARSEST_PX**-2) ** (-FALL / 2)).to(like.dtype)

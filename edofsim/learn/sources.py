@@ -13,6 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..errors import InputError
+from ..restore.borders import mirrored
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 100_000_000
@@ -148,13 +149,6 @@ def central_patches(images: Images, count: int, patch: int, around: tuple[int, i
         top, left = ((n - patch) // 2 - around[0] for n in (rows, columns))
         patches.append(picture[:, mirrored(top, size, rows)][:, :, mirrored(left, size, columns)])
     return torch.stack(patches).to(torch.float32) / 255
-
-
-def mirrored(start: int, size: int, length: int) -> Tensor:
-    """Indices start ... start + size - 1 into an axis of `length` that its mirror images continue; the
-    border pixel is repeated."""
-    folded = torch.arange(start, start + size).remainder(2 * length)
-    return torch.where(folded < length, folded, 2 * length - 1 - folded)
 
 
 def _decode(path: Path) -> Tensor:

@@ -18,7 +18,6 @@ from .linear import local_filters
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 """The paper's red, green and blue, in metres."""
-FILTER_DEPTHS = 5  # PSFs that a filter of a bank stands for
 
 
 @dataclass(frozen=True)
@@ -146,14 +145,17 @@ class System(nn.Module):
         captured = self.capture(draw, height)
         photo = _noisy(captured.clean, draw)
         restored = self.restore(photo, height)
-        loss = restoration_loss(restored, captured.ideal, self.loss_weights) + self.stray * captured.lost
+        photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
+        loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * captured.lost
         psf = None if captured.psf is None else captured.psf.detach()
-        return Outcome(loss, photo, restored, captured.ideal, psf)
+        return Outcome(loss, photo, restored, ideal, psf)
 
-    def photographed(self, draw: Draw) -> tuple[Tensor, Tensor]:
-        """The photo of the drawn scenes and what it should show, [batch, 3, y, x] each."""
-        captured = self.capture(draw, self.mask())
-        return _noisy(captured.clean, draw), captured.ideal
+    def _inside(self, image: Tensor) -> Tensor:
+        """Without the border that the network cannot know, where a patch is wide enough."""
+        border = getattr(self.network, "border", 0)
+        if border == 0 or min(image.shape[-2:]) <= 3 * border:
+            return image
+        return image[..., border:-border, border:-border]
 
     def capture(self, draw: Draw, height: Tensor | None) -> Captured:
         """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication."""
@@ -170,14 +172,20 @@ class System(nn.Module):
             return self.network(photo).to(torch.float32)
 
     def prime(self) -> None:
-        """Give a bank of filters those of the mask as it is, made with the mean error of fabrication."""
-        if isinstance(self.network, FilterBank):
-            groups, (low, high) = self.network.groups, self.depth_range
-            count = groups * FILTER_DEPTHS
+        """Tell a bank of filters how the mask blurs as it is, made with the mean error of fabrication."""
+        network = self.network
+        if isinstance(network, FilterBank):
+            low, high = self.depth_range
+            count = network.depths
             depths = low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
             with torch.no_grad():
-                psf = self.optics.mean_psfs(depths, self.mask(), self.height_noise)
-                self.network.filters.copy_(local_filters(psf, self.network.support, groups).flatten(0, 1))
+                height = self.mask()
+                psf = (
+                    self.optics.psfs(depths, None)
+                    if height is None
+                    else self.optics.mean_psfs(depths, height, self.height_noise)
+                )
+                network.teach(local_filters(psf, network.support, network.groups), psf)
 
     def settle(self) -> None:
         """Give a filter the PSFs of the mask as it is now, to keep in its checkpoint."""

@@ -21,9 +21,7 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
-from ..restore.filter_bank import FilterBank
 from ..restore.wiener_network import WienerNetwork
-from .choosing import learn_choice
 from .design import design
 from .journal import Journal
 from .linear import local_error, wiener_error
@@ -35,7 +33,6 @@ from .workers import Workers, join_workers
 
 Progress = Callable[[float, str], None]
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
-CHOICE = 1 << 10  # part of a step that no update of the network reaches
 DESIGN_STRAY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
@@ -110,6 +107,7 @@ def _train(
 ) -> Trained:
     recipe, state = setup.recipe, out / "state.safetensors"
     optimiser = _optimiser(setup)
+    kept = recipe.doe.learning_rate_rad == 0
     position = Position()
     if resume:
         position = load_state(state, setup.system, optimiser, _plain(recipe), setup.material.sha256)
@@ -122,7 +120,7 @@ def _train(
             _design(setup, progress)
         if recipe.network.start is None:
             setup.system.prime()
-            _choose(setup, workers, progress)
+    setup.system.mask.requires_grad_(not kept)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)
     loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
@@ -163,17 +161,6 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         seed=recipe.seed,
         progress=progress,
     )
-
-
-def _choose(setup: Setup, workers: Workers, progress: Progress | None) -> None:
-    """The choice of a filter bank; every worker learns it alike, from the draws of the first."""
-    if isinstance(setup.system.network, FilterBank) and setup.recipe.network.choice_steps:
-        first = replace(workers, rank=0)
-
-        def draw(step: int) -> Draw:
-            return draw_batch(setup, step, first, part=CHOICE)
-
-        learn_choice(setup.system, draw, setup.recipe.network.choice_steps, progress)
 
 
 def _linear_error(network: nn.Module, groups: int) -> Callable[[Tensor], Tensor]:
@@ -304,14 +291,14 @@ def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float
 
 
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:
-    """Adam with a rate for the network and one for the mask; the mask's values do not decay."""
+    """Adam with a rate for the network and one for a mask that learns; its values do not decay."""
     settings, doe = setup.recipe.optimiser, setup.recipe.doe
     groups: list[dict[str, Any]] = []
     network, mask = (list(module.parameters()) for module in (setup.system.network, setup.system.mask))
     groups.append(
         {"params": network, "full_rate": settings.learning_rate, "weight_decay": settings.weight_decay}
     )
-    if mask:
+    if mask and doe.learning_rate_rad > 0:
         groups.append({"params": mask, "full_rate": doe.learning_rate_rad, "weight_decay": 0.0})
     return torch.optim.Adam(groups, lr=settings.learning_rate, betas=settings.betas)
 

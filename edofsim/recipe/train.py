@@ -15,13 +15,11 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class NetworkTable(RecipeModel):
-    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. choice_steps: of
-    a filter bank without `start`, so many steps on the choice among its filters come first."""
+    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from."""
 
     kind: Literal["dcnn", "local-unet", "filter-bank", "wiener"] = "dcnn"
     settings: dict[str, Any] = {}
     start: str | None = None
-    choice_steps: Annotated[int, Field(ge=0)] = 200
 
 
 class DoeTable(RecipeModel):
@@ -29,15 +27,15 @@ class DoeTable(RecipeModel):
 
     learn: a height map, Zernike or Fourier terms and rings can learn, the other masks are kept. start:
     checkpoint whose height map is taken in place of the recipe's. learning_rate_rad: in radians of phase at
-    the mask's design wavelength. height_limit_um: heights stay between 0 and this, the deepest relief that
-    Akpinar et al. could make. design_steps: before the training, this many steps on the mask alone, towards
-    the best linear restoration (see `learn.design`).
+    the mask's design wavelength; 0 keeps what `design_steps` made. height_limit_um: heights stay between 0
+    and this, the deepest relief that Akpinar et al. could make. design_steps: before the training, this many
+    steps on the mask alone, towards the best linear restoration (see `learn.design`).
     """
 
     learn: bool = True
     design_steps: Annotated[int, Field(ge=0)] = 0
     start: str | None = None
-    learning_rate_rad: Positive = 5e-3
+    learning_rate_rad: NotNegative = 5e-3
     height_limit_um: Positive = 1.2
     height_noise_nm: NotNegative = 40.0
 

@@ -1,75 +1,112 @@
-"""A network that is told the optics: linear filters for parts of the depth range, a choice, and a U-Net.
+"""A network that is told the optics: it knows how each distance blurs, and asks each place how far it is.
 
 For one distance the best linear restoration follows from the PSFs in closed form. A bank of such filters,
 each for a part of the depth range, gives as many restorations of a photo; at each place one is nearly right.
-Which one shows in how strong their details are: where the distance is another, they ring or stay blurred. A
-small network weighs them by that, and a U-Net of NAFNet's blocks mends what a linear filter leaves. Filters
-before a network: Yanny et al., Optica 9, 96, 2022 (MultiWienerNet), there for places with PSFs of their own.
+Which one, the photo itself tells: `blur_likelihood` says how well the blur of each distance explains it. The
+restorations are weighed by that, and a U-Net of NAFNet's blocks, which knows the weights, mends what a linear
+filter leaves. Filters before a network: Yanny et al., Optica 9, 96, 2022 (MultiWienerNet), there for places
+with PSFs of their own.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from .blur_likelihood import BLOCK, STEP, block_transfer, explain, log_likelihood, spread
+from .borders import continued
 from .local_unet import Trunk
+from .photograph_statistics import transfer_functions
 
-CELL = 8  # pixels between the places where a choice is made
-REACH = 12  # pixels on each side whose details it rests on
-HIDDEN = 64
-FLOOR = 1e-6  # of the strength of details: a quarter of an 8-bit step
+# how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
+# are no Gaussian processes
+BELIEF = (0.01, 0.05)
 
 
 class FilterBank(nn.Module):
-    """Weighs `groups` linear restorations of the photo, and adds what they lack.
+    """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
-    support: width of the filters in pixels, odd; width, blocks, kernel: of the U-Net, see `LocalUNet`.
-    filters: [groups * 3 out, 3 in, support, support], not trained; untouched ones return the photo.
+    support: width of the filters in pixels, odd; distances: so many for each filter are told
+    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. Untaught, it returns the photo.
+
+    filters: [groups * 3 out, 3 in, support, support]; transfer: real and imaginary part of the transfer
+    functions of a block, [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16; neither is trained, see `teach`.
     """
 
     kind = "filter-bank"
 
     def __init__(
         self,
-        groups: int = 8,
-        support: int = 33,
+        groups: int = 16,
+        support: int = 27,
+        distances: int = 2,
         width: int = 24,
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
     ) -> None:
         super().__init__()
-        if groups < 1 or support < 1 or support % 2 == 0:
-            raise ValueError(f"{groups} groups, {support} pixels: at least one filter, of an odd width")
-        self.groups, self.support = groups, support
-        self.choice = nn.Sequential(
-            nn.Conv2d(6 * (groups + 1), HIDDEN, 1),
-            nn.LeakyReLU(0.1),
-            nn.Conv2d(HIDDEN, HIDDEN, 3, padding=1),
-            nn.LeakyReLU(0.1),
-            nn.Conv2d(HIDDEN, groups, 1),
-        )
-        self.trunk = Trunk(6, 3, width, blocks, kernel)
-        self.multiple = max(self.trunk.multiple, CELL)
-        # details, the places around one that decide, and the interpolation between places
-        self.radius = self.trunk.radius + support // 2 + 5 + REACH + CELL + 3 * CELL
-        filters = torch.zeros(groups, 3, 3, support, support)
-        filters[:, range(3), range(3), support // 2, support // 2] = 1
+        if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
+            raise ValueError(f"{groups} groups, {distances} distances, {support} pixels: at least 1, and odd")
+        self.groups, self.support, self.depths = groups, support, groups * distances
+        self.belief = nn.Parameter(torch.tensor(BELIEF).log())
+        self.trunk = Trunk(6, 3, width, blocks, kernel, side=groups)
+        self.border = support // 2
+        self.multiple = max(self.trunk.multiple, STEP)
+        # to the middles of the places around, of their neighbours, and to the end of a block
+        self.radius = self.trunk.radius + max(support // 2, 2 * STEP + BLOCK // 2)
         # channels last asks for four axes
-        self.register_buffer("filters", filters.flatten(0, 1))
+        self.register_buffer("filters", torch.zeros(groups * 3, 3, support, support))
+        self.register_buffer(
+            "transfer", torch.zeros(self.depths * 3, BLOCK, BLOCK // 2 + 1, 2, dtype=torch.float16)
+        )
+        self.register_buffer("_matrix", torch.empty(0), persistent=False)
+        self.register_buffer("_constant", torch.empty(0), persistent=False)
+        self.register_load_state_dict_post_hook(_loaded)
+        point = torch.zeros(groups, 3, 3, support, support)
+        point[:, range(3), range(3), support // 2, support // 2] = 1
+        self.teach(point, torch.ones(self.depths, 3, 1, 1))
 
-    def settings(self) -> dict[str, int | list[int]]:
+    def settings(self) -> dict[str, Any]:
         """What rebuilds this network."""
-        return {"groups": self.groups, "support": self.support} | self.trunk.settings()
+        own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
+        return own | self.trunk.settings()
+
+    @torch.no_grad()
+    def teach(self, filters: Tensor, psf: Tensor) -> None:
+        """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
+        [depths, 3, y, x], neighbouring depths next to each other, of the same parts of the depth range."""
+        size = BLOCK * -(-psf.shape[-1] // BLOCK)
+        transfer = block_transfer(transfer_functions(psf, size))
+        self.filters.copy_(filters.flatten(0, 1))
+        self.transfer.copy_(torch.view_as_real(transfer).flatten(0, 1))
+        self._explain()
+
+    def _explain(self) -> None:
+        transfer = torch.view_as_complex(self.transfer.float().contiguous()).unflatten(0, (self.depths, 3))
+        self._matrix, self._constant = explain(transfer)
 
     def forward(self, photo: Tensor) -> Tensor:
-        """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training."""
+        """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training.
+
+        In use a photo is continued by its mirror image; in training its outermost `border` pixels, which
+        filters cannot know, should not be judged.
+        """
+        if self.training:
+            return self._restored(photo)
+        # as many pixels as keep the places of the likelihood where they are
+        reach = STEP * -(-self.border // STEP)
+        sharp = self._restored(continued(photo, reach))
+        return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]].clamp(0, 1)
+
+    def _restored(self, photo: Tensor) -> Tensor:
         with torch.autocast(photo.device.type, enabled=False):
-            restorations = self.filtered(photo)
-            chosen = self.chosen(photo, restorations)
+            weights = self.weights(photo)
+            chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
         seen = torch.cat([photo, chosen], 1).contiguous(memory_format=torch.channels_last)
-        sharp = chosen + self.trunk(seen).to(photo.dtype)
-        return sharp if self.training else sharp.clamp(0, 1)
+        return chosen + self.trunk(seen, weights).to(photo.dtype)
 
     def filtered(self, photo: Tensor) -> Tensor:
         """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it."""
@@ -81,35 +118,23 @@ class FilterBank(nn.Module):
         spectrum = torch.einsum("byxc,gocyx->bgoyx", torch.fft.rfft2(padded, s=size).movedim(1, -1), transfer)
         return torch.fft.irfft2(spectrum, s=size)[..., :rows, :columns]
 
-    def chosen(self, photo: Tensor, restorations: Tensor) -> Tensor:
-        """What the choice makes of the restorations [batch, group, 3, y, x] of a photo, [batch, 3, y, x]."""
-        return (restorations * self.weights(photo, restorations)[:, :, None]).sum(1)
-
-    def weights(self, photo: Tensor, restorations: Tensor) -> Tensor:
+    def weights(self, photo: Tensor) -> Tensor:
         """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
+        depths = self.depth_probability(photo)
+        return depths.unflatten(1, (self.groups, -1)).sum(2)
+
+    def depth_probability(self, photo: Tensor) -> Tensor:
+        """How likely each distance is at each pixel, [batch, depth, y, x], far ones first."""
         rows, columns = photo.shape[-2:]
-        images = torch.cat([photo, restorations.flatten(1, 2)], 1)
-        padding = (0, -columns % CELL, 0, -rows % CELL)
-        images = functional.pad(images, padding, mode="replicate") if any(padding) else images
-        smooth = _mean(images, 1)
-        fine, coarse = images - smooth, smooth - _mean(images, 4)
-        strengths = []
-        for details in (fine, coarse):
-            width = 2 * REACH + CELL
-            strength = functional.avg_pool2d(details.square(), width, CELL, REACH, count_include_pad=False)
-            strengths.append((strength + FLOOR).log())
-        own = [strength[:, :3] for strength in strengths]
-        others = [
-            strength[:, 3:] - mine.repeat(1, self.groups, 1, 1)
-            for strength, mine in zip(strengths, own, strict=True)
-        ]
-        scores = self.choice(torch.cat([(mine + 8) / 4 for mine in own] + others, 1))
-        weights = functional.interpolate(
-            scores, scale_factor=CELL, mode="bilinear", align_corners=False
-        ).softmax(1)
-        return weights[..., :rows, :columns]
+        sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]
+        padding = (0, sizes[1] - columns, 0, sizes[0] - rows)
+        padded = functional.pad(photo.detach(), padding, mode="replicate")
+        own = log_likelihood(padded, self._matrix.to(photo), self._constant.to(photo))
+        around = functional.avg_pool2d(own, 3, 1, 1, count_include_pad=False)
+        first, second = self.belief.exp()
+        likely = (first * own + second * around).softmax(1)
+        return spread(likely)[..., :rows, :columns]
 
 
-def _mean(images: Tensor, reach: int) -> Tensor:
-    """Mean over a square of 2 * reach + 1 pixels."""
-    return functional.avg_pool2d(images, 2 * reach + 1, 1, reach, count_include_pad=False)
+def _loaded(network: FilterBank, _: object) -> None:
+    network._explain()

@@ -42,17 +42,20 @@ class LocalUNet(nn.Module):
 class Trunk(nn.Module):
     """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
 
-    width, blocks, kernel: see `LocalUNet`. multiple: images are padded to a multiple of so many pixels.
-    radius: how far in pixels an output pixel sees, at most.
+    side: channels of coarse maps that it is given besides; width, blocks, kernel: see `LocalUNet`.
+    multiple: images are padded to a multiple of so many pixels. radius: how far in pixels an output pixel
+    sees, at most.
     """
 
-    def __init__(self, inputs: int, outputs: int, width: int, blocks: tuple[int, ...], kernel: int) -> None:
+    def __init__(
+        self, inputs: int, outputs: int, width: int, blocks: tuple[int, ...], kernel: int, side: int = 0
+    ) -> None:
         super().__init__()
         self.width, self.blocks, self.kernel = width, tuple(blocks), kernel
         levels = len(self.blocks)
         channels = [width << level for level in range(levels)]
         kernels = [3] + [kernel] * (levels - 1)
-        self.first = nn.Conv2d(4 * inputs, width, 3, padding=1)
+        self.first = nn.Conv2d(4 * inputs + side, width, 3, padding=1)
         self.last = nn.Conv2d(width, 4 * outputs, 3, padding=1)
         self.down_blocks = nn.ModuleList(
             nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
@@ -80,11 +83,13 @@ class Trunk(nn.Module):
         """What rebuilds it, but for its inputs and outputs."""
         return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
 
-    def forward(self, images: Tensor) -> Tensor:
+    def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
+        """images: [batch, inputs, y, x]; side: [batch, side, y, x]."""
         rows, columns = images.shape[-2:]
-        padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
-        padded = functional.pad(images, padding, mode="replicate") if any(padding) else images
-        features = self.first(functional.pixel_unshuffle(padded, 2))
+        fine = functional.pixel_unshuffle(self._padded(images), 2)
+        if side is not None:
+            fine = torch.cat([fine, functional.avg_pool2d(self._padded(side), 2)], 1)
+        features = self.first(fine)
         skipped = []
         for level, blocks in enumerate(self.down_blocks):
             features = blocks(features)
@@ -95,6 +100,11 @@ class Trunk(nn.Module):
             features = skipped[level] + functional.pixel_shuffle(self.ups[level](features), 2)
             features = self.up_blocks[level](features)
         return functional.pixel_shuffle(self.last(features), 2)[..., :rows, :columns]
+
+    def _padded(self, images: Tensor) -> Tensor:
+        rows, columns = images.shape[-2:]
+        padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
+        return functional.pad(images, padding, mode="replicate") if any(padding) else images
 
 
 class GatedBlock(nn.Module):

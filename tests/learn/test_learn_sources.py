@@ -10,7 +10,8 @@ import torch
 from PIL import Image
 
 from edofsim.errors import InputError
-from edofsim.learn.sources import central_patches, draw_patches, mirrored, packaged_images, read_folder, split
+from edofsim.learn.sources import central_patches, draw_patches, packaged_images, read_folder, split
+from edofsim.restore.borders import mirrored
 
 
 def _pictures(folder: Path, sizes: list[tuple[int, int]]) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edofsim.errors import InputError
+from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
 from edofsim.restore.network import NETWORKS, apply_network, build_network, weights_of
+from edofsim.restore.photograph_statistics import power_spectrum
 
 
 def _random_network(kind: str) -> torch.nn.Module:
@@ -33,7 +37,9 @@ def test_dcnn_has_as_many_weights_as_the_paper_describes() -> None:
 def test_the_stronger_network_ships_in_under_2_megabytes() -> None:
     assert 4 * weights_of(build_network("local-unet")) < 2_000_000
     bank = build_network("filter-bank")
-    assert 4 * (weights_of(bank) + bank.filters.numel()) < 2_000_000
+    height_map = 4 * 239**2
+    kept = sum(value.numel() * value.element_size() for value in bank.state_dict().values())
+    assert kept + height_map < 2_000_000
 
 
 def test_a_bank_of_filters_is_a_convolution_that_continues_the_border() -> None:
@@ -108,3 +114,62 @@ def test_the_untrained_shape_is_checked_before_the_work() -> None:
         build_network("unet")
     with pytest.raises(InputError, match="cannot be built"):
         build_network("dcnn", {"kernels": 64})
+
+
+def _told_bank() -> torch.nn.Module:
+    """A small bank for blurs by squares of 1, 3, 5 and 7 pixels, whose filters differ."""
+    bank = build_network(
+        "filter-bank", {"groups": 4, "distances": 1, "support": 9, "width": 4, "blocks": [1]}
+    )
+    psf = torch.zeros(4, 3, 9, 9)
+    for reach in range(4):
+        psf[reach, :, 4 - reach : 5 + reach, 4 - reach : 5 + reach] = 1 / (2 * reach + 1) ** 2
+    filters = 0.01 * torch.randn(4, 3, 3, 9, 9, generator=torch.Generator().manual_seed(8))
+    filters[:, range(3), range(3), 4, 4] += torch.linspace(0.5, 0.9, 4)[:, None]
+    bank.teach(filters, psf)
+    return bank.eval()
+
+
+def _texture(size: int, generator: torch.Generator) -> torch.Tensor:
+    """Grey, with the spectrum of photographs, [1, 3, size, size]."""
+    white = torch.fft.rfft2(torch.randn(size, size, generator=generator))
+    return torch.fft.irfft2(white * power_spectrum(size, torch.zeros(1)).sqrt()).expand(1, 3, -1, -1)
+
+
+def test_a_bank_takes_the_filter_of_the_blur_that_it_sees() -> None:
+    bank = _told_bank()
+    generator = torch.Generator().manual_seed(9)
+    sharp = _texture(128, generator)
+    for reach in range(4):
+        photo = torch.nn.functional.avg_pool2d(sharp, 2 * reach + 1, 1)
+        weights = bank.weights(photo + 0.003 * torch.randn(photo.shape, generator=generator))
+        assert weights.shape == (1, 4, *photo.shape[-2:])
+        assert torch.allclose(weights.sum(1), torch.ones(1), atol=1e-5)
+        assert weights[:, reach].mean() > 0.95
+
+
+def test_a_bank_sees_no_further_than_its_radius() -> None:
+    """What chooses among the filters has no gradient: pixels beyond the radius are replaced instead."""
+    bank = _told_bank()
+    size = 2 * bank.radius + 64
+    generator = torch.Generator().manual_seed(10)
+    photo = 0.5 + 0.02 * torch.randn(1, 3, size, size, generator=generator)
+    place = size // 2
+    near = slice(place - bank.radius, place + bank.radius + 1)
+    other = torch.rand(photo.shape, generator=generator)
+    other[..., near, near] = photo[..., near, near]
+    closer = photo.clone()
+    closer[..., place + 20 :, :] = 0.5
+    with torch.no_grad():
+        same, here, changed = (bank(each)[0, :, place, place] for each in (photo, other, closer))
+    torch.testing.assert_close(here, same, rtol=0, atol=1e-5)
+    assert (changed - same).abs().max() > 1e-4
+
+
+def test_a_checkpoint_keeps_what_a_bank_was_told(tmp_path: Path) -> None:
+    bank = _told_bank()
+    photo = torch.rand(3, 70, 60, generator=torch.Generator().manual_seed(11))
+    path = save_checkpoint(tmp_path / "bank.safetensors", bank, {"name": "bank"})
+    torch.testing.assert_close(
+        apply_network(load_checkpoint(path).network, photo), apply_network(bank, photo), rtol=0, atol=1e-6
+    )

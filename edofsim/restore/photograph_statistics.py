@@ -1,0 +1,33 @@
+"""What photographs have in common: how strong their details are, and how alike in all colours.
+
+Linear filters, and the likelihood of a blur, need no more than these second moments. Measured on the
+photographs of BSDS500's training part and of Sun and Hays, 8-bit values taken as intensities.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+COARSEST_PX = 300.0  # below this frequency the spectrum of photographs is taken as level
+FALL = 2.5  # their power spectrum falls with this power of the frequency,
+POWER = 2.7e-4  # and this is its size at one cycle a pixel, full scale 1
+# correlation of differences between neighbouring pixels
+COLOUR_CORRELATION = ((1.0, 0.985, 0.972), (0.985, 1.0, 0.985), (0.972, 0.985, 1.0))
+
+
+def power_spectrum(size: int, like: Tensor) -> Tensor:
+    """Power spectrum of photographs on the half plane of frequencies, [y, x // 2 + 1], for a transform whose
+    inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency."""
+    fy = torch.fft.fftfreq(size, device=like.device)[:, None]
+    fx = torch.fft.rfftfreq(size, device=like.device)[None, :]
+    return (POWER * (fy.square() + fx.square() + COARSEST_PX**-2) ** (-FALL / 2)).to(like.dtype)
+
+
+def transfer_functions(psf: Tensor, size: int) -> Tensor:
+    """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as
+    the PSFs have, [depth, channel, size, size // 2 + 1]."""
+    window = psf.shape[-1]
+    padded = functional.pad(psf, (0, size - window, 0, size - window))
+    return torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
