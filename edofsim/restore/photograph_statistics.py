@@ -27,7 +27,13 @@ def power_spectrum(size: int, like: Tensor) -> Tensor:
 
 def transfer_functions(psf: Tensor, size: int) -> Tensor:
     """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as
-    the PSFs have, [depth, channel, size, size // 2 + 1]."""
+    the PSFs have, [depth, channel, size, size // 2 + 1].
+
+    Light beyond the PSFs' window is a veil, the same all over a photo: its mean passes whole.
+    """
     window = psf.shape[-1]
     padded = functional.pad(psf, (0, size - window, 0, size - window))
-    return torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
+    transfer = torch.fft.rfft2(torch.roll(padded, (-(window // 2), -(window // 2)), (-2, -1)))
+    mean = torch.zeros(transfer.shape[-2:], dtype=torch.bool, device=psf.device)
+    mean[0, 0] = True
+    return torch.where(mean, torch.ones((), dtype=transfer.dtype, device=psf.device), transfer)

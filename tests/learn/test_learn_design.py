@@ -12,21 +12,14 @@ from torch import Tensor
 from edofsim.learn.design import design
 from edofsim.learn.doe import FreeHeight
 from edofsim.learn.imaging import surroundings
-from edofsim.learn.linear import (
-    COARSEST_PX,
-    COLOUR_CORRELATION,
-    FALL,
-    POWER,
-    local_error,
-    local_filters,
-    wiener_error,
-)
+from edofsim.learn.linear import local_error, local_filters, wiener_error
 from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
 from edofsim.optics import Camera
 from edofsim.recipe.load import load_camera
 from edofsim.restore.checkpoint import load_checkpoint, trained_camera
 from edofsim.restore.network import apply_network
+from edofsim.restore.photograph_statistics import COARSEST_PX, COLOUR_CORRELATION, FALL, POWER
 
 NOISE = 0.02
 WINDOW, SIZE = 6, 12
@@ -34,7 +27,7 @@ WINDOW, SIZE = 6, 12
 
 def _psfs(depths: int) -> Tensor:
     random = torch.rand(depths, 3, WINDOW, WINDOW, generator=torch.Generator().manual_seed(4)).double() ** 3
-    return random / random.sum((-1, -2), keepdim=True)
+    return 0.9 * random / random.sum((-1, -2), keepdim=True)
 
 
 def _scene() -> Tensor:
@@ -48,9 +41,11 @@ def _scene() -> Tensor:
 
 
 def _blur(psf: Tensor) -> Tensor:
-    """The blur of one depth as a matrix, [3 * pixels, 3 * pixels]: a sum over places, no transform."""
+    """The blur of one depth as a matrix, [3 * pixels, 3 * pixels]: a sum over places, no transform. Light
+    that the PSF does not hold goes to all places."""
     matrix = torch.zeros(3, SIZE, SIZE, 3, SIZE, SIZE, dtype=torch.float64)
     for channel in range(3):
+        matrix[channel, :, :, channel] = (1 - psf[channel].sum()) / SIZE**2
         for y in range(SIZE):
             for x in range(SIZE):
                 for v in range(WINDOW):
