@@ -34,9 +34,9 @@ def evaluate_scene3d(
     from ..evaluate import scene3d
     from ..report import Link
     from ..report.scene3d_page import card, overview_page, scene_page, strip, write_page
-    from ..restore.checkpoint import load_checkpoint
+    from ..restore.checkpoint import load_checkpoint, shipped_checkpoints
 
-    names = _names(networks or scene3d.NETWORKS, load_checkpoint)
+    names = _names(networks or shipped_checkpoints(), load_checkpoint)
     folder = writable_folder(out or Path("out") / ("scene3d-quick" if quick else "scene3d"))
     each = writable_folder(folder / "scenes")
     index = folder / "scene3d.html"
@@ -113,9 +113,9 @@ def evaluate_bench_scene(
     from ..evaluate import bench_scene, scene3d
     from ..report import save_srgb
     from ..report.bench_scene_page import bench_scene_page, write_page
-    from ..restore.checkpoint import load_checkpoint
+    from ..restore.checkpoint import load_checkpoint, shipped_checkpoints
 
-    names = _names(networks or scene3d.NETWORKS, load_checkpoint)
+    names = _names(networks or shipped_checkpoints(), load_checkpoint)
     folder = writable_folder(out or Path("out") / ("bench-scene-quick" if quick else "bench-scene"))
     kept = writable_folder(folder / "scenes")
     known = list(names.values())

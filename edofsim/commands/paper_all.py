@@ -37,10 +37,10 @@ class Setting:
 
     @property
     def systems(self) -> list[str] | None:
-        """All systems, or the networks for the paper's own camera where time is short."""
+        """All systems, or the networks where time is short."""
         from ..restore.checkpoint import shipped_checkpoints
 
-        return None if self.full else [name for name in shipped_checkpoints() if name.startswith("paper-")]
+        return None if self.full else list(shipped_checkpoints())
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ..optics import Camera
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.fabrication import Fabrication
 from ..render import View, render
+from ..restore.checkpoint import shipped_checkpoints
 from ..scene import build_scene
 from . import scene3d
 from .predictions import small_version
@@ -34,7 +35,7 @@ MADE = "made"
 def run(
     folder: Path,
     *,
-    networks: Sequence[str] = scene3d.NETWORKS,
+    networks: Sequence[str] | None = None,
     camera: str | None = None,
     quick: bool = False,
     seed: int = 0,
@@ -46,6 +47,7 @@ def run(
 
     quick: the middle of the frame with few samples, and no mask as made, whose PSFs take minutes.
     """
+    networks = networks or list(shipped_checkpoints())
     say = progress or (lambda fraction, text: None)
     scene = load_scene(SCENE)
     taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)

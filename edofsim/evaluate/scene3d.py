@@ -28,7 +28,7 @@ from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera
 from ..record import write_record
 from ..render import View, render
 from ..render.keys import view_key
-from ..restore.checkpoint import find_checkpoint
+from ..restore.checkpoint import find_checkpoint, shipped_checkpoints
 from .depth_edges import near_edges
 from .drawing import write_csv
 from .predictions import SCENES, small_version
@@ -39,7 +39,6 @@ Progress = Callable[[float, str], None]
 
 __all__ = ["SCENES", "Measured", "Row", "Seen", "figures", "measure", "run", "write_table"]
 
-NETWORKS = ("paper-dcnn",)
 WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
@@ -110,7 +109,7 @@ def run(
     folder: Path,
     scenes: Sequence[Loaded[SceneRecipe]],
     *,
-    networks: Sequence[str] = NETWORKS,
+    networks: Sequence[str] | None = None,
     camera: str | None = None,
     quick: bool = False,
     seed: int = 0,
@@ -121,11 +120,12 @@ def run(
 ) -> Outcome:
     """Measure every scene. folder: keeps a record of each that is finished, which is not measured again.
 
-    networks: checkpoints, files or shipped names; camera: in place of what the scene names; quick: the
+    networks: checkpoints, files or shipped names, None for all that ship; camera: in place of what the scene names; quick: the
     scenes' small versions; seed: of the sensor's noise; show: called with each scene's images before it
     counts as finished. A scene that cannot be read, rendered or photographed is left and told in the outcome.
     """
     say = progress or (lambda fraction, text: None)
+    networks = networks or list(shipped_checkpoints())
     done: list[Measured] = []
     failed: dict[str, tuple[str, ...]] = {}
     for number, scene in enumerate(scenes):

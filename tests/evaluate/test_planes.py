@@ -20,6 +20,7 @@ from edofsim.evaluate.planes import Condition, measure, random_depths
 from edofsim.evaluate.systems import READ_NOISE, Contestant, contestant, paper_test
 from edofsim.learn.system import COLOURS
 from edofsim.optics import psf_bank
+from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 
 pytestmark = pytest.mark.usefixtures("coarse")
 Echo = Callable[..., Contestant]
@@ -177,3 +178,19 @@ def test_the_drawn_chart_is_black_on_white() -> None:
     drawn = chart(None).pixels
     assert drawn.shape[0] == 3 and drawn.shape[2] == 160
     assert drawn[:, 0, 0].tolist() == [255] * 3 and int(drawn.min()) == 0
+
+
+def test_the_table_compares_all_that_ship(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By default: networks, systems trained for comparison, and the two apertures without training."""
+    asked: list[str] = []
+
+    def nothing(system: Contestant, *rest: object, **options: object) -> list[planes.Row]:
+        asked.append(system.name)
+        return []
+
+    monkeypatch.setattr(table, "measure", nothing)
+    table.run(tmp_path, folder)
+    found = {*shipped_checkpoints(), *comparison_checkpoints(), "paper-clear+wiener", "paper-cubic+wiener"}
+    assert set(asked) == found and len(found) > 6
