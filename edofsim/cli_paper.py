@@ -32,7 +32,7 @@ NetworksOption = Annotated[
     typer.Option(
         "--network",
         metavar="CHECKPOINT",
-        help="Checkpoint or shipped name, whose mask the camera then has; repeatable; default: all that ship.",
+        help="Checkpoint or shipped name; the camera has its mask; repeatable; default: all that ship.",
     ),
 ]
 SmallOption = Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")]

@@ -120,9 +120,10 @@ def run(
 ) -> Outcome:
     """Measure every scene. folder: keeps a record of each that is finished, which is not measured again.
 
-    networks: checkpoints, files or shipped names, None for all that ship; camera: in place of what the scene names; quick: the
-    scenes' small versions; seed: of the sensor's noise; show: called with each scene's images before it
-    counts as finished. A scene that cannot be read, rendered or photographed is left and told in the outcome.
+    networks: checkpoints, files or shipped names, None for all that ship; camera: in place of what the scene
+    names; quick: the scenes' small versions; seed: of the sensor's noise; show: called with each scene's
+    images before it counts as finished. A scene that cannot be read, rendered or photographed is left and
+    told in the outcome.
     """
     say = progress or (lambda fraction, text: None)
     networks = networks or list(shipped_checkpoints())
