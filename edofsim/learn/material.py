@@ -12,6 +12,7 @@ import torch
 
 from ..errors import InputError
 from ..recipe.train import NaturalImages, PackagedImages, TrainRecipe, Views
+from .edges import Edges, draw_covers
 from .imaging import surroundings
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Optics, Planes, Scenes
@@ -53,7 +54,8 @@ class Material:
 
 @dataclass(frozen=True)
 class PlaneSource:
-    """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m."""
+    """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
+    of the steps each one is in front of another."""
 
     training: Images
     held_back: Images
@@ -62,11 +64,18 @@ class PlaneSource:
     depths: tuple[float, float]
     described: dict[str, Any]
     sha256: str
+    edges: float = 0.0
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         low, high = self.depths
         sharp = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
-        return Planes(sharp, low + (high - low) * torch.rand(count, generator=generator))
+        depths = low + (high - low) * torch.rand(count, generator=generator)
+        if self.edges == 0:
+            return Planes(sharp, depths)
+        depths = depths.sort().values  # as the parts of a step share their PSFs
+        if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
+            return Planes(sharp, depths)
+        return Edges(sharp, draw_covers(count, sharp.shape[-1], generator), depths)
 
     def validation(self, count: int) -> list[Scenes]:
         sharp = central_patches(self.held_back, count, self.patch, surroundings(self.window))
@@ -132,7 +141,14 @@ def _planes(
         "sha256": images.sha256,
     }
     return PlaneSource(
-        training, held_back, patch, window, recipe.capture.inverse_depth_per_m, described, images.sha256
+        training,
+        held_back,
+        patch,
+        window,
+        recipe.capture.inverse_depth_per_m,
+        described,
+        images.sha256,
+        table.edges,
     )
 
 

@@ -118,8 +118,7 @@ def _train(
     else:
         if recipe.doe.design_steps and recipe.doe.learn:
             _design(setup, progress)
-        if recipe.network.start is None:
-            setup.system.prime()
+        setup.system.prime()
     setup.system.mask.requires_grad_(not kept)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)

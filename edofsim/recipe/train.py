@@ -53,17 +53,21 @@ class LossTable(RecipeModel):
 
 class NaturalImages(RecipeModel):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
-    as intensities, as the paper does. Without `folder` it is the one given with --data."""
+    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
+    steps whose photographs stand one in front of another, with an edge of depth in each patch."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
+    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     weight: Positive = 1.0
 
 
 class PackagedImages(RecipeModel):
-    """The photographs that come with scikit-image, as planes at one depth: always at hand."""
+    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges: as of
+    `natural`."""
 
     kind: Literal["packaged"] = "packaged"
+    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     weight: Positive = 1.0
 
 

@@ -1,0 +1,62 @@
+"""Patches with an edge of depth: one photograph in front of another.
+
+A network that has only seen planes takes every place for a part of one, and does harm where two distances
+meet. Here both are known, what is hidden too, and the photo is composited from them as `expose` does: the
+near picture blurred, over the far one where the blurred cover of the near one lets it by (Ikoma et al. 2021).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .imaging import photograph, surroundings
+from .system import Captured, Optics
+
+SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf: see `Planes`."""
+
+    sharp: Tensor
+    cover: Tensor
+    inverse_depths: Tensor
+    psf: Tensor | None = None
+
+    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+        """Each colour sees one wavelength, as in the paper."""
+        sharp, cover = self.sharp.to(optics.device), self.cover.to(optics.device)
+        psf = optics.psfs(self.inverse_depths, height) if self.psf is None else self.psf
+        far = torch.arange(len(sharp)) - 1
+        near = torch.arange(len(sharp))
+        near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first
+        front = photograph(cover * sharp[near], psf[near])
+        shade = photograph(cover.expand_as(sharp), psf[near])
+        clean = front + (1 - shade) * photograph(sharp[far], psf[far])
+        before, after = surroundings(optics.window)
+        ideal = cover * sharp[near] + (1 - cover) * sharp[far]
+        ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]
+        return Captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf)
+
+    def reusing(self, psf: Tensor | None) -> Edges:
+        """With the PSFs of another photo, of ascending inverse depths."""
+        return replace(self, psf=psf)
+
+
+def draw_covers(count: int, size: int, generator: torch.Generator) -> Tensor:
+    """Blobs with smooth borders a pixel wide, [count, 1, size, size], from 0 to 1; about half is covered."""
+    covers = []
+    for _ in range(count):
+        bumps = int(torch.randint(SHAPES[0], SHAPES[1] + 1, (), generator=generator))
+        coarse = torch.randn(1, 1, bumps + 2, bumps + 2, generator=generator)
+        fine = functional.interpolate(coarse, size=(size, size), mode="bicubic", align_corners=False)
+        down, across = torch.gradient(fine[0, 0])
+        slope = (down.square() + across.square()).sqrt().clamp_min(1e-6)
+        covers.append((0.5 + fine[0] / slope).clamp(0, 1))
+    return torch.stack(covers)
