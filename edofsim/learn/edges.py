@@ -22,12 +22,13 @@ SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least 
 @dataclass(frozen=True)
 class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
-    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf: see `Planes`."""
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean: see `Planes`."""
 
     sharp: Tensor
     cover: Tensor
     inverse_depths: Tensor
     psf: Tensor | None = None
+    mean: Tensor | None = None
 
     def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
@@ -36,9 +37,11 @@ class Edges:
         far = torch.arange(len(sharp)) - 1
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first
-        front = photograph(cover * sharp[near], psf[near])
+        means = sharp.mean((-1, -2)) if self.mean is None else self.mean.to(optics.device)
+        covered = cover.mean((-1, -2))
+        front = photograph(cover * sharp[near], psf[near], covered * means[near])
         shade = photograph(cover.expand_as(sharp), psf[near])
-        clean = front + (1 - shade) * photograph(sharp[far], psf[far])
+        clean = front + (1 - shade) * photograph(sharp[far], psf[far], means[far])
         before, after = surroundings(optics.window)
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]

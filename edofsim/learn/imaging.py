@@ -12,7 +12,7 @@ def surroundings(window: int) -> tuple[int, int]:
     return window - 1 - window // 2, window // 2
 
 
-def photograph(sharp: Tensor, psf: Tensor) -> Tensor:
+def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor:
     """The noise-free photo of planes, each at its own depth.
 
     sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w],
@@ -20,7 +20,8 @@ def photograph(sharp: Tensor, psf: Tensor) -> Tensor:
     all known, so that nothing wraps or is missing (Eq. `Forwardmodel`).
 
     Light that leaves the PSFs' window is not gone. What height errors scatter spreads over a thousand pixels
-    and more, nearly evenly: it comes back as the mean of the picture, a veil over all of it.
+    and more, nearly evenly: it comes back as the mean of the picture, a veil over all of it. mean: [batch,
+    band], of the picture that a patch is from; None for the mean of `sharp`.
     """
     rows, columns = sharp.shape[-2:]
     window = psf.shape[-1]
@@ -28,7 +29,8 @@ def photograph(sharp: Tensor, psf: Tensor) -> Tensor:
     spectrum = torch.fft.rfft2(sharp, s=size) * torch.fft.rfft2(psf, s=size)
     direct = torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
     outside = 1 - psf.sum((-1, -2), keepdim=True)
-    return direct + outside * sharp.mean((-1, -2), keepdim=True)
+    veil = sharp.mean((-1, -2), keepdim=True) if mean is None else mean[..., None, None]
+    return direct + outside * veil
 
 
 def good_size(size: int) -> int:

@@ -68,22 +68,23 @@ class PlaneSource:
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         low, high = self.depths
-        sharp = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
+        sharp, means = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
         depths = low + (high - low) * torch.rand(count, generator=generator)
         if self.edges == 0:
-            return Planes(sharp, depths)
+            return Planes(sharp, depths, mean=means)
         depths = depths.sort().values  # as the parts of a step share their PSFs
         if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
-            return Planes(sharp, depths)
-        return Edges(sharp, draw_covers(count, sharp.shape[-1], generator), depths)
+            return Planes(sharp, depths, mean=means)
+        return Edges(sharp, draw_covers(count, sharp.shape[-1], generator), depths, mean=means)
 
     def validation(self, count: int) -> list[Scenes]:
-        sharp = central_patches(self.held_back, count, self.patch, surroundings(self.window))
+        sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
         depths = torch.linspace(*self.depths, count)
         # neighbouring pictures of a folder are alike: walk through the depths in strides
         depths = depths[torch.arange(count) * _stride(count) % count]
         step = VALIDATION_BATCH
-        return [Planes(sharp[i : i + step], depths[i : i + step]) for i in range(0, count, step)]
+        parts = [slice(i, i + step) for i in range(0, count, step)]
+        return [Planes(sharp[part], depths[part], mean=means[part]) for part in parts]
 
 
 def _stride(count: int) -> int:

@@ -116,8 +116,9 @@ def _chosen(images: Images, indices: Sequence[int]) -> Images:
 
 def draw_patches(
     images: Images, count: int, patch: int, around: tuple[int, int], generator: torch.Generator
-) -> Tensor:
-    """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1].
+) -> tuple[Tensor, Tensor]:
+    """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1], and the means
+    of the pictures that they are from, [count, 3].
 
     A picture is chosen by its area, so that every place is as likely; patches are mirrored and turned at
     random. Where the surroundings leave the picture, its mirror image continues it.
@@ -136,19 +137,25 @@ def draw_patches(
         turns = torch.randint(2, (3,), generator=generator).tolist()
         cut = cut.transpose(-1, -2) if turns[0] else cut
         patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
-    return torch.stack(patches).to(torch.float32) / 255
+    return torch.stack(patches).to(torch.float32) / 255, _means([images.pictures[i] for i in chosen])
 
 
-def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> Tensor:
-    """The same `count` patches each time: the middles of pictures, evenly spaced through the list."""
+def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> tuple[Tensor, Tensor]:
+    """The same `count` patches each time: the middles of pictures, evenly spaced through the list, and the
+    pictures' means, [count, 3]."""
     patches = []
-    for index in range(count):
-        picture = images.pictures[index * len(images.pictures) // count % len(images.pictures)]
+    chosen = [index * len(images.pictures) // count % len(images.pictures) for index in range(count)]
+    for index in chosen:
+        picture = images.pictures[index]
         rows, columns = picture.shape[-2:]
         size = patch + sum(around)
         top, left = ((n - patch) // 2 - around[0] for n in (rows, columns))
         patches.append(picture[:, mirrored(top, size, rows)][:, :, mirrored(left, size, columns)])
-    return torch.stack(patches).to(torch.float32) / 255
+    return torch.stack(patches).to(torch.float32) / 255, _means([images.pictures[i] for i in chosen])
+
+
+def _means(pictures: Sequence[Tensor]) -> Tensor:
+    return torch.stack([picture.to(torch.float32).mean((-1, -2)) for picture in pictures]) / 255
 
 
 def _decode(path: Path) -> Tensor:

@@ -75,11 +75,13 @@ class Scenes(Protocol):
 @dataclass(frozen=True)
 class Planes:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
-    of an earlier photo, [batch, 3, window, window], in place of the depths."""
+    of an earlier photo, [batch, 3, window, window], in place of the depths; mean: of the pictures that the
+    patches are from, [batch, 3], None for the patches' own."""
 
     sharp: Tensor
     inverse_depths: Tensor
     psf: Tensor | None = None
+    mean: Tensor | None = None
 
     def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
@@ -87,7 +89,8 @@ class Planes:
         psf = optics.psfs(self.inverse_depths, height) if self.psf is None else self.psf
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
-        return Captured(photograph(sharp, psf), ideal, 1 - psf.sum((-1, -2)).mean(), psf)
+        mean = None if self.mean is None else self.mean.to(optics.device)
+        return Captured(photograph(sharp, psf, mean), ideal, 1 - psf.sum((-1, -2)).mean(), psf)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return replace(self, psf=psf)

@@ -150,7 +150,7 @@ def test_the_closed_form_predicts_a_trained_network() -> None:
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
     psf = optics.psfs(depths, checkpoint.height)
     predicted = -10 * local_error(optics.mean_psfs(depths, checkpoint.height, 30e-9)).mean(1).log10()
-    sharp = central_patches(packaged_images(128), 6, 128, surroundings(96))
+    sharp, _ = central_patches(packaged_images(128), 6, 128, surroundings(96))
     generator, reached = torch.Generator().manual_seed(0), []
     for index in range(len(depths)):
         planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))

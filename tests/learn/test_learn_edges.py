@@ -33,7 +33,7 @@ def optics() -> Optics:
 
 def _patches() -> torch.Tensor:
     images = packaged_images(PATCH)
-    return draw_patches(images, 3, PATCH, surroundings(WINDOW), torch.Generator().manual_seed(5))
+    return draw_patches(images, 3, PATCH, surroundings(WINDOW), torch.Generator().manual_seed(5))[0]
 
 
 @pytest.mark.parametrize(("cover", "shown"), [(1.0, NEAR), (0.0, FAR)])

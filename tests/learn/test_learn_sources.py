@@ -59,7 +59,9 @@ def test_validation_pictures_are_never_trained_on() -> None:
 def test_patches_follow_the_seed_and_come_from_the_pictures(tmp_path: Path) -> None:
     _pictures(tmp_path, [(16, 20), (16, 20), (64, 80)])
     images = read_folder(tmp_path, 8)
-    draws = [draw_patches(images, 300, 8, (3, 2), torch.Generator().manual_seed(seed)) for seed in (1, 1, 2)]
+    seeds = (torch.Generator().manual_seed(seed) for seed in (1, 1, 2))
+    draws, means = zip(*(draw_patches(images, 300, 8, (3, 2), seed) for seed in seeds), strict=True)
+    assert torch.equal(means[0], draws[0].mean((2, 3)))  # pictures without detail
     assert draws[0].shape == (300, 3, 13, 13)
     assert torch.equal(draws[0], draws[1]) and not torch.equal(draws[0], draws[2])
     # flat pictures: each patch has its picture's number; the third has 16/18 of the area
@@ -71,5 +73,5 @@ def test_patches_follow_the_seed_and_come_from_the_pictures(tmp_path: Path) -> N
 def test_pictures_are_continued_by_their_mirror_image() -> None:
     assert mirrored(-3, 10, 4).tolist() == [2, 1, 0, 0, 1, 2, 3, 3, 2, 1]
     images = packaged_images(190)
-    patches = central_patches(images, 3, 190, (40, 39))  # one of them is only 191 pixels high
-    assert patches.shape == (3, 3, 269, 269)
+    patches, means = central_patches(images, 3, 190, (40, 39))  # one of them is only 191 pixels high
+    assert patches.shape == (3, 3, 269, 269) and means.shape == (3, 3)
