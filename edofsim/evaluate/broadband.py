@@ -29,7 +29,6 @@ from ..optics import Camera, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.restore import channel_psfs
-from ..restore.wiener import wiener
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube
 from .drawing import write_csv
@@ -43,6 +42,7 @@ from .systems import (
     contestant,
     described,
     filter_depths,
+    filtered,
     made,
     paper_test,
 )
@@ -241,14 +241,14 @@ def _photographed(
     with torch.inference_mode():
         restored, from_lines = system.restore(photo), system.restore(lines)
         known = torch.einsum("cb,byx->cyx", weights, psf)
-        filtered = wiener(photo, known, READ_NOISE).clamp(0, 1)
+        linear = filtered(photo, known[None])
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
         save_png(path, srgb_encode(middle(image, SHOWN_PX)))
     return {
         "photo_db": _scores(photo, sharp),
         "restored_db": _scores(restored, sharp),
         "three_db": psnr(from_lines, sharp),
-        "filter_db": psnr(filtered, sharp),
+        "filter_db": psnr(linear, sharp),
         "band_errors": errors,
     }
 

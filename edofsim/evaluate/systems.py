@@ -71,7 +71,7 @@ def contestant(source: str | Path, filter_psfs: Callable[[Camera], Tensor] | Non
         stack = (filter_psfs or colour_psfs)(Camera.from_recipe(recipe))
         digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
         name = f"{source}+wiener"
-        return Contestant(name, recipe, None, lambda photo: _filtered(photo, stack), digest)
+        return Contestant(name, recipe, None, lambda photo: filtered(photo, stack), digest)
     checkpoint = load_checkpoint(source)
     recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
     recipe = recipe.model_copy(update={"psf": CameraRecipe(name="default").psf})
@@ -110,5 +110,8 @@ def described(fabrication: Fabrication) -> str:
     return json.dumps(fabrication.model_dump(mode="json"), sort_keys=True)
 
 
-def _filtered(photo: Tensor, stack: Tensor) -> Tensor:
-    return wiener(photo, stack, READ_NOISE).clamp(0, 1)
+def filtered(photo: Tensor, stack: Tensor) -> Tensor:
+    """A photo [3, y, x] after Wiener deconvolution by PSFs [depth, 3, y, x], in [0, 1]. What they do not hold
+    is a veil over the photo (see `learn.imaging.photograph`), which is taken off first."""
+    veil = (1 - stack.sum((-1, -2)).mean(0))[:, None, None] * photo.mean((-1, -2), keepdim=True)
+    return wiener(photo - veil, stack, READ_NOISE).clamp(0, 1)
