@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,11 @@ class Images:
     pictures: tuple[Tensor, ...]
     names: tuple[str, ...]
     sha256: str
+
+    @cached_property
+    def means(self) -> Tensor:
+        """Of each picture, [picture, 3], from 0 to 1."""
+        return torch.stack([picture.to(torch.float32).mean((-1, -2)) for picture in self.pictures]) / 255
 
 
 def read_folder(folder: Path, smallest: int) -> Images:
@@ -137,7 +143,7 @@ def draw_patches(
         turns = torch.randint(2, (3,), generator=generator).tolist()
         cut = cut.transpose(-1, -2) if turns[0] else cut
         patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
-    return torch.stack(patches).to(torch.float32) / 255, _means([images.pictures[i] for i in chosen])
+    return torch.stack(patches).to(torch.float32) / 255, images.means[chosen]
 
 
 def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> tuple[Tensor, Tensor]:
@@ -151,11 +157,7 @@ def central_patches(images: Images, count: int, patch: int, around: tuple[int, i
         size = patch + sum(around)
         top, left = ((n - patch) // 2 - around[0] for n in (rows, columns))
         patches.append(picture[:, mirrored(top, size, rows)][:, :, mirrored(left, size, columns)])
-    return torch.stack(patches).to(torch.float32) / 255, _means([images.pictures[i] for i in chosen])
-
-
-def _means(pictures: Sequence[Tensor]) -> Tensor:
-    return torch.stack([picture.to(torch.float32).mean((-1, -2)) for picture in pictures]) / 255
+    return torch.stack(patches).to(torch.float32) / 255, images.means[chosen]
 
 
 def _decode(path: Path) -> Tensor:
