@@ -28,7 +28,6 @@ from ..learn.system import COLOURS
 from ..optics import Camera, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..restore.checkpoint import shipped_checkpoints
-from ..restore.restore import channel_psfs
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube
 from .drawing import write_csv
@@ -41,7 +40,6 @@ from .systems import (
     Contestant,
     contestant,
     described,
-    filter_depths,
     filtered,
     made,
     paper_test,
@@ -121,13 +119,8 @@ def run(
                 if progress:
                     progress((at + done) / (len(names) * len(cubes)), text)
 
-            wavelengths = cube.wavelengths
-
-            def stack(camera: Camera, wavelengths: Tensor = wavelengths) -> Tensor:
-                return channel_psfs(camera, wavelengths, filter_depths())
-
-            system = contestant(name, stack)
-            rows += judge(system, cube, out, kept, seed, say)
+            system, of_three = contestant(name, cube.wavelengths), contestant(name)
+            rows += judge(system, of_three, cube, out, kept, seed, say)
             if system.name not in optics:
                 say(0.9, f"{system.name}: colours of its optics")
                 optics[system.name] = _optics(system, kept)
@@ -148,14 +141,23 @@ def run(
     return Result(tuple(rows), optics, bands, left_out, tuple(problems), figures)
 
 
-def judge(system: Contestant, cube: Cube, out: Path, kept: Kept, seed: int, progress: Progress) -> list[Row]:
-    """A row for each of `DEPTHS_M`."""
+def judge(
+    system: Contestant,
+    of_three: Contestant,
+    cube: Cube,
+    out: Path,
+    kept: Kept,
+    seed: int,
+    progress: Progress,
+) -> list[Row]:
+    """A row for each of `DEPTHS_M`. of_three: the same system for photos in three wavelengths."""
     fabrication = paper_test(seed)
     keys = [
         key_of(
             protocol=PROTOCOL,
             system=system.digest,
             filter="known",
+            told="response",
             cube=cube.sha256,
             depth=depth,
             read_noise=READ_NOISE,
@@ -188,7 +190,7 @@ def judge(system: Contestant, cube: Cube, out: Path, kept: Kept, seed: int, prog
         for i, (key, files) in enumerate(zip(keys, shown, strict=True)):
             if not ready[i]:
                 progress((1 + i) / 4, f"{system.name}: {cube.name}, {label_of(DEPTHS_M[i])}")
-                kept.put(key, _photographed(system, cube, bank[i], three[i], weights, files))
+                kept.put(key, _photographed(system, of_three, cube, bank[i], three[i], weights, files))
     found = [kept.get(key) or {} for key in keys]
     return [
         Row(
@@ -225,7 +227,13 @@ def label_of(depth_m: float) -> str:
 
 
 def _photographed(
-    system: Contestant, cube: Cube, psf: Tensor, three: Tensor, weights: Tensor, files: Shown
+    system: Contestant,
+    of_three: Contestant,
+    cube: Cube,
+    psf: Tensor,
+    three: Tensor,
+    weights: Tensor,
+    files: Shown,
 ) -> dict[str, object]:
     """What is kept of one photo, after its pictures are written."""
     m = cube.margin
@@ -239,7 +247,7 @@ def _photographed(
     lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, noise_key)
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
-        restored, from_lines = system.restore(photo), system.restore(lines)
+        restored, from_lines = system.restore(photo), of_three.restore(lines)
         known = torch.einsum("cb,byx->cyx", weights, psf)
         linear = filtered(photo, known[None])
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):

@@ -26,6 +26,8 @@ from ..restore.checkpoint import (
     trained_camera,
 )
 from ..restore.network import apply_network
+from ..restore.restore import channel_psfs
+from ..restore.telling import told_network
 from ..restore.wiener import wiener
 
 READ_NOISE = 0.005
@@ -60,15 +62,18 @@ def contestants(names: Sequence[str | Path] | None, *, every: bool = False) -> l
     return found
 
 
-def contestant(source: str | Path, filter_psfs: Callable[[Camera], Tensor] | None = None) -> Contestant:
+def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contestant:
     """A system from a checkpoint, or from a shipped camera by name with Wiener deconvolution.
 
-    filter_psfs: what the filter knows of a camera, [depth, 3, y, x]; None for its PSFs at the three colours
-    over the depth range. Raises InputError for what is neither.
+    wavelengths: [band] in metres, that the sensor adds up to its colours, as filters know them; None for the
+    three of the paper's training. Raises InputError for what is neither.
     """
     if str(source) in WITHOUT_TRAINING:
         recipe = load_camera(source).recipe
-        stack = (filter_psfs or colour_psfs)(Camera.from_recipe(recipe))
+        camera = Camera.from_recipe(recipe)
+        stack = (
+            colour_psfs(camera) if wavelengths is None else channel_psfs(camera, wavelengths, filter_depths())
+        )
         digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
         name = f"{source}+wiener"
         return Contestant(name, recipe, None, lambda photo: filtered(photo, stack), digest)
@@ -77,6 +82,8 @@ def contestant(source: str | Path, filter_psfs: Callable[[Camera], Tensor] | Non
     recipe = recipe.model_copy(update={"psf": CameraRecipe(name="default").psf})
     digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()
     network = checkpoint.network
+    if wavelengths is not None:
+        network = told_network(checkpoint, Camera.from_recipe(recipe), wavelengths)
     return Contestant(
         checkpoint.name, recipe, checkpoint.height, lambda photo: apply_network(network, photo), digest
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..optics.transform import good_size
+
 
 def surroundings(window: int) -> tuple[int, int]:
     """Pixels (before, after) that a patch needs around it so that all its light is known: a PSF window of
@@ -31,15 +33,3 @@ def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor
     outside = 1 - psf.sum((-1, -2), keepdim=True)
     veil = sharp.mean((-1, -2), keepdim=True) if mean is None else mean[..., None, None]
     return direct + outside * veil
-
-
-def good_size(size: int) -> int:
-    """The next length that is quick to transform: a product of 2, 3 and 5."""
-    while True:
-        rest = size
-        for factor in (2, 3, 5):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return size
-        size += 1

@@ -8,13 +8,12 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
-from ..optics import Camera, psf_bank
-from ..optics.fabrication import direct_part
+from ..optics import Camera, mean_psfs, psf_bank
 from ..restore.filter_bank import FilterBank
+from ..restore.linear import local_filters
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.wiener_network import WienerNetwork
 from .imaging import photograph, surroundings
-from .linear import local_filters
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 """The paper's red, green and blue, in metres."""
@@ -37,18 +36,16 @@ class Optics:
         return bank.values.to(torch.float32)
 
     def mean_psfs(self, inverse_depths: Tensor, height: Tensor, height_noise: float) -> Tensor:
-        """The same for a height map [n, n] in metres whose samples err, in the mean over such masks.
-
-        height_noise: standard deviation in metres. Light that the errors scatter spreads evenly over the
-        period of the sampled mask.
-        """
-        camera = self.camera
-        direct = direct_part(COLOURS, height_noise, camera.mask_material)
-        pitch = camera.recipe.mask.pitch_um * 1e-6
-        period = COLOURS * camera.sensor_distance / pitch / camera.pixel
-        haze = (1 - direct) / period.square()
-        psf = self.psfs(inverse_depths, height)
-        return psf * direct.to(psf)[:, None, None] + haze.to(psf)[:, None, None]
+        """The same for a height map [n, n] in metres whose samples err, see `optics.mean_psfs`."""
+        return mean_psfs(
+            self.camera,
+            COLOURS,
+            inverse_depths,
+            height_noise,
+            window_px=self.window,
+            height=height,
+            device=self.device,
+        )
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
+from ..restore.linear import local_error, wiener_error
 from ..restore.wiener_network import WienerNetwork
 from .design import design
 from .journal import Journal
-from .linear import local_error, wiener_error
 from .schedule import fraction_done, generator_of, rate_factor
 from .setup import Setup, prepare
 from .state import Position, load_state, save_state

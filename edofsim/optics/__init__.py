@@ -3,7 +3,7 @@
 from .camera import Camera, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
 from .parts import psf_parts
-from .psf import PsfBank, psf_bank
+from .psf import PsfBank, mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import add_noise, response, response_curves
 
@@ -18,6 +18,7 @@ __all__ = [
     "focal_length",
     "focus_distance",
     "material",
+    "mean_psfs",
     "plan_sampling",
     "psf_bank",
     "psf_parts",

@@ -13,6 +13,7 @@ from torch import Tensor
 from ..errors import InputError
 from . import cache as bank_cache
 from .camera import Camera, defocus
+from .fabrication import direct_part
 from .height import trained_pitch
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
@@ -110,6 +111,31 @@ def psf_bank(
     if key is not None:
         bank_cache.keep(key, _moved(bank, "cpu"), cache)
     return bank
+
+
+def mean_psfs(
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    height_noise: float,
+    *,
+    window_px: int,
+    height: Tensor | None = None,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
+
+    camera: with a `height-map` mask, and height as for `psf_bank`, which raises the same; height_noise:
+    standard deviation in metres. What the errors leave in order is the designed PSF (`direct_part`); the
+    light that they scatter spreads evenly over the period of the sampled mask.
+    """
+    bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, height=height, device=device)
+    direct = direct_part(wavelengths, height_noise, camera.mask_material)
+    pitch = camera.recipe.mask.pitch_um * 1e-6
+    period = wavelengths * camera.sensor_distance / pitch / camera.pixel
+    haze = (1 - direct) / period.square()
+    psf = bank.values.to(torch.float32)
+    return psf * direct.to(psf)[:, None, None] + haze.to(psf)[:, None, None]
 
 
 def wave_at(

@@ -8,6 +8,7 @@ from torch import Tensor
 from ..optics import Camera, psf_bank, response
 from .checkpoint import Checkpoint
 from .network import apply_network
+from .telling import told_network
 from .wiener import wiener
 
 
@@ -24,11 +25,13 @@ def restore(
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely. height: [n, n] in metres in place of the mask of the camera's recipe.
+    equally likely. A filter bank is told what the wavelengths look like, see `telling`. height: [n, n] in
+    metres in place of the mask of the camera's recipe.
     """
     if checkpoint is not None:
+        network = told_network(checkpoint, camera, wavelengths)
         with torch.inference_mode():
-            return apply_network(checkpoint.network, image), checkpoint.name
+            return apply_network(network, image), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths, height).to(image)
     return wiener(image, psf, camera.read_noise), "Wiener"
 

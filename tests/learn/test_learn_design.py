@@ -12,12 +12,12 @@ from torch import Tensor
 from edofsim.learn.design import design
 from edofsim.learn.doe import FreeHeight
 from edofsim.learn.imaging import surroundings
-from edofsim.learn.linear import local_error, local_filters, wiener_error
 from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
 from edofsim.optics import Camera
 from edofsim.recipe.load import load_camera
 from edofsim.restore.checkpoint import load_checkpoint, trained_camera
+from edofsim.restore.linear import local_error, local_filters, wiener_error
 from edofsim.restore.network import apply_network
 from edofsim.restore.photograph_statistics import COARSEST_PX, COLOUR_CORRELATION, FALL, POWER
 

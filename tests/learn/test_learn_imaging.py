@@ -7,7 +7,8 @@ import pytest
 import torch
 from scipy.signal import convolve2d
 
-from edofsim.learn.imaging import good_size, photograph, surroundings
+from edofsim.learn.imaging import photograph, surroundings
+from edofsim.optics.transform import good_size
 
 
 @pytest.mark.parametrize("window", [1, 5, 8])

@@ -16,8 +16,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
-from .imaging import good_size
+from ..optics.transform import good_size
+from .photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
 
 NOISE = 0.006  # read noise, below the middle of the training's range
 SUPPORT = 9

@@ -1,0 +1,69 @@
+"""A bank of filters told what a photo's bands look like through the camera.
+
+A checkpoint's bank knows the PSFs of the wavelengths that it was trained with. Where the sensor adds up many
+bands its colours are blurred otherwise: what three lines draw finely, 31 bands smear. The filters and the
+likelihood follow from the PSFs in closed form, so that they are computed anew for the camera's response; what
+was trained stays.
+"""
+
+from __future__ import annotations
+
+import copy
+from weakref import WeakKeyDictionary
+
+import torch
+from torch import Tensor, nn
+
+from ..optics import Camera, mean_psfs, psf_bank, response
+from ..recipe.camera import CameraRecipe
+from ..recipe.train import TrainRecipe
+from .checkpoint import Checkpoint, camera_with_mask, trained_camera
+from .filter_bank import FilterBank
+from .linear import local_filters
+
+# by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
+_TOLD: WeakKeyDictionary[nn.Module, dict[tuple[object, ...], FilterBank]] = WeakKeyDictionary()
+
+
+def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> nn.Module:
+    """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
+
+    A filter bank is told the response; other networks, and a sensor whose colours are a wavelength each, come
+    back as they are. The mask is the checkpoint's as designed, with the mean error of its training, whatever
+    the camera's own fabrication. Raises InputError where PSFs or response cannot be computed.
+    """
+    network = checkpoint.network
+    weights = response(camera, wavelengths)
+    if not isinstance(network, FilterBank) or bool(((weights > 0).sum(1) == 1).all()):
+        return network
+    known = _TOLD.setdefault(network, {})
+    recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
+    key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
+    if key not in known:
+        psf = _channel_psfs(checkpoint, camera, wavelengths, weights, network.depths)
+        bank = copy.deepcopy(network).cpu()
+        bank.teach(local_filters(psf, bank.support, bank.groups), psf)
+        known[key] = bank
+    return known[key]
+
+
+def _channel_psfs(
+    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, weights: Tensor, depths: int
+) -> Tensor:
+    """[depth, 3, y, x] at the middles of so many parts of the depth range of the training."""
+    training = TrainRecipe.model_validate(checkpoint.card["recipe"])
+    window = trained_camera(checkpoint).psf.window_px
+    # the training's sampling of the pupil may be too coarse for the shortest wavelengths
+    psf = CameraRecipe(name="default").psf
+    recipe = camera_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
+    own = Camera.from_recipe(recipe, camera.base)
+    low, high = training.capture.inverse_depth_per_m
+    inverse = low + (high - low) * (torch.arange(depths, dtype=torch.float64) + 0.5) / depths
+    if checkpoint.height is None:
+        bands = psf_bank(own, wavelengths, inverse, window_px=window).values
+    else:
+        error = training.doe.height_noise_nm * 1e-9
+        bands = mean_psfs(
+            own, wavelengths.double(), inverse, error, window_px=window, height=checkpoint.height
+        )
+    return torch.einsum("cb,dbyx->dcyx", weights.to(bands), bands)

@@ -1,0 +1,121 @@
+"""A bank of filters that is told the sensor's response, against photos through every band's own PSF."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from edofsim.errors import InputError
+from edofsim.learn.system import COLOURS
+from edofsim.learn.trainer import train
+from edofsim.optics import Camera, psf_bank, response
+from edofsim.recipe.load import Loaded
+from edofsim.recipe.scene import Bands
+from edofsim.recipe.train import TrainRecipe
+from edofsim.restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, trained_camera
+from edofsim.restore.dcnn import DCnn
+from edofsim.restore.network import apply_network
+from edofsim.restore.photograph_statistics import power_spectrum
+from edofsim.restore.restore import restore
+from edofsim.restore.telling import told_network
+
+SMALL = {"groups": 3, "distances": 2, "support": 13, "width": 4, "blocks": [1, 1]}
+BANDS = torch.from_numpy(Bands().wavelengths())
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Checkpoint:
+    """The lens alone as a flat relief, out of focus, a bank told its three wavelengths, hardly trained."""
+    recipe = TrainRecipe.model_validate(
+        {
+            "name": "bank",
+            "camera": "paper-clear",
+            "seed": 1,
+            "mask": {"kind": "height-map"},
+            "psf": {"window_px": 32, "pupil_sampling_um": 21.0},
+            "capture": {"inverse_depth_per_m": [1.1, 1.4]},
+            "network": {"kind": "filter-bank", "settings": SMALL},
+            "doe": {"height_noise_nm": 0.0, "learning_rate_rad": 0.0},
+            "data": {"patch_px": 64, "validation_patches": 4, "sources": [{"kind": "packaged"}]},
+            "optimiser": {"steps": 1, "batch": 4, "learning_rate": 1e-9},
+        }
+    )
+    folder = tmp_path_factory.mktemp("bank")
+    return load_checkpoint(train(Loaded(recipe, Path("bank.toml"), ""), folder).checkpoint)
+
+
+def _camera(checkpoint: Checkpoint, sensor: str = "paper") -> Camera:
+    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    response_of = recipe.sensor.model_copy(update={"response": sensor})
+    psf = recipe.psf.model_copy(update={"pupil_sampling_um": "auto"})
+    return Camera.from_recipe(recipe.model_copy(update={"sensor": response_of, "psf": psf}))
+
+
+def _texture() -> Tensor:
+    """Grey, with the spectrum of photographs, [y, x]."""
+    noise = torch.randn(256, 256, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    drawn = torch.fft.irfft2(torch.fft.rfft2(noise) * power_spectrum(256, noise).sqrt(), s=(256, 256))
+    return (drawn - drawn.mean()) / drawn.std() * 0.12 + 0.5
+
+
+def _photographed(texture: Tensor, psf: Tensor) -> Tensor:
+    """A periodic texture through PSFs [3, w, w], [3, y, x]."""
+    size, w = texture.shape[-1], psf.shape[-1]
+    padded = torch.nn.functional.pad(psf, (0, size - w, 0, size - w)).roll((-(w // 2),) * 2, (-2, -1))
+    return torch.fft.irfft2(torch.fft.rfft2(texture) * torch.fft.rfft2(padded), s=(size, size))
+
+
+def test_told_the_response_it_restores_many_bands_better(trained: Checkpoint) -> None:
+    camera, texture = _camera(trained), _texture()
+    bands = psf_bank(camera, BANDS, [1.25], window_px=64, height=trained.height, dtype=torch.float64)
+    photo = _photographed(texture, (response(camera, BANDS)[:, :, None, None] * bands.values[0]).sum(1))
+    photo = (photo + 0.003 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(4))).float()
+
+    def error(image: Tensor) -> float:
+        return float((image.double() - texture)[:, 40:-40, 40:-40].square().mean().log10() * 10)
+
+    told, _ = restore(photo, camera, BANDS, torch.tensor([1.25]), checkpoint=trained)
+    untold = apply_network(trained.network, photo)
+    assert error(told) < error(untold) - 0.3
+    assert error(untold) < error(photo)
+
+
+def test_what_it_is_told_for_three_lines_is_what_it_learned_with(trained: Checkpoint) -> None:
+    """With a response of three wavelengths, written as a table, it is told what its training told it."""
+    camera = _camera(trained)
+    table = torch.eye(3, dtype=torch.float64)
+    with pytest.MonkeyPatch.context() as patch:
+        # a faint second band for each colour, so that it is not taken for three lines
+        patch.setattr("edofsim.restore.telling.response", lambda *_: table + 1e-9 * (1 - table))
+        told = told_network(trained, camera, COLOURS)
+    own = trained.network
+    assert told is not own
+    scale = float(own.filters.abs().max())  # the pupil is sampled more finely than in the training
+    torch.testing.assert_close(told.filters, own.filters, atol=1e-2 * scale, rtol=0)
+    torch.testing.assert_close(told.transfer, own.transfer, atol=1e-2, rtol=0)
+    weights, others = dict(told.named_parameters()), dict(own.named_parameters())
+    assert all(torch.equal(weights[name], others[name]) for name in others)
+
+
+def test_three_lines_and_other_networks_are_left_as_they_are(trained: Checkpoint) -> None:
+    lines = COLOURS.sort().values
+    assert told_network(trained, _camera(trained, "lines"), lines) is trained.network
+    plain = replace(trained, network=DCnn())
+    assert told_network(plain, _camera(trained), BANDS) is plain.network
+
+
+def test_it_is_told_once(trained: Checkpoint) -> None:
+    camera = _camera(trained)
+    first = told_network(trained, camera, BANDS)
+    assert told_network(trained, camera, BANDS) is first
+    fewer = BANDS[::2]
+    assert told_network(trained, camera, fewer) is not first
+
+
+def test_bands_that_the_sensor_does_not_know_are_refused(trained: Checkpoint) -> None:
+    with pytest.raises(InputError, match="covers"):
+        told_network(trained, _camera(trained), torch.tensor([300e-9, 500e-9]))
