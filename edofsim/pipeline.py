@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .errors import InputError
-from .evaluate.scores import DepthScore, Score, score, score_by_depth
+from .evaluate.scores import DepthScore, Score, score, score_by_depth, within_scale
 from .expose import Photo
 from .optics import Camera
 from .plan import Looked, Plan, Target, decibels, look, overall, photograph, plan_scene, simpler_recipe
@@ -122,9 +122,10 @@ def run(
             "wiener": wiener,
             "lens_alone": lens_alone.image,
         }
-        images = {name: image for name, image in images.items() if image is not None}
-        scores = {name: score(image, photo.ideal) for name, image in images.items()}
-        by_depth = {name: score_by_depth(image, photo.ideal, inverse_depth) for name, image in images.items()}
+        images = {name: within_scale(image) for name, image in images.items() if image is not None}
+        truth = within_scale(photo.ideal)
+        scores = {name: score(image, truth) for name, image in images.items()}
+        by_depth = {name: score_by_depth(image, truth, inverse_depth) for name, image in images.items()}
     return Run(
         scene=scene,
         camera=camera,

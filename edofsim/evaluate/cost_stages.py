@@ -29,9 +29,10 @@ from ..restore.checkpoint import (
     network_of,
     shipped_checkpoints,
 )
+from ..restore.telling import forget as forget_told
 from .drawing import write_csv
 from .kept import Kept, key_of
-from .scores import psnr
+from .scores import psnr, within_scale
 
 Progress = Callable[[float, str], None]
 
@@ -141,6 +142,7 @@ def restore_points(
 
 def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:
     return [
+        "within scale, told",  # how it was measured
         camera.recipe.model_dump(mode="json"),
         float(view.radiance.double().sum()),
         [view.height, view.width],
@@ -165,9 +167,13 @@ def _restored(
     low, high = (float(end) for end in view.inverse_depth.aminmax())
     depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
     psf_memory.forget()
+    forget_told()
     started = time.perf_counter()
     image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network, height=height)
-    return {"seconds": time.perf_counter() - started, "psnr_db": psnr(image, photo.ideal)}
+    return {
+        "seconds": time.perf_counter() - started,
+        "psnr_db": psnr(within_scale(image), within_scale(photo.ideal)),
+    }
 
 
 def front(points: Sequence[Point]) -> list[Point]:

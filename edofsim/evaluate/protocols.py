@@ -33,6 +33,7 @@ from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
 from ..restore import restore
 from ..restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
+from .scores import within_scale
 
 PAPER_DB = 30.76
 """The paper's PSNR of its one scene, an image of the TAU-Agent data set between 0.5 and 4.46 m."""
@@ -90,7 +91,7 @@ class Taken:
     @property
     def truth(self) -> Tensor:
         """The all-in-focus image as a sensor of full scale 1 can hold it."""
-        return self.photo.ideal.clamp(0, 1)
+        return within_scale(self.photo.ideal)
 
 
 def systems_of(camera: Loaded[CameraRecipe], networks: Sequence[str]) -> list[System]:

@@ -33,7 +33,7 @@ from .depth_edges import near_edges
 from .drawing import write_csv
 from .predictions import SCENES, small_version
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
-from .scores import Score, depth_ranges, score, score_parts
+from .scores import Score, depth_ranges, score, score_parts, within_scale
 
 Progress = Callable[[float, str], None]
 
@@ -208,7 +208,7 @@ def _regions(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 def _scores(
     image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
 ) -> Iterable[tuple[Region, tuple[float, float, int]]]:
-    image, truth = image.clamp(0, 1).cpu(), truth.cpu()
+    image, truth = within_scale(image).cpu(), truth.cpu()
     parts: list[Score] = [score(image, truth), *score_parts(image, truth, list(regions.values()))]
     for place, each in zip(((WHOLE, 0.0, math.inf), *regions), parts, strict=True):
         yield place, (each.psnr_db, each.ssim, each.pixels)

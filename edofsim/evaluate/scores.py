@@ -35,6 +35,12 @@ class DepthScore:
     score: Score
 
 
+def within_scale(image: Tensor) -> Tensor:
+    """What full scale 1 can hold of an image. A lamp or a highlight may be many times as bright: it would
+    decide a score alone, by how it is clipped and not by how anything is restored."""
+    return image.clamp(0, 1)
+
+
 def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     """Peak signal-to-noise ratio in dB for full scale 1, over all channels together.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from ..evaluate.scores import psnr
+from ..evaluate.scores import psnr, within_scale
 from .crops import Crop, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
 from .figures_optics import height_plot, mtf_plot, psf_plot
@@ -172,7 +172,7 @@ def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool
         pictures = []
         for name, image in images.items():
             part = crop.cut(image)
-            note = "" if name == "ideal" else decibels(psnr(part, truth))
+            note = "" if name == "ideal" else decibels(psnr(within_scale(part), within_scale(truth)))
             alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
             pictures.append(picture(part, report.label(name), alt, gain=gain, note=note))
         title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"
@@ -223,8 +223,8 @@ def _score_table(report: RunReport, ranges: list[tuple[float, float]]) -> Table 
     return Table(
         columns=(Column("Depth"), *(Column(report.label(n)) for n in names)),
         rows=tuple(rows),
-        caption="Against the ideal image: PSNR in dB (full scale 1), below it SSIM. Below each range, its "
-        "part of the pixels.",
+        caption="Against the ideal image, both clipped to full scale 1: PSNR in dB, below it SSIM. Below "
+        "each range, its part of the pixels.",
     )
 
 

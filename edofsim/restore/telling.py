@@ -47,6 +47,11 @@ def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) ->
     return known[key]
 
 
+def forget() -> None:
+    """Let go of the networks that were told, for timings."""
+    _TOLD.clear()
+
+
 def _channel_psfs(
     checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, weights: Tensor, depths: int
 ) -> Tensor:
