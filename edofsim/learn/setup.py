@@ -20,7 +20,7 @@ from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
-from ..restore.checkpoint import load_checkpoint
+from ..restore.checkpoint import history_of, load_checkpoint
 from ..restore.losses import LossWeights
 from ..restore.network import build_network
 from .doe import BasisHeight, FixedHeight, FreeHeight, NoHeight, RingHeight, metres_per_radian
@@ -34,7 +34,7 @@ MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 @dataclass(frozen=True)
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    relief."""
+    relief; history: of the checkpoint that the network starts from."""
 
     recipe: TrainRecipe
     camera: CameraRecipe
@@ -42,6 +42,7 @@ class Setup:
     material: Material
     sampling: float | None
     device: torch.device
+    history: tuple[dict[str, Any], ...] = ()
 
     def height(self) -> Tensor | None:
         """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
@@ -63,10 +64,11 @@ def prepare(
     mask, sampling, relief = build_mask(recipe, camera, base)
     optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
     material = gather(recipe, optics, loaded.base, data, cache, progress)
+    network, history = _network(recipe, camera)
     system = System(
         optics,
         mask,
-        _network(recipe, camera),
+        network,
         LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
         recipe.loss.stray,
         recipe.doe.height_noise_nm * 1e-9,
@@ -75,7 +77,7 @@ def prepare(
     )
     system.to(workers.device)
     system.network.to(memory_format=torch.channels_last)
-    return Setup(recipe, camera, system, material, sampling, workers.device)
+    return Setup(recipe, camera, system, material, sampling, workers.device, history)
 
 
 def use_bfloat16(precision: str, device: torch.device) -> bool:
@@ -161,21 +163,21 @@ def _basis(mask: masks.ZernikeMask | masks.FourierMask, grid: PupilGrid) -> tupl
     return torch.stack(shapes), torch.tensor(start)
 
 
-def _network(recipe: TrainRecipe, camera: CameraRecipe) -> nn.Module:
-    """The network with weights that only the seed decides, or those of a checkpoint."""
+def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[nn.Module, tuple[dict[str, Any], ...]]:
+    """The network with weights that only the seed decides, or those of a checkpoint, and its history."""
     table = recipe.network
     if table.start is not None:
         checkpoint = load_checkpoint(table.start, camera)
         if checkpoint.network.kind != table.kind:
             kind = checkpoint.network.kind
             raise InputError(f"network.start = {table.start!r} is a {kind!r}, not a {table.kind!r}")
-        return checkpoint.network
+        return checkpoint.network, tuple(history_of(checkpoint))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(recipe.seed)
         settings = dict(table.settings)
         if table.kind == "wiener":
             settings.setdefault("window", camera.psf.window_px)
-        return build_network(table.kind, settings)
+        return build_network(table.kind, settings), ()
 
 
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:

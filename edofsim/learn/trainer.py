@@ -277,13 +277,15 @@ def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float
     card = {
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
-        "recipe": _plain(setup.recipe),
+        "recipe": _told(setup.recipe),
         "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
         "versions": {"edofsim": __version__, "torch": torch.__version__},
         "seed": setup.recipe.seed,
         "step": step,
         "figures": dict(figures),
     }
+    if setup.history:
+        card["history"] = list(setup.history)
     setup.system.settle()
     height = setup.height()
     return save_checkpoint(path, setup.system.network, card, height=height, sampling=setup.sampling)
@@ -326,6 +328,15 @@ def _save(loop: _Loop) -> None:
 
 def _plain(recipe: TrainRecipe) -> dict[str, Any]:
     return recipe.model_dump(mode="json", by_alias=True)
+
+
+def _told(recipe: TrainRecipe) -> dict[str, Any]:
+    """The recipe for a card: of a file that something started from, its name, not its folder on this disk."""
+    plain = _plain(recipe)
+    for table in (plain["network"], plain["doe"]):
+        if table["start"] is not None:
+            table["start"] = Path(table["start"]).name
+    return plain
 
 
 @contextmanager

@@ -5,7 +5,8 @@ learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's t
 `mask.sampling_m`. The card is JSON in the metadata entry `card`, with the keys
 
     name, format, network (kind, settings), camera (the recipe it was trained for), recipe (the training
-    recipe), data (sources, counts, sha256), versions, seed, step, figures
+    recipe), data (sources, counts, sha256), versions, seed, step, figures, and `history` where the weights
+    come from an earlier training: these of each one before, the first first
 """
 
 from __future__ import annotations
@@ -157,6 +158,13 @@ def without_denormals(values: Tensor) -> Tensor:
     if not values.is_floating_point():
         return values
     return values.masked_fill(values.abs() < torch.finfo(values.dtype).tiny, 0)
+
+
+def history_of(checkpoint: Checkpoint) -> list[dict[str, Any]]:
+    """The trainings that made a checkpoint's weights, the first first, as its successor's card names them."""
+    card = checkpoint.card
+    own = {key: card[key] for key in ("name", "seed", "step", "data", "versions", "figures") if key in card}
+    return [*card.get("history", []), own]
 
 
 def trained_camera(checkpoint: Checkpoint) -> CameraRecipe:

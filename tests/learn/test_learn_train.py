@@ -121,6 +121,19 @@ def test_the_checkpoint_tells_how_it_came_to_be(tmp_path: Path) -> None:
     assert (tmp_path / "out/pictures/0000004.png").is_file()
 
 
+def test_a_card_tells_the_trainings_before_its_own(tmp_path: Path) -> None:
+    """Of the file that the weights came from its name alone: its folder is nobody else's."""
+    first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
+    loaded = _recipe(tmp_path, 2)
+    started = loaded.recipe.network.model_copy(update={"start": str(first)})
+    again = Loaded(loaded.recipe.model_copy(update={"network": started}), loaded.path, "")
+    card = load_checkpoint(train(again, tmp_path / "second").checkpoint).card
+    assert [(one["step"], one["seed"]) for one in card["history"]] == [(4, 3)]
+    assert card["history"][0]["data"] == card["data"]
+    assert card["step"] == 2 and card["recipe"]["network"]["start"] == first.name
+    assert "history" not in load_checkpoint(first).card
+
+
 def test_a_training_learns(tmp_path: Path) -> None:
     """Forty small steps: the loss falls, the photo is improved on, and the mask has moved."""
     loaded = _recipe(tmp_path, 40)
