@@ -207,19 +207,24 @@ def _step(loop: _Loop, fraction: float) -> Outcome:
     factor = rate_factor(fraction, settings.decay, settings.warmup, settings.final_rate)
     for group in loop.optimiser.param_groups:
         group["lr"] = group["full_rate"] * factor
-    first = _update(loop, draw_batch(loop.setup, loop.position.step, loop.workers))
+    frozen = fraction >= 1 - settings.frozen_statistics
+    first = _update(loop, draw_batch(loop.setup, loop.position.step, loop.workers), frozen)
     for part in range(1, settings.network_steps):
         draw = draw_batch(loop.setup, loop.position.step, loop.workers, part)
         if first.psf is not None:
             draw = replace(draw, scenes=draw.scenes.reusing(first.psf))
-        _update(loop, draw)
+        _update(loop, draw, frozen)
     return first
 
 
-def _update(loop: _Loop, draw: Draw) -> Outcome:
-    """One step of the optimiser for all that the loss depends on."""
+def _update(loop: _Loop, draw: Draw, frozen: bool) -> Outcome:
+    """One step of the optimiser for all that the loss depends on. frozen: the running means stay."""
     setup = loop.setup
     loop.wrapped.train()
+    if frozen:
+        for module in setup.system.network.modules():
+            if isinstance(module, nn.BatchNorm2d):
+                module.eval()
     # a batch that is not finite spoils the running means before its loss is known
     means = [buffer.clone() for buffer in setup.system.network.buffers()]
     outcome = loop.wrapped(draw)

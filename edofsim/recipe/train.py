@@ -125,7 +125,8 @@ class OptimiserTable(RecipeModel):
     along half a cosine to `final_rate` of itself, or stays, as in the paper. warmup: this share of the steps
     comes first, with the rate rising. network_steps: updates of the network in a step. The PSFs are
     computed, and the mask learns, in the first; in the others the same PSFs meet new patches and new noise,
-    which saves the time of the optics."""
+    which saves the time of the optics. frozen_statistics: in this share of the steps, the last ones, batch
+    normalisation goes by its running means, as in use: a batch of patches has other means than a photo."""
 
     steps: Count = 100_000
     batch: Count = 4
@@ -136,6 +137,7 @@ class OptimiserTable(RecipeModel):
     final_rate: Fraction = 0.01
     warmup: Fraction = 0.0
     network_steps: Count = 1
+    frozen_statistics: Annotated[float, Field(ge=0, le=1)] = 0.0
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
 
 

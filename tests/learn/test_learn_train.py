@@ -13,6 +13,7 @@ import torch
 
 from edofsim.errors import EdofsimError, InputError
 from edofsim.learn import train, trainer
+from edofsim.learn.setup import Setup
 from edofsim.recipe.load import Loaded, load_train
 from edofsim.recipe.train import TrainRecipe
 from edofsim.restore.checkpoint import load_arrays, load_checkpoint
@@ -132,6 +133,29 @@ def test_a_card_tells_the_trainings_before_its_own(tmp_path: Path) -> None:
     assert card["history"][0]["data"] == card["data"]
     assert card["step"] == 2 and card["recipe"]["network"]["start"] == first.name
     assert "history" not in load_checkpoint(first).card
+
+
+def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:
+    """From halfway on: what the first half left, the second keeps."""
+    saved: list[dict[str, torch.Tensor]] = []
+    loaded = _recipe(tmp_path, 4)
+    settings = loaded.recipe.optimiser.model_copy(update={"frozen_statistics": 0.5})
+    halfway = Loaded(loaded.recipe.model_copy(update={"optimiser": settings}), loaded.path, "")
+    with pytest.MonkeyPatch.context() as patch:
+        drawn = trainer.draw_batch
+
+        def watched(setup: Setup, *arguments: object) -> object:
+            saved.append({name: value.clone() for name, value in setup.system.network.state_dict().items()})
+            return drawn(setup, *arguments)
+
+        patch.setattr(trainer, "draw_batch", watched)
+        result = train(halfway, tmp_path / "out")
+    states = [*saved[-4:], load_checkpoint(result.checkpoint).network.state_dict()]
+    means = [name for name in states[0] if "running" in name]
+    moved = [any(not torch.equal(a[name], b[name]) for name in means) for a, b in itertools.pairwise(states)]
+    assert moved == [True, True, False, False]
+    weights = [name for name in states[0] if name.endswith("weight")]
+    assert all(not torch.equal(states[2][name], states[4][name]) for name in weights)
 
 
 def test_a_training_learns(tmp_path: Path) -> None:
