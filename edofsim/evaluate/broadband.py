@@ -8,6 +8,9 @@ The paper's sensor has 31 bands, 420 to 720 nm. Bands that a cube lacks are left
 alike, and the response is scaled so that those it has sum to 1 for each colour; the share left out is
 reported. The exposure is automatic: the 99.5th percentile of the truth is 0.9 of full scale. Read noise and
 height error are those of the paper's table.
+
+Trained weights know three wavelengths. Filters, of a Wiener deconvolution and of a filter bank, follow from
+the PSFs, and are told those of the response (`restore.telling`).
 """
 
 from __future__ import annotations
