@@ -35,7 +35,7 @@ NetworksOption = Annotated[
         help="Checkpoint or shipped name; the camera has its mask; repeatable; default: all that ship.",
     ),
 ]
-SmallOption = Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")]
+SmallOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
 LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")]
 
 

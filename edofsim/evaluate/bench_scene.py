@@ -22,7 +22,6 @@ from ..render import View, render
 from ..restore.checkpoint import shipped_checkpoints
 from ..scene import build_scene
 from . import scene3d
-from .predictions import small_version
 from .protocols import WAYS, System, systems_of
 
 Progress = Callable[[float, str], None]
@@ -45,13 +44,13 @@ def run(
 ) -> scene3d.Measured:
     """Measure the bench. See `scene3d.run`; `show` also gets the pixels of each object, bool [y, x].
 
-    quick: the middle of the frame with few samples, and no mask as made, whose PSFs take minutes.
+    quick: the middle of the frame, and no mask as made, whose PSFs take minutes.
     """
     networks = networks or list(shipped_checkpoints())
     say = progress or (lambda fraction, text: None)
     scene = load_scene(SCENE)
     taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
-    recipe = small_version(scene.recipe) if quick else scene.recipe
+    recipe = scene3d.quick_version(scene.recipe) if quick else scene.recipe
     key = scene3d.key_of(recipe, scene.base, taker, networks, seed)
     path = scene3d.record_path(folder, SCENE)
     known = scene3d.read(path, key)

@@ -46,6 +46,18 @@ VERSION = 2
 """Raised when the same scene and camera would give other scores, so that those in a folder are left."""
 
 
+QUICK_SAMPLES = 512
+"""Of the small versions. A rendering's grain is in the truth, but a blurred photo hardly holds it: it counts
+as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
+
+
+def quick_version(recipe: SceneRecipe) -> SceneRecipe:
+    """The middle of a scene's frame, with at least `QUICK_SAMPLES`."""
+    small = small_version(recipe)
+    samples = max(QUICK_SAMPLES, recipe.render.samples)
+    return small.model_copy(update={"render": small.render.model_copy(update={"samples": samples})})
+
+
 @dataclass(frozen=True)
 class Row:
     """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
@@ -137,7 +149,7 @@ def run(
 
         try:
             taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
-            recipe = small_version(scene.recipe) if quick else scene.recipe
+            recipe = quick_version(scene.recipe) if quick else scene.recipe
             key = key_of(recipe, scene.base, taker, networks, seed)
             path = record_path(folder, name)
             known = read(path, key)
