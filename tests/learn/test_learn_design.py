@@ -16,7 +16,7 @@ from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
 from edofsim.optics import Camera
 from edofsim.recipe.load import load_camera
-from edofsim.restore.checkpoint import load_checkpoint, trained_camera
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.linear import local_error, local_filters, wiener_error
 from edofsim.restore.network import apply_network
 from edofsim.restore.photograph_statistics import COARSEST_PX, COLOUR_CORRELATION, FALL, POWER
@@ -143,24 +143,31 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
     assert torch.equal(*maps)
 
 
-def test_the_closed_form_predicts_a_trained_network() -> None:
-    """The shipped D-CNN restores what a linear filter of its kind could, and a constant more."""
-    checkpoint = load_checkpoint("paper-dcnn")
-    optics = Optics(Camera.from_recipe(trained_camera(checkpoint)), 96, torch.device("cpu"))
+@pytest.mark.parametrize("name", ["clear-dcnn", "rings-dcnn", "cubic-dcnn", "paper-dcnn"])
+def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
+    """A trained D-CNN restores what a linear filter of its kind could, and about a constant more. Over depth
+    both rise and fall together; by the learned mask they hardly do, so that only the constant is asked."""
+    checkpoint = load_checkpoint(name)
+    camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    optics = Optics(Camera.from_recipe(camera), 96, torch.device("cpu"))
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
     psf = optics.psfs(depths, checkpoint.height)
-    predicted = -10 * local_error(optics.mean_psfs(depths, checkpoint.height, 30e-9)).mean(1).log10()
+    predicted = -10 * local_error(psf).mean(1).log10()
     sharp, _ = central_patches(packaged_images(128), 6, 128, surroundings(96))
-    generator, reached = torch.Generator().manual_seed(0), []
+    generator, found = torch.Generator().manual_seed(0), []
     for index in range(len(depths)):
         planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))
         captured = planes.photograph(optics, None)
         photo = captured.clean + 0.005 * torch.randn(captured.clean.shape, generator=generator)
         restored = torch.stack([apply_network(checkpoint.network, one) for one in photo])
         error = (restored - captured.ideal).square().mean((1, 2, 3))
-        reached.append(float((-10 * error.log10()).mean()))
-    both = torch.stack([predicted.double(), torch.tensor(reached, dtype=torch.float64)])
-    assert float(torch.corrcoef(both)[0, 1]) > 0.9
+        found.append(float((-10 * error.log10()).mean()))
+    reached = torch.tensor(found, dtype=torch.float64)
+    more = reached - predicted.double()
+    if name == "paper-dcnn":
+        assert float(more.min()) > 0 and float((more - more.mean()).abs().max()) < 1.25
+    else:
+        assert float(torch.corrcoef(torch.stack([predicted.double(), reached]))[0, 1]) > 0.95
 
 
 def _optics(camera: str, window: int) -> Optics:
