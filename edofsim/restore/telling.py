@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import torch
 from torch import Tensor, nn
 
-from ..optics import Camera, mean_psfs, psf_bank, response
+from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
 from .checkpoint import Checkpoint, camera_with_mask, trained_camera
@@ -33,9 +33,9 @@ def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) ->
     the camera's own fabrication. Raises InputError where PSFs or response cannot be computed.
     """
     network = checkpoint.network
-    weights = response(camera, wavelengths)
-    if not isinstance(network, FilterBank) or bool(((weights > 0).sum(1) == 1).all()):
+    if not isinstance(network, FilterBank) or response_curves(camera) is None:
         return network
+    weights = response(camera, wavelengths)
     known = _TOLD.setdefault(network, {})
     recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
     key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
