@@ -212,7 +212,8 @@ def scene3d(
     scores whole, by depth and near depth edges, and what each way to simulate concludes (paper, Fig. 13).
 
     Interrupt it at any time: scenes that are finished are kept in --out. What cannot be read is named at the
-    end, and the others are finished.
+    end, and the others are finished. Scenes are rendered with at least 512 samples a pixel, as the grain of
+    the truth counts against every restoration.
 
     Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
     gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;

@@ -50,7 +50,7 @@ def run(
     say = progress or (lambda fraction, text: None)
     scene = load_scene(SCENE)
     taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
-    recipe = scene3d.quick_version(scene.recipe) if quick else scene.recipe
+    recipe = scene3d.scored_version(scene.recipe, quick=quick)
     key = scene3d.key_of(recipe, scene.base, taker, networks, seed)
     path = scene3d.record_path(folder, SCENE)
     known = scene3d.read(path, key)

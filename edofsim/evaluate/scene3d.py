@@ -45,17 +45,16 @@ SHOWN = (PAPER, OURS)
 VERSION = 2
 """Raised when the same scene and camera would give other scores, so that those in a folder are left."""
 
+TRUTH_SAMPLES = 512
+"""The fewest that a scene is rendered with. A rendering's grain is in the truth, but a blurred photo hardly
+holds it: it counts as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
 
-QUICK_SAMPLES = 512
-"""Of the small versions. A rendering's grain is in the truth, but a blurred photo hardly holds it: it counts
-as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
 
-
-def quick_version(recipe: SceneRecipe) -> SceneRecipe:
-    """The middle of a scene's frame, with at least `QUICK_SAMPLES`."""
-    small = small_version(recipe)
-    samples = max(QUICK_SAMPLES, recipe.render.samples)
-    return small.model_copy(update={"render": small.render.model_copy(update={"samples": samples})})
+def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
+    """The scene with at least `TRUTH_SAMPLES`; quick: only the middle of its frame."""
+    samples = max(TRUTH_SAMPLES, recipe.render.samples)
+    chosen = small_version(recipe) if quick else recipe
+    return chosen.model_copy(update={"render": chosen.render.model_copy(update={"samples": samples})})
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,7 @@ def run(
 
         try:
             taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
-            recipe = quick_version(scene.recipe) if quick else scene.recipe
+            recipe = scored_version(scene.recipe, quick=quick)
             key = key_of(recipe, scene.base, taker, networks, seed)
             path = record_path(folder, name)
             known = read(path, key)

@@ -175,9 +175,7 @@ class System(nn.Module):
         """Tell a bank of filters how the mask blurs as it is, made with the mean error of fabrication."""
         network = self.network
         if isinstance(network, FilterBank):
-            low, high = self.depth_range
-            count = network.depths
-            depths = low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
+            depths = network.middles(self.depth_range)
             with torch.no_grad():
                 height = self.mask()
                 psf = (

@@ -74,10 +74,16 @@ class FilterBank(nn.Module):
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
         return own | self.trunk.settings()
 
+    def middles(self, depth_range: tuple[float, float]) -> Tensor:
+        """Inverse depths that `teach` wants the PSFs of, [depths], float64: the middles of equal parts of
+        the range, both in 1/m."""
+        low, high = depth_range
+        return low + (high - low) * (torch.arange(self.depths, dtype=torch.float64) + 0.5) / self.depths
+
     @torch.no_grad()
     def teach(self, filters: Tensor, psf: Tensor) -> None:
         """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
-        [depths, 3, y, x], neighbouring depths next to each other, of the same parts of the depth range."""
+        [depths, 3, y, x] at the `middles` of a range, of which each filter takes as many in turn."""
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
         self.filters.copy_(filters.flatten(0, 1))

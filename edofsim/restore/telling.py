@@ -12,8 +12,10 @@ import copy
 from weakref import WeakKeyDictionary
 
 import torch
+from pydantic import ValidationError
 from torch import Tensor, nn
 
+from ..errors import InputError
 from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
@@ -40,7 +42,8 @@ def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) ->
     recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
     key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
     if key not in known:
-        psf = _channel_psfs(checkpoint, camera, wavelengths, weights, network.depths)
+        depths = network.middles(_training(checkpoint).capture.inverse_depth_per_m)
+        psf = _channel_psfs(checkpoint, camera, wavelengths, weights, depths)
         bank = copy.deepcopy(network).cpu()
         bank.teach(local_filters(psf, bank.support, bank.groups), psf)
         known[key] = bank
@@ -53,22 +56,29 @@ def forget() -> None:
 
 
 def _channel_psfs(
-    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, weights: Tensor, depths: int
+    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, weights: Tensor, inverse: Tensor
 ) -> Tensor:
-    """[depth, 3, y, x] at the middles of so many parts of the depth range of the training."""
-    training = TrainRecipe.model_validate(checkpoint.card["recipe"])
+    """[depth, 3, y, x] at inverse depths [depth] in 1/m."""
     window = trained_camera(checkpoint).psf.window_px
     # the training's sampling of the pupil may be too coarse for the shortest wavelengths
     psf = CameraRecipe(name="default").psf
     recipe = camera_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
     own = Camera.from_recipe(recipe, camera.base)
-    low, high = training.capture.inverse_depth_per_m
-    inverse = low + (high - low) * (torch.arange(depths, dtype=torch.float64) + 0.5) / depths
     if checkpoint.height is None:
         bands = psf_bank(own, wavelengths, inverse, window_px=window).values
     else:
-        error = training.doe.height_noise_nm * 1e-9
+        error = _training(checkpoint).doe.height_noise_nm * 1e-9
         bands = mean_psfs(
             own, wavelengths.double(), inverse, error, window_px=window, height=checkpoint.height
         )
     return torch.einsum("cb,dbyx->dcyx", weights.to(bands), bands)
+
+
+def _training(checkpoint: Checkpoint) -> TrainRecipe:
+    try:
+        return TrainRecipe.model_validate(checkpoint.card["recipe"])
+    except (KeyError, ValidationError):
+        raise InputError(
+            f"{checkpoint.path}: its card names no recipe of a training, which a bank of filters needs for "
+            "another response than it was trained with; train the checkpoint again"
+        ) from None

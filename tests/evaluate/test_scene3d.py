@@ -310,26 +310,29 @@ def test_objects_of_the_bench_are_where_the_view_shows_them():
         assert rows.min() > 0
 
 
-def test_small_versions_have_fewer_pixels_and_no_fewer_samples():
+@pytest.mark.parametrize("quick", [True, False])
+def test_scenes_are_scored_with_many_samples_and_small_ones_have_fewer_pixels(quick: bool):
     """Grain of the truth counts as an error that no restoration can avoid."""
     for name in ("desk", "night"):
         recipe = load_scene(name).recipe
-        small = scene3d.quick_version(recipe)
-        assert (small.frame.width_px, small.frame.height_px) == (160, 128)
-        assert small.render.samples >= max(512, recipe.render.samples)
+        scored = scene3d.scored_version(recipe, quick=quick)
+        whole = (recipe.frame.width_px, recipe.frame.height_px)
+        assert (scored.frame.width_px, scored.frame.height_px) == ((160, 128) if quick else whole)
+        assert scored.render.samples >= max(512, recipe.render.samples)
 
 
 def test_the_bench_has_a_page_with_both_objects(
     folder: Path, network: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ):
-    def tiny(recipe: SceneRecipe) -> SceneRecipe:
+    def tiny(recipe: SceneRecipe, *, quick: bool) -> SceneRecipe:
+        assert quick
         frame = recipe.frame.model_copy(update={"width_px": 96, "height_px": 72, "margin_px": 12})
         changes = {"frame": frame, "bands": recipe.bands.model_copy(update={"count": 5})}
         return recipe.model_copy(
             update={**changes, "render": recipe.render.model_copy(update={"samples": 4})}
         )
 
-    monkeypatch.setattr(bench_scene.scene3d, "quick_version", tiny)
+    monkeypatch.setattr(bench_scene.scene3d, "scored_version", tiny)
     out = folder / "out"
     arguments = ["evaluate", "bench-scene", "--quick", "--quiet", "--cache", folder / "cache", "--out", out]
     arguments += ["--camera", folder / "camera.toml", "--network", network]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,3 +120,11 @@ def test_it_is_told_once(trained: Checkpoint) -> None:
 def test_bands_that_the_sensor_does_not_know_are_refused(trained: Checkpoint) -> None:
     with pytest.raises(InputError, match="covers"):
         told_network(trained, _camera(trained), torch.tensor([300e-9, 500e-9]))
+
+
+def test_a_card_without_its_recipe_is_refused_where_a_bank_needs_it(trained: Checkpoint) -> None:
+    card = {name: value for name, value in trained.card.items() if name != "recipe"}
+    with pytest.raises(InputError, match="names no recipe"):
+        told_network(
+            replace(trained, network=copy.deepcopy(trained.network), card=card), _camera(trained), BANDS
+        )
