@@ -11,8 +11,11 @@ from torch import Tensor
 from .effect import Effect, Errors, Level
 from .facts import Facts, rms
 from .sample import FINEST_LAYERS
+from .simulation import Simulation
 
 Progress = Callable[[float, str], None]
+References = dict[tuple[Simulation, bool], Tensor]
+"""Photos of the sample, by simulation and whether fragments were moved to the depth nodes."""
 
 NARROW = 64
 """Side of the PSFs in pixels while other effects than their window are measured, where they are no wider."""
@@ -84,6 +87,7 @@ def estimate(
     """
     rows: list[Estimate] = []
     differences: list[Tensor] = []
+    references: References = {}
     for number, effect in enumerate(effects):
         if progress:
             progress(number / len(effects), f"estimating {effect.name}")
@@ -94,7 +98,7 @@ def estimate(
             rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
             continue
         errors_found, images = [], []
-        for difference in _differences(facts, effect, levels[:-1]):
+        for difference in _differences(facts, effect, levels[:-1], references):
             errors_found.append(rms(difference))
             images.append(len(differences))
             differences.append(difference.flatten())
@@ -118,9 +122,14 @@ def levels_of(
     return absent, tuple(levels)
 
 
-def _differences(facts: Facts, effect: Effect, levels: Sequence[Level]) -> list[Tensor]:
-    """The sample with each level minus the sample in full, the rest as the effect's sample says."""
-    found, references = [], {}
+def _differences(
+    facts: Facts, effect: Effect, levels: Sequence[Level], references: References
+) -> list[Tensor]:
+    """The sample with each level minus the sample in full, the rest as the effect's sample says.
+
+    references: the sample in full as effects before this one asked for it, which this one adds to.
+    """
+    found = []
     for level in levels:
         how = {"layers": 7, "window": _narrow(facts), "snapped": False, **effect.sample, **level.sample}
         snapped = how.pop("snapped")

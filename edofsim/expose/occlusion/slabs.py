@@ -50,9 +50,9 @@ def cuts(view: View, gap: float) -> list[float]:
     bins = ((high - depth) / width).floor().long().clamp(0, BINS - 1)  # bin 0 is the nearest
     crossed = torch.bincount(bins, weights=view.coverage.detach().double(), minlength=BINS)
     # a cut after bin k has the bins up to k in front of it
-    pairs = torch.unique(torch.stack([bins[found.front], bins[found.behind] - 1], 1), dim=0)
-    pairs = pairs[pairs[:, 1] >= pairs[:, 0]]
-    ends = sorted(((end, begin) for begin, end in pairs.tolist()))
+    first, last = bins[found.front], bins[found.behind] - 1
+    numbers = torch.unique((last * BINS + first)[last >= first])  # ascending by end, then by beginning
+    ends = [divmod(number, BINS) for number in numbers.tolist()]
     chosen: list[float] = []
     begin, end = 0, -1
     for next_end, next_begin in ends:
