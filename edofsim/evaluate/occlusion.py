@@ -225,14 +225,19 @@ def take(
 
 
 def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor], float]:
-    """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop."""
+    """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop.
+
+    The slow truth has no light beyond the PSFs' windows, so that the veil that it becomes is taken off.
+    """
     window = taken.camera.recipe.psf.window_px
     part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
     part = part.to(dtype=torch.float32)
     weights = channel_weights(taken.camera, part.wavelengths).float()
-    factor = automatic_exposure(part.crop_margin(all_in_focus(part, weights)))
-    photos = {
-        way: expose(
+    sharp = all_in_focus(part, weights)
+    factor = automatic_exposure(part.crop_margin(sharp))
+    photos = {}
+    for way in WAYS:
+        photo = expose(
             part,
             taken.camera,
             height=taken.height,
@@ -242,9 +247,9 @@ def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor],
             pupil_parts=PARTS if way == "parts" else 1,
             exposure=factor,
             effects=SensorEffects(),
-        ).clean
-        for way in WAYS
-    }
+        )
+        veil = photo.lost * sharp.mean((1, 2)) * factor
+        photos[way] = photo.clean - veil[:, None, None]
     return photos, factor
 
 

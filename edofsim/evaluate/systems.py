@@ -118,7 +118,5 @@ def described(fabrication: Fabrication) -> str:
 
 
 def filtered(photo: Tensor, stack: Tensor) -> Tensor:
-    """A photo [3, y, x] after Wiener deconvolution by PSFs [depth, 3, y, x], in [0, 1]. What they do not hold
-    is a veil over the photo (see `learn.imaging.photograph`), which is taken off first."""
-    veil = (1 - stack.sum((-1, -2)).mean(0))[:, None, None] * photo.mean((-1, -2), keepdim=True)
-    return wiener(photo - veil, stack, READ_NOISE).clamp(0, 1)
+    """A photo [3, y, x] after Wiener deconvolution by PSFs [depth, 3, y, x], in [0, 1]."""
+    return wiener(photo, stack, READ_NOISE).clamp(0, 1)

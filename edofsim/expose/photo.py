@@ -14,9 +14,9 @@ class Photo:
     """A sensor image and what it is judged by. All images are linear, [channel, y, x], full scale 1.
 
     image: with noise; clean: without; ideal: all in focus, same response and exposure;
-    exposure: factor from radiance to full scale; lost: fraction of the light that left the PSF windows,
-    per channel [channel]; how: the choices that were made (method, layers, occlusion, ...);
-    seconds: time of each stage.
+    exposure: factor from radiance to full scale; lost: fraction of the light that left the PSF windows and
+    came back as a veil (see `photograph.veil_of`), per channel [channel]; how: the choices that were made
+    (method, layers, occlusion, ...); seconds: time of each stage.
     """
 
     image: Tensor

@@ -122,6 +122,8 @@ def expose(
     gap = 1 / blur_per_dioptre(camera)
     blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts)
     photo = torch.stack([each.crop_margin(OCCLUSIONS[occlusion](each, blurring)) for each in views])
+    veils = [veil_of(each, kernels, weights) for each in views]
+    photo = photo + torch.stack([veil for veil, _ in veils])[:, :, None, None]
     watch.lap("blur", 0.9)
 
     ideal = torch.stack([each.crop_margin(all_in_focus(each, weights)) for each in views])
@@ -129,7 +131,7 @@ def expose(
     effects = effects or effects_of(camera)
     clean = photo * factor
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
-    lost = torch.stack([light_lost(each, kernels, weights) for each in views])
+    lost = torch.stack([fraction for _, fraction in veils])
     how = {
         "method": method,
         "layers": int(nodes.numel()),
@@ -171,9 +173,14 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     return light.reshape(-1, rows, columns)
 
 
-def light_lost(view: View, kernels: Kernels, weights: Tensor) -> Tensor:
-    """Fraction of the visible light that lands outside the PSFs' windows, per channel [channel]."""
-    radiance = view.radiance.detach()
+def veil_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """What the visible light beyond the PSFs' windows becomes: a veil, the same all over the padded frame.
+
+    Such light lands far from where it belongs, and what leaves the frame comes in from outside of it as well;
+    so its mean is all that is known of it. Returns the veil, unexposed, and the fraction of the light that it
+    is made of, both [channel] under the response `weights` [channel, band].
+    """
+    radiance = view.radiance
     if kernels.nodes.numel() == 1:
         amount = (radiance @ (~view.hidden).to(radiance))[:, None]
     else:
@@ -181,13 +188,15 @@ def light_lost(view: View, kernels: Kernels, weights: Tensor) -> Tensor:
         cell, share = hat_weights(view.inverse_depth[which], kernels.nodes)
         light = radiance.index_select(1, which)
         amount = light.new_zeros(view.bands, kernels.nodes.numel())
-        amount.index_add_(1, cell, light * (1 - share))
-        amount.index_add_(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
-    rest = torch.zeros_like(amount)
-    for node in torch.nonzero(amount.any(0)).squeeze(1).tolist():
-        rest[:, node] = kernels.rest(node).detach()
-    total = (weights @ amount).sum(1)
-    return (weights @ (amount * rest)).sum(1) / torch.where(total > 0, total, torch.ones_like(total))
+        amount = amount.index_add(1, cell, light * (1 - share))
+        amount = amount.index_add(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
+    there = torch.nonzero(amount.any(0)).squeeze(1)
+    rest = [kernels.rest(node).to(amount) for node in there.tolist()]
+    beyond = (amount[:, there] * torch.stack(rest, 1)).sum(1) if rest else torch.zeros_like(amount[:, 0])
+    total = weights @ amount.sum(1)
+    veil = weights @ beyond
+    rows, columns = view.padded_shape
+    return veil / (rows * columns), veil / torch.where(total > 0, total, torch.ones_like(total))
 
 
 def effects_of(camera: Camera) -> SensorEffects:

@@ -33,7 +33,7 @@ class ViewParts:
     table: Views
 
     def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
-        """With layers, occlusion and hidden surfaces; no gradient comes from the light lost."""
+        """With layers, occlusion and hidden surfaces."""
         camera = _camera(optics.camera, self.table.bands)
         photos = [
             expose(
@@ -49,9 +49,7 @@ class ViewParts:
             for part in self.parts
         ]
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
-        # light beyond the windows is a veil, as in `imaging.photograph`
-        veils = [photo.lost[:, None, None] * photo.ideal.mean((-1, -2), keepdim=True) for photo in photos]
-        clean = torch.stack([photo.clean + veil for photo, veil in zip(photos, veils, strict=True)]) * factors
+        clean = torch.stack([photo.clean for photo in photos]) * factors
         # the sensor saturates; what lies beyond full scale is not asked of the network
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
         lost = torch.stack([photo.lost for photo in photos]).mean()

@@ -18,7 +18,7 @@ from ..expose.crop import crop, with_margin
 from ..expose.kernels import Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
-from ..expose.photograph import all_in_focus, light_lost
+from ..expose.photograph import all_in_focus, veil_of
 from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, kernels_of_parts
 from ..expose.sensor import automatic_exposure, record
 from ..optics import Camera, defocus
@@ -93,6 +93,8 @@ def photograph(
         parts=parts if simulation.pupil_parts > 1 else None,
     )
     photo = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
+    veil, lost = veil_of(light, kernels, response)
+    photo = photo + veil[:, None, None]
     watch.lap("blur", 0.9)
     clean = photo * factor
     image = record(clean, sensor_effects(camera, simulation), seed)
@@ -107,7 +109,6 @@ def photograph(
         "sensor": sensor_effects(camera, simulation),
         "seed": seed,
     }
-    lost = light_lost(light, kernels, response)
     watch.lap("sensor", 1.0)
     return Photo(image, clean, ideal * factor, factor, lost, how, watch.seconds)
 

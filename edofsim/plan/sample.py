@@ -18,7 +18,7 @@ from ..expose.crop import crop, with_margin
 from ..expose.kernels import HeldKernels, Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
-from ..expose.photograph import all_in_focus
+from ..expose.photograph import all_in_focus, veil_of
 from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
@@ -73,7 +73,7 @@ class Sample:
         window = simulation.window or self.camera.recipe.psf.window_px
         margin = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
         parts = []
-        blurring = None
+        blurring, veil = None, None
         gathering = self._gathering(simulation)
         for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
             light = gathered_view(view, gathering) if simulation.groups else view
@@ -90,9 +90,14 @@ class Sample:
                     simulation.tolerance_db,
                     gap=1 / blur_per_dioptre(self.camera),
                 )
-            image = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
-            parts.append(image.flatten(1) * (self.exposure * weight**0.5))
-        return torch.cat(parts, 1)
+            parts.append(light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring)).flatten(1))
+            own, _ = veil_of(light, blurring.kernels, blurring.response)
+            own = own * (weight * parts[-1].shape[1])  # a tile's share of the whole frame's veil
+            veil = own if veil is None else veil + own
+        roots = self.exposure * self.weights.sqrt()
+        return torch.cat(
+            [(part + veil[:, None]) * root for part, root in zip(parts, roots.tolist(), strict=True)], 1
+        )
 
     def exposed(self, simulation: Simulation) -> tuple[Tensor, Tensor]:
         """The sample's clean photo [channel, pixel] as it is, and the weights [pixel] of its pixels: they sum

@@ -84,8 +84,8 @@ def called_for(plan: Plan) -> set[str]:
 
 
 @pytest.mark.parametrize("name", ["wall", "clouds"])
-def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, cache, calls):
-    plan, photo = run(name, cache, calls)
+def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, tmp_path, calls):
+    plan, photo = run(name, tmp_path, calls)
     never = {"depth layers", "occlusion", "hidden surfaces", "hero wavelengths", "interreflection", "rank"}
     assert not called_for(plan) & never
     assert calls["views"] == 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0

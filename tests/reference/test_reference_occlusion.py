@@ -70,8 +70,9 @@ def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     rows = occlusion.table(figures)
     assert len(rows) == 9
     hidden = {}
-    for _, mask, focus, none, over, normalised, with_hidden in rows:
+    for _, mask, focus, none, over, normalised, with_hidden, with_parts in rows:
         assert with_hidden > max(none, over, normalised) + 1
+        assert with_parts > with_hidden - 0.5
         hidden[mask, focus] = with_hidden
     for mask in ("clear", "smooth"):
         assert hidden[mask, "behind"] > 37
