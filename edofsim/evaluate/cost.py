@@ -25,6 +25,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from ..expose import Photo
+from ..expose.photo import PHOTOS
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import Planner, Simulation, parse_target, photograph
@@ -215,7 +216,7 @@ def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
 
 def _identity(view: View, camera: Camera, height: Tensor | None, clock: Callable[[], float]) -> str:
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
-    said = [machine(), versions(), clock.__name__, torch.get_num_threads()]
+    said = [machine(), versions(), PHOTOS, clock.__name__, torch.get_num_threads()]
     digest.update(json.dumps(said, sort_keys=True).encode())
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())

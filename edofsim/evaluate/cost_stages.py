@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..expose import Photo
+from ..expose.photo import PHOTOS
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import parse_target, photograph, plan_photo
@@ -143,6 +144,7 @@ def restore_points(
 def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:
     return [
         "within scale, told",  # how it was measured
+        PHOTOS,
         camera.recipe.model_dump(mode="json"),
         float(view.radiance.double().sum()),
         [view.height, view.width],

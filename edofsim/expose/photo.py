@@ -8,6 +8,9 @@ from typing import Any
 
 from torch import Tensor
 
+PHOTOS = 2
+"""Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
+
 
 @dataclass(frozen=True)
 class Photo:

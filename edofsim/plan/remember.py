@@ -12,6 +12,7 @@ from pathlib import Path
 import platformdirs
 import torch
 
+from ..expose.photo import PHOTOS
 from .effect import Effect, Level
 from .estimate import Estimate, Estimates, Progress, estimate, levels_of
 from .facts import Facts
@@ -86,7 +87,7 @@ def _folder() -> Path:
 
 def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> str:
     said = {
-        "version": VERSION,
+        "version": [VERSION, PHOTOS],
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [effect.name for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
