@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 LOG = logging.getLogger(__name__)
 
-VERSION = 2
+VERSION = 3
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 MEMORY_BYTES = 512 << 20
 """Largest sum of banks kept in memory; those used longest ago go first."""
@@ -47,7 +47,9 @@ def key(
 ) -> str:
     """SHA-256 of everything that a bank depends on, the content of a height map's file included."""
     recipe = camera.recipe.model_dump(mode="json", include={"lens", "focus", "mask", "fabrication", "psf"})
-    said = {"version": VERSION, "recipe": recipe, "pixel": camera.pixel, "window": window_px, "seed": seed}
+    materials = [camera.glass.name, camera.mask_material.name]
+    said = {"version": VERSION, "recipe": recipe, "materials": materials, "pixel": camera.pixel}
+    said |= {"window": window_px, "seed": seed}
     digest = hashlib.sha256(json.dumps({**said, "dtype": str(dtype)}, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):
         digest.update(axis.numpy().tobytes() + b"|")

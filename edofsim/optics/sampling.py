@@ -20,6 +20,9 @@ FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
 """Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
+SCATTERED_ORDERS = 2
+"""Diffraction orders of a height map's pitch out to which its cells scatter light that counts: interpolated
+between its samples, a map is smooth but for what lies within them."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,9 @@ def plan_sampling(
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
     A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay
-    out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, and
-    keeps the steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope.
+    out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, keeps the
+    steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
+    that the cells of a height map scatter out of the window.
     map_pitch: pitch [m] of a height map given in place of the recipe's mask. by_bound: False leaves the
     paper's bound out of "auto"; it is twice as fine as the steepest phase asks for.
 
@@ -88,6 +92,15 @@ def plan_sampling(
     return Sampling(grid, largest, bound, reach / pitch, window)
 
 
+def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int) -> float:
+    """The coarsest fixed pitch [m] that `plan_sampling` takes, by the paper's bound and with replicas that
+    stay out of the window.
+    """
+    ends = torch.stack([inverse_depths.min(), inverse_depths.max()]).double()
+    found = plan_sampling(camera, wavelengths.double(), ends, window_px)
+    return 0.999 * min(found.bound, found.replica_period * found.grid.pitch / found.window)
+
+
 def _automatic(
     camera: Camera, wavelengths: Tensor, psi: Tensor, window: float, bound: float, map_pitch: float | None
 ) -> tuple[int, float]:
@@ -100,8 +113,8 @@ def _automatic(
         pitch = made / math.ceil(made / needed - 1e-9)
         return natural_samples(camera, pitch), pitch
     designed = map_pitch or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
-    if designed is not None and designed <= needed:
-        return natural_samples(camera, designed), designed
+    if designed is not None:
+        needed = min(needed, reach / (SCATTERED_ORDERS * reach / designed + window / 2))
     across = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
     return across + 2, 2 * camera.aperture_radius / across  # the samples of an edge reach a cell beyond it
 

@@ -131,7 +131,8 @@ def _differences(
     """
     found = []
     for level in levels:
-        how = {"layers": 7, "window": _narrow(facts), "snapped": False, **effect.sample, **level.sample}
+        usual = {"layers": 7, "window": _narrow(facts), "pupil_um": facts.quick_pupil_um, "snapped": False}
+        how = {**usual, **effect.sample, **level.sample}
         snapped = how.pop("snapped")
         rest = facts.full.changed(how)
         if facts.full.occlusion == "none":

@@ -13,7 +13,7 @@ from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .sample import Sample, sample_of
-from .simulation import Simulation, edge_pixels, full_simulation
+from .simulation import Simulation, coarsest_pupil_um, edge_pixels, full_simulation, pupil_is_free
 
 SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
@@ -77,6 +77,15 @@ class Facts:
     def bands_a_channel(self) -> int:
         """Bands that the channel with the broadest response sees."""
         return int((self.sample.response > 1e-3 * self.sample.response.max()).sum(1).max())
+
+    @property
+    def quick_pupil_um(self) -> float | None:
+        """Sampling of the pupil that other effects are measured with: height maps are sampled finely for the
+        light that they scatter, which is little, at several times the cost."""
+        map_given = self.sample.height is not None or self.camera.recipe.mask.kind == "height-map"
+        if not map_given or not pupil_is_free(self.camera):
+            return None
+        return coarsest_pupil_um(self.camera, self.view.wavelengths, self.view.inverse_depth)
 
     def nm(self) -> str:
         """The span of wavelengths, as text."""

@@ -115,7 +115,8 @@ class Sample:
     def _kernels(self, simulation: Simulation, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
         camera = simpler_camera(self.camera, simulation)
-        key = (camera.recipe.model_dump_json(), tuple(wavelengths.tolist()), window)
+        materials = (camera.glass.name, camera.mask_material.name)
+        key = (camera.recipe.model_dump_json(), materials, tuple(wavelengths.tolist()), window)
         known = self._banks.get(key)
         if known is not None and known.nodes.numel() >= nodes.numel():
             where = torch.searchsorted(known.nodes, nodes - 1e-9).clamp_max(known.nodes.numel() - 1)

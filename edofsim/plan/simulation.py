@@ -12,8 +12,9 @@ from ..expose import SensorEffects
 from ..expose.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..optics.materials import Material
-from ..optics.sampling import plan_sampling
+from ..optics.sampling import coarsest_pitch
 from ..recipe import CameraRecipe, SceneRecipe
+from ..recipe.masks import HeightMapMask
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
 
@@ -92,18 +93,15 @@ def edge_pixels(view: View, gap: float) -> int:
 
 
 def pupil_is_free(camera: Camera) -> bool:
-    """Whether the pupil's sampling is ours to choose: neither the recipe nor the mask's own pitch says."""
+    """Whether the pupil's sampling is ours to choose: neither recipe nor squares of a made mask say."""
     recipe = camera.recipe
     made = recipe.fabrication is not None and recipe.fabrication.pitch_um is not None
-    return recipe.psf.pupil_sampling_um == "auto" and not made and recipe.mask.kind != "height-map"
+    return recipe.psf.pupil_sampling_um == "auto" and not made
 
 
 def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor) -> float:
     """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow."""
-    ends = torch.stack([inverse_depths.min(), inverse_depths.max()]).double()
-    found = plan_sampling(camera, wavelengths.double(), ends, camera.recipe.psf.window_px)
-    replicas = found.replica_period * found.grid.pitch / found.window
-    return min(found.bound, replicas) * 1e6 * 0.999
+    return coarsest_pitch(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px) * 1e6
 
 
 def simpler_camera(camera: Camera, simulation: Simulation) -> Camera:
@@ -118,9 +116,13 @@ def simpler_camera(camera: Camera, simulation: Simulation) -> Camera:
         glass = _without_dispersion(glass, at)
         lens = changes.get("lens", recipe.lens)
         changes["lens"] = lens.model_copy(update={"material": glass.name})
-    if not simulation.doe_dispersion and hasattr(recipe.mask, "design_wavelength_nm"):
-        relief = _without_dispersion(relief, recipe.mask.design_wavelength_nm * 1e-9)
-        changes["mask"] = recipe.mask.model_copy(update={"material": relief.name})
+    if not simulation.doe_dispersion:
+        # a height map in place of a mask that only blocks light is designed for what maps are by default
+        designed = HeightMapMask.model_fields["design_wavelength_nm"].default
+        wavelength = getattr(recipe.mask, "design_wavelength_nm", designed)
+        relief = _without_dispersion(relief, wavelength * 1e-9)
+        if hasattr(recipe.mask, "material"):
+            changes["mask"] = recipe.mask.model_copy(update={"material": relief.name})
     if not simulation.fabrication:
         changes["fabrication"] = None
     psf: dict[str, object] = {"oversampling": simulation.oversampling}

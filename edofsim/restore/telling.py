@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from ..errors import InputError
 from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
+from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
 from .checkpoint import Checkpoint, camera_with_mask, trained_camera
@@ -60,10 +61,13 @@ def _channel_psfs(
 ) -> Tensor:
     """[depth, 3, y, x] at inverse depths [depth] in 1/m."""
     window = trained_camera(checkpoint).psf.window_px
-    # the training's sampling of the pupil may be too coarse for the shortest wavelengths
+    # the training's sampling of the pupil may be too coarse for the shortest wavelengths; the coarsest that
+    # they allow is fine enough for filters
     psf = CameraRecipe(name="default").psf
     recipe = camera_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
-    own = Camera.from_recipe(recipe, camera.base)
+    coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
+    psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
+    own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
     if checkpoint.height is None:
         bands = psf_bank(own, wavelengths, inverse, window_px=window).values
     else:

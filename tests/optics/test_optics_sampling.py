@@ -59,10 +59,34 @@ def test_automatic_sampling_follows_steep_masks():
     assert gentle.grid.pitch > 2 * steep.grid.pitch
 
 
-def test_automatic_sampling_takes_a_height_map_as_it_is_where_it_can():
-    free = {"kind": "height-map", "pitch_um": 21.0}
-    assert plan(camera(mask=free), [543]).grid.samples == 239
-    assert plan(camera(mask=free), [420]).grid.pitch < 16.8e-6
+@pytest.mark.parametrize("window", [32, 128])
+@pytest.mark.parametrize("samples", [84, 239])
+def test_what_the_cells_of_a_height_map_scatter_stays_out_of_the_window(samples, window):
+    """Against a pupil sampled three times as finely again: 0.5 % of the PSFs, in the rough map's own samples
+    several times as much."""
+    draw = torch.Generator().manual_seed(0)
+    rough = 0.2e-6 * torch.rand(samples, samples, generator=draw, dtype=torch.float64)
+    wavelengths, depths = [430e-9, 650e-9], [0.5, 0.8]
+
+    def psfs(sampling):
+        return psf_bank(
+            camera(sampling), wavelengths, depths, window_px=window, height=rough, dtype=torch.float64
+        )
+
+    found = psfs("auto")
+    truth = psfs(found.sampling.grid.pitch * 1e6 / 3).values
+    size = truth.norm(dim=(2, 3))
+    assert ((found.values - truth).norm(dim=(2, 3)) / size).max() < 5e-3
+    if (samples, window) == (239, 32):  # elsewhere the samples of the map itself are refused as too coarse
+        assert ((psfs(5000 / samples).values - truth).norm(dim=(2, 3)) / size).max() > 2e-2
+
+
+def test_maps_in_the_recipe_and_in_its_place_are_sampled_alike():
+    free = plan(camera(mask={"kind": "height-map", "pitch_um": 5000 / 238}), [543])
+    given = plan_sampling(
+        camera(), torch.tensor([543e-9]), torch.tensor([0.0, 2.0]), 128, map_pitch=5e-3 / 238
+    )
+    assert given.grid == free.grid and free.grid.pitch < 5e-3 / 238 / 2
 
 
 def test_work_too_large_is_refused_before_it_begins():

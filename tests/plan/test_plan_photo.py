@@ -72,6 +72,15 @@ SLANTED = torch.linspace(0.0, 2.0, 80).expand(72, 80)
 
 
 @functools.cache
+def planner_with_map():
+    """A rough relief in place of the mask of a camera whose own recipe has none; with its view."""
+    draw = torch.Generator().manual_seed(1)
+    relief = 0.3e-6 * torch.rand(96, 96, generator=draw, dtype=torch.float64)
+    view = scene(SLANTED)
+    return planner_of(view, CAMERA, height=relief), view, relief
+
+
+@functools.cache
 def planner(kind: str):
     """Estimates are made once for all tests of a scene."""
     depth = {"flat": FLAT, "slanted": SLANTED, "step": STEP}[kind]
@@ -142,6 +151,27 @@ def test_what_is_promised_is_met(asked: int):
     error = photograph(view, CAMERA, plan.simulation).clean - full
     assert decibels(float(error.square().mean().sqrt())) >= asked - 1
     assert plan.error_db >= asked
+
+
+@pytest.mark.parametrize("effect", ["dispersion of the DOE", "pupil sampling"])
+def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
+    """Against the whole photo: a map beside a recipe without a mask disperses, and scatters light."""
+    found, view, relief = planner_with_map()
+    estimate = found.estimates.by_name()[effect]
+    how = functools.partial(photograph, view, CAMERA, height=relief)
+    full = found.facts.full
+    difference = how(full.changed(estimate.levels[0].change)).clean - how(full).clean
+    ratio = overall(estimate.errors[0]) / float(difference.square().mean().sqrt())
+    assert estimate.absent == "" and 1 / 1.4 < ratio < 1.4  # 3 dB
+
+
+@pytest.mark.parametrize("asked", [40, 50, 60])
+def test_what_is_promised_with_a_height_map_is_met(asked: int):
+    found, view, relief = planner_with_map()
+    how = functools.partial(photograph, view, CAMERA, height=relief)
+    plan = found.plan(parse_target(f"{asked}dB", None))
+    difference = how(plan.simulation).clean - how(found.facts.full).clean
+    assert -20 * difference.square().mean().sqrt().log10() > asked - 1
 
 
 def test_more_accuracy_never_takes_less_time():

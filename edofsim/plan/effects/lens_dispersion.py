@@ -28,6 +28,7 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True},
+    # without dispersion a lens may be farther out of focus than a coarse pupil allows
+    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True, "pupil_um": None},
     stage="psf",
 )

@@ -2,35 +2,43 @@
 
 from __future__ import annotations
 
+from ...optics.height import trained_pitch
 from ...optics.sampling import plan_sampling
 from ..effect import Effect, Level
 from ..facts import Facts
 from ..simulation import coarsest_pupil_um, pupil_is_free
 
+BETWEEN = 1.6
+"""From this ratio of the coarsest to the finest pitch on, there is a level between them."""
+
 
 def absent(facts: Facts) -> str:
-    if pupil_is_free(facts.camera) and facts.sample.height is None:
-        return ""
-    return "the recipe, or the mask's own samples, say how finely"
+    return "" if pupil_is_free(facts.camera) else "the recipe, or the squares of a made mask, say how finely"
 
 
 def levels(facts: Facts) -> list[Level]:
     coarsest = coarsest_pupil_um(facts.camera, facts.view.wavelengths, facts.view.inverse_depth)
     finest = pitch_um(facts)
-    if coarsest < 1.05 * finest:
+    ratio = coarsest / finest
+    if ratio < 1.05:
         return [Level(f"{finest:.1f} um", {})]
-    return [Level(f"{coarsest:.1f} um", {"pupil_um": coarsest}), Level(f"{finest:.1f} um", {})]
+    pitches = [coarsest, finest * ratio**0.5] if ratio > BETWEEN else [coarsest]
+    coarser = [Level(f"{pitch:.1f} um", {"pupil_um": pitch}) for pitch in pitches]
+    return [*coarser, Level(f"{finest:.1f} um", {})]
 
 
 def pitch_um(facts: Facts) -> float:
     """Pitch of the automatic sampling."""
     ends = facts.view.inverse_depth.new_tensor(facts.sample.ends).double()
-    found = plan_sampling(facts.camera, facts.view.wavelengths, ends, facts.camera.recipe.psf.window_px)
+    height = facts.sample.height
+    pitch = None if height is None else trained_pitch(facts.camera, height.shape[-1])
+    window = facts.camera.recipe.psf.window_px
+    found = plan_sampling(facts.camera, facts.view.wavelengths, ends, window, pitch)
     return found.grid.pitch * 1e6
 
 
 def why(facts: Facts) -> str:
-    return "the steepest phase of lens, defocus and mask together decides"
+    return "the steepest phase of lens, defocus and mask together decides, and where a mask scatters light"
 
 
 EFFECT = Effect(
@@ -39,6 +47,14 @@ EFFECT = Effect(
     why,
     absent,
     # in the whole window: the replicas of a coarse pupil come in from its rim
-    sample={"groups": 1, "colours": 2, "layers": 5, "snapped": True, "occlusion": "none", "window": None},
+    sample={
+        "groups": 1,
+        "colours": 2,
+        "layers": 5,
+        "snapped": True,
+        "occlusion": "none",
+        "window": None,
+        "pupil_um": None,
+    },
     stage="psf",
 )
