@@ -1,8 +1,8 @@
 """Photographs as planes at one depth each, photographed and restored: what the paper's tests have in common.
 
 Protocol of Akpinar et al., section "Test Images": 8-bit values are intensities; red, green and blue are 611,
-543 and 482 nm; the mask is upsampled to 3 um (bicubic) and made with height errors, one made mask a system.
-Where light comes from beyond a picture, its mirror image goes on. PSNR over all channels.
+543 and 482 nm; the mask is upsampled to 3 um (bicubic between its wraps) and made with height errors, one
+made mask a system. Where light comes from beyond a picture, its mirror image goes on. PSNR over all channels.
 
 Every finished picture is kept in the output folder; the same call goes on from there.
 """
@@ -32,7 +32,7 @@ from .systems import NEAREST_PER_M, Contestant, described, made
 
 Progress = Callable[[float, str], None]
 RANDOM = "random"
-PROTOCOL = 3
+PROTOCOL = 4
 """Raised whenever the same inputs would give other figures: what was kept before is then measured again."""
 SHOWN_PX = 240
 

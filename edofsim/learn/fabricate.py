@@ -1,7 +1,8 @@
 """A learned height map as files for a maskless lithography tool.
 
-The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, and rounded to
-its grey levels; theirs writes squares of 3 um in 98 levels of a relief of 1.2 um.
+The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, but for wraps,
+which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um in 98 levels of a relief of
+1.2 um.
 """
 
 from __future__ import annotations
@@ -15,13 +16,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from torch import Tensor
 
 from ..errors import EdofsimError, InputError
 from ..optics import Camera
 from ..optics.fabrication import make
-from ..optics.grid import PupilGrid, resample
-from ..optics.height import natural_samples
+from ..optics.grid import PupilGrid
+from ..optics.height import natural_samples, surface
 from ..recipe.fabrication import Fabrication
 from ..restore.checkpoint import Checkpoint, camera_with_mask, trained_camera, write_atomically
 
@@ -53,7 +53,8 @@ def device(
     camera = Camera.from_recipe(recipe)
     grid = PupilGrid(natural_samples(camera, pitch_um * 1e-6), pitch_um * 1e-6, camera.aperture_radius)
     fabrication = Fabrication(pitch_um=pitch_um, height_limit_um=limit_um, levels=levels)
-    upsampled: Tensor = resample(checkpoint.height.double(), checkpoint.sampling, grid)
+    upsampled = surface(camera, grid, checkpoint.height.double())
+    assert upsampled is not None
     height = make(upsampled.detach(), fabrication, camera.mask_material, 0)
     level_height = limit_um * 1e-6 / (levels - 1)
     return Device((height / level_height).round().numpy().astype(np.uint16), grid.pitch, level_height)

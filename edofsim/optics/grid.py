@@ -139,10 +139,26 @@ def _keys(distance: Tensor) -> Tensor:
     return torch.where(x <= 1, near, torch.where(x < 2, far, torch.zeros_like(x)))
 
 
-def resample(surface: Tensor, pitch_from: float, grid: PupilGrid) -> Tensor:
-    """A centred square map [n, n] of pitch `pitch_from` [m] on another grid, bicubic, [samples, samples]."""
+def resample(surface: Tensor, pitch_from: float, grid: PupilGrid, wave: float) -> Tensor:
+    """A centred square map [n, n] of pitch `pitch_from` [m] on another grid, bicubic, [samples, samples].
+
+    wave: height [m] of one wave of the light that the map is designed for. A step between neighbours of more
+    than half of it is a wrap, where whole waves were taken off (K. Itoh, "Analysis of the phase unwrapping
+    algorithm", Appl. Opt. 21, 2470, 1982): it stays a step, halfway between the two. Smoothed into a ramp
+    it would scatter the light that it leaves alone.
+    """
     same_pitch = abs(grid.pitch / pitch_from - 1) < 1e-9
     if same_pitch and surface.shape[-1] == grid.samples:
         return surface
     matrix = bicubic_matrix(grid.samples, grid.pitch, surface.shape[-1], pitch_from).to(surface)
-    return matrix @ surface @ matrix.T
+    position = grid.centres / pitch_from + (surface.shape[-1] - 1) / 2
+    nearest = position.round().long().clamp(0, surface.shape[-1] - 1).to(surface.device)
+    rows = _between_wraps(surface, matrix, nearest, wave)
+    return _between_wraps(rows.T, matrix, nearest, wave).T
+
+
+def _between_wraps(surface: Tensor, matrix: Tensor, nearest: Tensor, wave: float) -> Tensor:
+    """Rows of a map interpolated by `matrix` [to, from] without their wraps, which come back as they are in
+    the `nearest` [to] samples."""
+    taken = torch.nn.functional.pad((surface.detach().diff(dim=-1) / wave).round().cumsum(-1), (1, 0)) * wave
+    return (surface - taken) @ matrix.T + taken[:, nearest]

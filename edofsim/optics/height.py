@@ -15,7 +15,7 @@ from torch import Tensor
 from ..errors import InputError
 from ..recipe.masks import HeightMapMask
 from .camera import Camera
-from .fabrication import make, makes_squares
+from .fabrication import make, makes_squares, wave_height
 from .grid import PupilGrid, resample
 from .masks import mask_phase
 
@@ -149,11 +149,20 @@ def surface(
             return None
         designed = design_phase_to_height(camera, phase)
     else:
-        designed = resample(given[0], given[1], stage)
+        designed = resample(given[0], given[1], stage, _wave(camera))
     if fabrication is None:
         return designed
     made = make(designed, fabrication, camera.mask_material, fabrication.seed if seed is None else seed)
-    return _squares(made, stage, grid) if makes_squares(fabrication) else resample(made, stage.pitch, grid)
+    if makes_squares(fabrication):
+        return _squares(made, stage, grid)
+    return resample(made, stage.pitch, grid, _wave(camera, fabrication.wrap_wavelength_nm))
+
+
+def _wave(camera: Camera, wavelength_nm: float | None = None) -> float:
+    """Height [m] of one wave of the mask: of its design wavelength unless another is stated."""
+    usual = HeightMapMask.model_fields["design_wavelength_nm"].default
+    at = wavelength_nm or getattr(camera.recipe.mask, "design_wavelength_nm", usual)
+    return wave_height(at * 1e-9, camera.mask_material)
 
 
 def _squares(made: Tensor, stage: PupilGrid, grid: PupilGrid) -> Tensor:

@@ -28,7 +28,7 @@ Akpinar et al. made and measured (section Experimental Results), the others what
 
 
 class Fabrication(RecipeModel):
-    """Making a relief: upsampled (bicubic), wrapped, limited, quantised, and with height errors.
+    """Making a relief: upsampled (bicubic, wraps kept), wrapped, limited, quantised, and with height errors.
 
     pitch_um: pitch of the made surface; without it the designed one's. height_limit_um: deepest relief.
     levels: grey levels from 0 to the deepest relief, `level_nm` apart where that is given.

@@ -217,7 +217,8 @@ class HeightMapMask(_PhaseMask):
     """A free height map [n, n] sampled every `pitch_um`, row 0 the top of the pupil, centred on the axis.
 
     `file` (.npy or .safetensors, metres) is relative to the recipe; without it the map is flat, the start
-    of a training. The pitch of 21 um is that of Akpinar et al. for their depth range.
+    of a training. The pitch of 21 um is that of Akpinar et al. for their depth range. Between its samples the
+    surface is bicubic; a step of more than half a wave at `design_wavelength_nm` is a wrap, and stays a step.
     """
 
     kind: Literal["height-map"] = "height-map"

@@ -31,11 +31,41 @@ def test_upsampling_reproduces_parabolas():
     axis = (torch.arange(samples, dtype=torch.float64) - 10) * 21e-6
     coarse = axis[:, None] ** 2 + 0.5 * axis[None, :] ** 2 + axis[:, None] * 1e-5
     grid = PupilGrid(147, 3e-6, 1.0)
-    fine = resample(coarse, 21e-6, grid)
+    fine = resample(coarse, 21e-6, grid, 1.0)
     there = grid.centres
     expected = there[:, None] ** 2 + 0.5 * there[None, :] ** 2 + there[:, None] * 1e-5
     inner = slice(14, -14)
     assert torch.allclose(fine[inner, inner], expected[inner, inner], atol=1e-18)
+
+
+def test_upsampling_leaves_wraps_as_steps():
+    """A bowl of four waves, wrapped, between its samples: the smooth one less whole waves."""
+    wave = wave_height(GREEN, RESIST)
+    axis = (torch.arange(81, dtype=torch.float64) - 40) / 40
+    smooth = 2 * wave * (axis[:, None] ** 2 + axis[None, :] ** 2)
+    wrapped = (smooth - torch.floor(smooth / wave) * wave).requires_grad_()
+    grid = PupilGrid(567, 3e-6, 1.0)
+    fine = resample(wrapped, 21e-6, grid, wave)
+    waves = (fine.detach() - resample(smooth, 21e-6, grid, wave)) / wave
+    assert torch.allclose(waves, waves.round(), rtol=0, atol=1e-9) and waves.min() < -3
+    assert -0.1 * wave < fine.min() and fine.max() < 1.1 * wave
+    # the same as without wraps is what gradients see
+    weights = torch.rand(567, 567, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    (fine * weights).sum().backward()
+    matrix = bicubic_matrix(567, 3e-6, 81, 21e-6)
+    assert torch.allclose(wrapped.grad, matrix.T @ weights @ matrix)
+
+
+@pytest.mark.parametrize("made", [None, Fabrication(pitch_um=3.0)])
+def test_a_wrapped_map_is_made_as_bright_as_the_smooth_one(made: Fabrication | None):
+    """At its design wavelength a wrap is no step of the wave: no PSF changes, however finely it is made."""
+    free = camera(mask={"kind": "height-map", "pitch_um": 21.0}, fabrication=made, psf={"window_px": 32})
+    wave = wave_height(GREEN, RESIST)
+    axis = (torch.arange(239, dtype=torch.float64) - 119) / 119
+    smooth = 3 * wave * (axis[:, None] ** 3 + axis[None, :] ** 3)
+    wrapped = smooth - torch.floor(smooth / wave) * wave
+    first, second = (psf_bank(free, [GREEN], [0.5], height=h, dtype=torch.float64) for h in (smooth, wrapped))
+    assert torch.allclose(first.values, second.values, rtol=0, atol=1e-9 * float(first.values.max()))
 
 
 def test_upsampling_keeps_samples_and_constants():

@@ -308,9 +308,9 @@ CASES: tuple[Case, ...] = (
         "wrapped",
         "pupil",
         "heights modulo one wave at 543 nm",
-        "steps of the map are smoothed",
+        "steps of the map smoothed into ramps",
         "the unwrapped PSF",
-        _relief(lambda h, c: h - torch.floor(h / _wave(c)) * _wave(c), 0.05),
+        _relief(lambda h, c: h - torch.floor(h / _wave(c)) * _wave(c), 1e-6),
     ),
     Case(
         "below zero",
