@@ -79,17 +79,20 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     cases.append(
         _case("chosen", "chosen", chosen.simulation, planner, chosen.asked_db or math.inf, chosen.error_db)
     )
-    fine = planner.plan(parse_target(f"{FINE_DB:g}dB", None)).simulation
+    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None))
+    fine, its_own = finely.simulation, 10 ** (-finely.error_db / 20)
     for row in planner.estimates.rows:
         stage = row.effect.stage
         if row.full == 0 or stage in ("render", "sensor"):
             continue
         error = row.errors[0]
-        mean = (sum(e * e for e in error) / len(error)) ** 0.5
+        square = sum(e * e for e in error) / len(error)
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
         rest = fine if row.levels[0].allowed else fine.changed({"groups": 0, "colours": 0})
         simulation = rest.changed({**dict(row.levels[0].change), "hidden_pass": True})
-        predicted = -20 * math.log10(mean) if mean > 0 else math.inf
+        # what the fine plan leaves out on its own is in the photo that is measured
+        together = its_own if simulation == fine else math.hypot(square**0.5, its_own)
+        predicted = -20 * math.log10(together) if together > 0 else math.inf
         cases.append(_case(row.effect.name, "without", simulation, planner, math.inf, predicted))
     cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
     return cases
