@@ -17,7 +17,7 @@ from ..optics.cache import write_whole
 from .factors import Factors, Group
 from .kernels import Kernels
 
-VERSION = 1
+VERSION = 2
 """Raised when the same PSFs would give other factors, so that those on disk are computed again."""
 MEMORY_BYTES = 128 << 20
 """Largest sum of factors kept in memory; those used longest ago go first."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-PHOTOS = 3
+PHOTOS = 4
 """Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
 
 

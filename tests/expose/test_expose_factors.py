@@ -7,10 +7,15 @@ from dataclasses import replace
 import pytest
 import torch
 
-from edofsim.expose import factor_cache
+from edofsim.expose import expose, factor_cache
 from edofsim.expose.factor_cache import factors_for
 from edofsim.expose.factors import band_groups, factorise, joint_groups, measured_db, refreshed
 from edofsim.expose.kernels import StreamedKernels
+from edofsim.expose.prepare import kernels_of
+from edofsim.optics import Camera
+from edofsim.recipe import load_camera
+from edofsim.render.view import View
+from edofsim.restore.checkpoint import load_checkpoint
 
 NODES = torch.linspace(0, 2, 12, dtype=torch.float64)
 BANDS, WINDOW = 4, 17
@@ -28,6 +33,50 @@ def test_predicted_error_is_the_measured_one_at_the_worst_node(bench, way):
         assert each.predicted_db >= 45
         # the term that keeps the energy may only add to what was predicted without it
         assert measured_db(each, kernels, list(range(12))) == pytest.approx(each.predicted_db, abs=1.5)
+
+
+@pytest.mark.parametrize("wavelength", [482e-9, 543e-9])
+def test_single_precision_takes_as_few_terms_as_double(wavelength: float):
+    """PSFs that hardly differ, through a mask that evens out distance: sums that lose what is small beside
+    their mean need three times the terms, and say of none that it is enough."""
+    camera = load_camera("paper-learned")
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    nodes = torch.linspace(0.2, 1.8, 24, dtype=torch.float64)
+    bands = torch.tensor([wavelength], dtype=torch.float64)
+    found = []
+    for dtype in (torch.float32, torch.float64):
+        kernels = kernels_of(optics, bands, nodes, 128, dtype=dtype)
+        (factors,) = factorise(kernels, [joint_groups(torch.ones(1, 1, dtype=dtype))], 50.0)
+        found.append(factors)
+        assert factors.predicted_db >= 50
+        assert measured_db(factors, kernels, list(range(24))) == pytest.approx(factors.predicted_db, abs=1.5)
+    single, double = found
+    assert single.rank == double.rank
+    assert single.predicted_db == pytest.approx(double.predicted_db, abs=0.1)
+
+
+def test_photos_by_low_rank_do_not_hang_on_rounding():
+    """Heights that differ by rounding make the same photo, to a hundred times that."""
+    camera = load_camera("paper-learned")
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    height = load_checkpoint("paper-dcnn").height.double()
+    draw = torch.Generator().manual_seed(0)
+    size = 96 + 128
+    view = View(
+        height=96,
+        width=96,
+        margin=64,
+        pixel=torch.arange(size * size),
+        coverage=torch.ones(size * size),
+        inverse_depth=torch.linspace(0.2, 1.8, size).repeat_interleave(size),
+        radiance=torch.rand(1, size * size, generator=draw),
+        hidden=torch.zeros(size * size, dtype=torch.bool),
+        wavelengths=torch.tensor([543e-9], dtype=torch.float64),
+        pixel_angle=optics.pixel_angle,
+    )
+    how = {"method": "low_rank", "occlusion": "none", "exposure": 1.0, "tolerance_db": 50.0}
+    one, two = (expose(view, optics, height=h, **how).clean for h in (height, height * (1 + 1e-7)))
+    assert (one - two).abs().max() < 1e-5 * one.abs().max()
 
 
 def test_factors_keep_the_energy_of_every_psf(bench):
