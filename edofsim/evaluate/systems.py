@@ -25,6 +25,7 @@ from ..restore.checkpoint import (
     shipped_checkpoints,
     trained_camera,
 )
+from ..restore.filter_bank import FilterBank
 from ..restore.network import apply_network
 from ..restore.restore import channel_psfs
 from ..restore.telling import told_network
@@ -84,6 +85,8 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
     network = checkpoint.network
     if wavelengths is not None:
         network = told_network(checkpoint, Camera.from_recipe(recipe), wavelengths)
+    if isinstance(network, FilterBank):
+        network = network.in_mirrored_world()  # see `planes`
     return Contestant(
         checkpoint.name, recipe, checkpoint.height, lambda photo: apply_network(network, photo), digest
     )

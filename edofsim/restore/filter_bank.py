@@ -10,6 +10,7 @@ with PSFs of their own.
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import torch
@@ -62,12 +63,20 @@ class FilterBank(nn.Module):
         self.register_buffer(
             "transfer", torch.zeros(self.depths * 3, BLOCK, BLOCK // 2 + 1, 2, dtype=torch.float16)
         )
+        self.world_is_mirrored = False
         self.register_buffer("_matrix", torch.empty(0), persistent=False)
         self.register_buffer("_constant", torch.empty(0), persistent=False)
         self.register_load_state_dict_post_hook(_loaded)
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.teach(point, torch.ones(self.depths, 3, 1, 1))
+
+    def in_mirrored_world(self) -> FilterBank:
+        """The same network for photos of pictures that go on beyond the frame as their mirror images, as
+        flat test pictures do; others go on as they like."""
+        other = copy.copy(self)
+        other.world_is_mirrored = True
+        return other
 
     def settings(self) -> dict[str, Any]:
         """What rebuilds this network."""
@@ -97,14 +106,14 @@ class FilterBank(nn.Module):
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training.
 
-        In use a photo is continued by its mirror image; in training its outermost `border` pixels, which
-        filters cannot know, should not be judged.
+        In use a photo is continued beyond its border (see `borders`); in training its outermost `border`
+        pixels, which filters cannot know, should not be judged.
         """
         if self.training:
             return self._restored(photo)
         # as many pixels as keep the places of the likelihood where they are
         reach = STEP * -(-self.border // STEP)
-        sharp = self._restored(continued(photo, reach))
+        sharp = self._restored(continued(photo, reach, turned=not self.world_is_mirrored))
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]].clamp(0, 1)
 
     def _restored(self, photo: Tensor) -> Tensor:

@@ -10,7 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edofsim.errors import InputError
-from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
+from edofsim.optics import Camera, psf_bank
+from edofsim.restore.borders import continued
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint, trained_camera
 from edofsim.restore.network import NETWORKS, apply_network, build_network, weights_of
 from edofsim.restore.photograph_statistics import power_spectrum
 
@@ -173,3 +175,36 @@ def test_a_checkpoint_keeps_what_a_bank_was_told(tmp_path: Path) -> None:
     torch.testing.assert_close(
         apply_network(load_checkpoint(path).network, photo), apply_network(bank, photo), rtol=0, atol=1e-6
     )
+
+
+def test_a_photo_goes_on_with_its_slope_or_as_its_mirror_image() -> None:
+    ramp = torch.linspace(0.2, 0.5, 31).expand(3, 9, 31)
+    turned, mirror = (continued(ramp, 8, turned=turned) for turned in (True, False))
+    for image in (turned, mirror):
+        assert torch.equal(image[:, 8:-8, 8:-8], ramp)
+    assert torch.allclose(mirror[:, 8:-8, :8], ramp[:, :, :8].flip(-1))
+    # one step of the slope is spent on the border, whose pixel comes twice
+    expected = 0.5 + 0.01 * torch.arange(8.0)
+    assert torch.allclose(turned[:, 8:-8, -8:], expected.expand(3, 9, 8), atol=1e-6)
+    dark = continued(torch.linspace(0.0, 1.0, 12).expand(3, 9, 12), 8, turned=True)
+    assert dark.min() == 0  # light is not negative
+
+
+def test_light_from_beyond_the_frame_leaves_no_line_on_the_border() -> None:
+    """A grey picture with something bright outside, of which the blur reaches in: the shipped filters fold it
+    back into a line where the world is taken for mirrored, and do without where it is not."""
+    checkpoint = load_checkpoint("paper-bank")
+    camera = Camera.from_recipe(camera_with_mask(trained_camera(checkpoint), checkpoint))
+    wavelengths = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
+    psf = psf_bank(camera, wavelengths, [1.0], height=checkpoint.height).values[0]
+    world = torch.full((3, 224, 224), 0.3)
+    world[:, :, :60] = 0.9
+    spectrum = torch.fft.rfft2(world) * torch.fft.rfft2(psf, s=(224, 224))
+    blurred = torch.fft.irfft2(spectrum, s=(224, 224)).roll((-48, -48), (-2, -1))
+    photo = blurred[:, 64:160, 64:160].float()
+    network = checkpoint.network
+    errors = [
+        (apply_network(each, photo)[:, 16:-16, :6] - 0.3).abs().mean()
+        for each in (network, network.in_mirrored_world())
+    ]
+    assert errors[0] < 0.6 * errors[1]
