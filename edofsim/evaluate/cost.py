@@ -90,8 +90,9 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
         rest = fine if row.levels[0].allowed else fine.changed({"groups": 0, "colours": 0})
         simulation = rest.changed({**dict(row.levels[0].change), "hidden_pass": True})
-        # what the fine plan leaves out on its own is in the photo that is measured
-        together = its_own if simulation == fine else math.hypot(square**0.5, its_own)
+        # what the fine plan leaves out on its own is in the photo that is measured; with all bands little is
+        beside = its_own if rest == fine else 0.0
+        together = its_own if simulation == fine else math.hypot(square**0.5, beside)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
         cases.append(_case(row.effect.name, "without", simulation, planner, math.inf, predicted))
     cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
-SHARE = 0.55
-"""Of the tolerance: photos of the shipped scenes err by 0.2 to 1.1 of it, most where surfaces hide others."""
+SHARE = 0.45
+"""Of the tolerance: photos of the shipped scenes err by 0.33 to 0.8 of it."""
 
 
 def absent(facts: Facts) -> str:
