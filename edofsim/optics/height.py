@@ -158,11 +158,17 @@ def surface(
     return resample(made, stage.pitch, grid, _wave(camera, fabrication.wrap_wavelength_nm))
 
 
+def design_wavelength(camera: Camera) -> float:
+    """Wavelength [m] that the mask is designed for; where it only blocks light, a height map in its place is
+    designed for what maps are by default."""
+    usual = HeightMapMask.model_fields["design_wavelength_nm"].default
+    return getattr(camera.recipe.mask, "design_wavelength_nm", usual) * 1e-9
+
+
 def _wave(camera: Camera, wavelength_nm: float | None = None) -> float:
     """Height [m] of one wave of the mask: of its design wavelength unless another is stated."""
-    usual = HeightMapMask.model_fields["design_wavelength_nm"].default
-    at = wavelength_nm or getattr(camera.recipe.mask, "design_wavelength_nm", usual)
-    return wave_height(at * 1e-9, camera.mask_material)
+    at = design_wavelength(camera) if wavelength_nm is None else wavelength_nm * 1e-9
+    return wave_height(at, camera.mask_material)
 
 
 def _squares(made: Tensor, stage: PupilGrid, grid: PupilGrid) -> Tensor:

@@ -11,10 +11,10 @@ from ..errors import InputError
 from ..expose import SensorEffects
 from ..expose.prepare import blur_per_dioptre
 from ..optics import Camera
+from ..optics.height import design_wavelength
 from ..optics.materials import Material
 from ..optics.sampling import coarsest_pitch
 from ..recipe import CameraRecipe, SceneRecipe
-from ..recipe.masks import HeightMapMask
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
 
@@ -117,10 +117,7 @@ def simpler_camera(camera: Camera, simulation: Simulation) -> Camera:
         lens = changes.get("lens", recipe.lens)
         changes["lens"] = lens.model_copy(update={"material": glass.name})
     if not simulation.doe_dispersion:
-        # a height map in place of a mask that only blocks light is designed for what maps are by default
-        designed = HeightMapMask.model_fields["design_wavelength_nm"].default
-        wavelength = getattr(recipe.mask, "design_wavelength_nm", designed)
-        relief = _without_dispersion(relief, wavelength * 1e-9)
+        relief = _without_dispersion(relief, design_wavelength(camera))
         if hasattr(recipe.mask, "material"):
             changes["mask"] = recipe.mask.model_copy(update={"material": relief.name})
     if not simulation.fabrication:
