@@ -32,7 +32,7 @@ from .systems import NEAREST_PER_M, Contestant, described, made
 
 Progress = Callable[[float, str], None]
 RANDOM = "random"
-PROTOCOL = 4
+PROTOCOL = 5
 """Raised whenever the same inputs would give other figures: what was kept before is then measured again."""
 SHOWN_PX = 240
 

@@ -43,7 +43,7 @@ __all__ = ["SCENES", "Measured", "Row", "Seen", "figures", "measure", "run", "wr
 WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
-VERSION = 3
+VERSION = 4
 """Raised when the same scene and camera would give other scores, so that those in a folder are left."""
 
 TRUTH_SAMPLES = 512

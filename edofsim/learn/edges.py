@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .imaging import photograph, surroundings
-from .system import Captured, Optics
+from .system import Captured, Optics, captured
 
 SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most
 
@@ -22,13 +22,15 @@ SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least 
 @dataclass(frozen=True)
 class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
-    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean: see `Planes`."""
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates: see
+    `Planes`."""
 
     sharp: Tensor
     cover: Tensor
     inverse_depths: Tensor
     psf: Tensor | None = None
     mean: Tensor | None = None
+    saturates: bool = False
 
     def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
@@ -45,7 +47,7 @@ class Edges:
         before, after = surroundings(optics.window)
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]
-        return Captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf)
+        return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, saturates=self.saturates)
 
     def reusing(self, psf: Tensor | None) -> Edges:
         """With the PSFs of another photo, of ascending inverse depths."""

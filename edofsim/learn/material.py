@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..recipe.train import NaturalImages, PackagedImages, TrainRecipe, Views
 from .edges import Edges, draw_covers
 from .imaging import surroundings
+from .lamps import with_lamps
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Optics, Planes, Scenes
 from .views import open_views
@@ -55,7 +56,7 @@ class Material:
 @dataclass(frozen=True)
 class PlaneSource:
     """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
-    of the steps each one is in front of another."""
+    of the steps each one is in front of another, and a share `lamps` of them has lamps."""
 
     training: Images
     held_back: Images
@@ -65,17 +66,23 @@ class PlaneSource:
     described: dict[str, Any]
     sha256: str
     edges: float = 0.0
+    lamps: float = 0.0
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         low, high = self.depths
         sharp, means = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
         depths = low + (high - low) * torch.rand(count, generator=generator)
+        saturates = False
+        if self.lamps > 0:
+            sharp = with_lamps(sharp, self.lamps, generator)
+            saturates = float(torch.rand((), generator=generator)) < 0.5
         if self.edges == 0:
-            return Planes(sharp, depths, mean=means)
+            return Planes(sharp, depths, mean=means, saturates=saturates)
         depths = depths.sort().values  # as the parts of a step share their PSFs
         if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
-            return Planes(sharp, depths, mean=means)
-        return Edges(sharp, draw_covers(count, sharp.shape[-1], generator), depths, mean=means)
+            return Planes(sharp, depths, mean=means, saturates=saturates)
+        covers = draw_covers(count, sharp.shape[-1], generator)
+        return Edges(sharp, covers, depths, mean=means, saturates=saturates)
 
     def validation(self, count: int) -> list[Scenes]:
         sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
@@ -150,6 +157,7 @@ def _planes(
         described,
         images.sha256,
         table.edges,
+        table.lamps,
     )
 
 

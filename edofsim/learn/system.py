@@ -59,6 +59,13 @@ class Captured:
     psf: Tensor | None = None
 
 
+def captured(
+    clean: Tensor, ideal: Tensor, lost: Tensor, psf: Tensor | None = None, *, saturates: bool
+) -> Captured:
+    """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates."""
+    return Captured(clean.clamp_max(1) if saturates else clean, ideal.clamp_max(1), lost, psf)
+
+
 class Scenes(Protocol):
     """A batch that can be photographed."""
 
@@ -73,12 +80,14 @@ class Scenes(Protocol):
 class Planes:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
     of an earlier photo, [batch, 3, window, window], in place of the depths; mean: of the pictures that the
-    patches are from, [batch, 3], None for the patches' own."""
+    patches are from, [batch, 3], None for the patches' own; saturates: whether the photo is clipped at full
+    scale."""
 
     sharp: Tensor
     inverse_depths: Tensor
     psf: Tensor | None = None
     mean: Tensor | None = None
+    saturates: bool = False
 
     def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
@@ -87,7 +96,8 @@ class Planes:
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
-        return Captured(photograph(sharp, psf, mean), ideal, 1 - psf.sum((-1, -2)).mean(), psf)
+        lost = 1 - psf.sum((-1, -2)).mean()
+        return captured(photograph(sharp, psf, mean), ideal, lost, psf, saturates=self.saturates)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return replace(self, psf=psf)
@@ -146,6 +156,8 @@ class System(nn.Module):
         photo = _noisy(captured.clean, draw)
         restored = self.restore(photo, height)
         photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
+        # what is shown ends at full scale, as the truth does
+        restored = torch.where(ideal < 1, restored, restored.clamp_max(1))
         loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * captured.lost
         psf = None if captured.psf is None else captured.psf.detach()
         return Outcome(loss, photo, restored, ideal, psf)

@@ -21,7 +21,7 @@ from ..recipe.scene import SceneRecipe
 from ..recipe.train import Views
 from ..render.view import View
 from ..scene.family import members
-from .system import COLOURS, Captured, Optics, Scenes
+from .system import COLOURS, Captured, Optics, Scenes, captured
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,9 @@ class ViewParts:
         ]
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
         clean = torch.stack([photo.clean for photo in photos]) * factors
-        # the sensor saturates; what lies beyond full scale is not asked of the network
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
         lost = torch.stack([photo.lost for photo in photos]).mean()
-        return Captured(clean.clamp_max(1), ideal.clamp_max(1), lost)
+        return captured(clean, ideal, lost, saturates=True)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return self

@@ -54,20 +54,24 @@ class LossTable(RecipeModel):
 class NaturalImages(RecipeModel):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
     as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
-    steps whose photographs stand one in front of another, with an edge of depth in each patch."""
+    steps whose photographs stand one in front of another, with an edge of depth in each patch. lamps: share
+    of the patches with lamps, many times brighter than full scale; in half of the steps the photo is clipped
+    there."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
     weight: Positive = 1.0
 
 
 class PackagedImages(RecipeModel):
-    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges: as of
-    `natural`."""
+    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
+    lamps: as of `natural`."""
 
     kind: Literal["packaged"] = "packaged"
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
     weight: Positive = 1.0
 
 

@@ -22,6 +22,9 @@ from .borders import continued
 from .local_unet import Trunk
 from .photograph_statistics import transfer_functions
 
+BEYOND = 0.25
+"""What a filter leaves so far beyond the range from 0 to 1 is around something brighter than full scale."""
+
 # how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
 # are no Gaussian processes
 BELIEF = (0.01, 0.05)
@@ -120,8 +123,8 @@ class FilterBank(nn.Module):
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
-        seen = torch.cat([photo, chosen], 1).contiguous(memory_format=torch.channels_last)
-        return chosen + self.trunk(seen, weights).to(photo.dtype)
+        seen = compressed(torch.cat([photo, chosen], 1)).contiguous(memory_format=torch.channels_last)
+        return chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
 
     def filtered(self, photo: Tensor) -> Tensor:
         """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it."""
@@ -143,12 +146,21 @@ class FilterBank(nn.Module):
         rows, columns = photo.shape[-2:]
         sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]
         padding = (0, sizes[1] - columns, 0, sizes[0] - rows)
-        padded = functional.pad(photo.detach(), padding, mode="replicate")
+        # a lamp outshines what else its block holds
+        padded = functional.pad(photo.detach().clamp_max(1), padding, mode="replicate")
         own = log_likelihood(padded, self._matrix.to(photo), self._constant.to(photo))
         around = functional.avg_pool2d(own, 3, 1, 1, count_include_pad=False)
         first, second = self.belief.exp()
         likely = (first * own + second * around).softmax(1)
         return spread(likely)[..., :rows, :columns]
+
+
+def compressed(image: Tensor) -> Tensor:
+    """Values far beyond the range from 0 to 1 by their logarithm, so that a network takes them; others as
+    they are."""
+    within = image.clamp(-BEYOND, 1 + BEYOND)
+    excess = image - within
+    return within + excess.sign() * excess.abs().log1p()
 
 
 def _loaded(network: FilterBank, _: object) -> None:

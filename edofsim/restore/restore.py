@@ -6,10 +6,16 @@ import torch
 from torch import Tensor
 
 from ..optics import Camera, psf_bank, response
+from .borders import continued
 from .checkpoint import Checkpoint
 from .network import apply_network
 from .telling import told_network
 from .wiener import wiener
+
+BEYOND_PX = 4
+"""A Wiener filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
+Those alone leave lines on borders that bright things lie beyond. Farther out the slope foretells little, and
+the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
 
 def restore(
@@ -33,7 +39,8 @@ def restore(
         with torch.inference_mode():
             return apply_network(network, image), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths, height).to(image)
-    return wiener(image, psf, camera.read_noise), "Wiener"
+    sharp = wiener(continued(image, BEYOND_PX, turned=True), psf, camera.read_noise)
+    return sharp[..., BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX], "Wiener"
 
 
 def channel_psfs(

@@ -13,6 +13,7 @@ from edofsim.errors import InputError
 from edofsim.optics import Camera, psf_bank
 from edofsim.restore.borders import continued
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint, trained_camera
+from edofsim.restore.filter_bank import BEYOND, compressed
 from edofsim.restore.network import NETWORKS, apply_network, build_network, weights_of
 from edofsim.restore.photograph_statistics import power_spectrum
 
@@ -51,6 +52,29 @@ def test_a_bank_of_filters_is_a_convolution_that_continues_the_border() -> None:
     padded = torch.nn.functional.pad(photo, (3, 3, 3, 3), mode="replicate")
     expected = torch.nn.functional.conv2d(padded, bank.filters)
     torch.testing.assert_close(bank.filtered(photo).flatten(1, 2), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_a_lamp_hides_no_distances_from_a_bank() -> None:
+    """What is likely beside a lamp does not depend on how far beyond full scale it is."""
+    bank = _random_network("filter-bank")
+    bank.teach(
+        torch.zeros(16, 3, 3, 27, 27), torch.rand(32, 3, 9, 9, generator=torch.Generator().manual_seed(1))
+    )
+    photo = torch.rand(1, 3, 96, 96, generator=torch.Generator().manual_seed(2))
+    photo[..., 48, 48] = 1.0
+    brighter = photo.clone()
+    brighter[..., 48, 48] = 60.0
+    torch.testing.assert_close(bank.weights(brighter), bank.weights(photo), rtol=0, atol=0)
+
+
+def test_a_bank_takes_values_beyond_full_scale_by_their_logarithm() -> None:
+    within = torch.linspace(-BEYOND, 1 + BEYOND, 101)
+    torch.testing.assert_close(compressed(within), within, rtol=0, atol=0)
+    wide = torch.linspace(-50, 50, 20_001)
+    steps = compressed(wide).diff() / wide.diff()
+    assert bool((steps > 0).all())
+    assert float(steps.max()) < 1 + 1e-3  # no jump where the logarithm begins
+    assert float(compressed(torch.tensor(60.0))) < 6
 
 
 @pytest.mark.parametrize("kind", NETWORKS)

@@ -9,7 +9,10 @@ from skimage import data, restoration
 
 from edofsim.errors import InputError
 from edofsim.evaluate.scores import psnr
-from edofsim.restore import wiener
+from edofsim.optics import Camera
+from edofsim.recipe import load_camera
+from edofsim.restore import restore, wiener
+from edofsim.restore.restore import channel_psfs
 
 
 def photograph(size: int = 128) -> torch.Tensor:
@@ -111,3 +114,27 @@ def test_shapes_that_do_not_fit_are_refused():
         wiener(torch.zeros(3, 8, 8), torch.zeros(1, 5, 5), 0.01)
     with pytest.raises(InputError, match="noise"):
         wiener(torch.zeros(3, 8, 8), torch.zeros(3, 5, 5), float("nan"))
+
+
+@pytest.mark.parametrize("name", ["paper-clear", "paper-learned"])
+def test_a_photo_of_the_world_is_not_taken_for_mirrored_at_its_border(name: str):
+    """Light comes in from beyond the frame; the truth is the larger picture, blurred and cut."""
+    loaded = load_camera(name)
+    camera = Camera.from_recipe(loaded.recipe, loaded.base)
+    lines = torch.tensor([482e-9, 543e-9, 611e-9], dtype=torch.float64)
+    depth = torch.tensor([0.6])
+    psf = channel_psfs(camera, lines, depth)[0].float()
+    frame = (..., slice(96, 224), slice(96, 224))
+    border = torch.ones(128, 128, dtype=torch.bool)
+    border[8:-8, 8:-8] = False
+    noise = torch.randn(3, 128, 128, generator=torch.Generator().manual_seed(1))
+    ours, theirs = 0.0, 0.0
+    for picture, left in ((data.astronaut(), 60), (data.astronaut(), 180), (data.coffee(), 150)):
+        world = torch.from_numpy(picture[:320, left : left + 320] / 255.0).permute(2, 0, 1).float()
+        photo = blurred(world, psf[:, 1:, 1:])[frame] + camera.read_noise * noise
+        restored, _ = restore(photo, camera, lines, depth)
+        assert restored.shape == photo.shape
+        mirrored = wiener(photo, psf[None], camera.read_noise)
+        ours += float((restored - world[frame])[:, border].square().mean())
+        theirs += float((mirrored - world[frame])[:, border].square().mean())
+    assert ours < 0.8 * theirs
