@@ -25,6 +25,9 @@ from .photograph_statistics import transfer_functions
 BEYOND = 0.25
 """What a filter leaves so far beyond the range from 0 to 1 is around something brighter than full scale."""
 
+BRIGHTEST = 100.0
+"""Times full scale: a transform would spread the rounding of a brighter pixel over all of the photo."""
+
 # how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
 # are no Gaussian processes
 BELIEF = (0.01, 0.05)
@@ -120,6 +123,7 @@ class FilterBank(nn.Module):
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]].clamp(0, 1)
 
     def _restored(self, photo: Tensor) -> Tensor:
+        photo = photo.clamp(-BRIGHTEST, BRIGHTEST)
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)

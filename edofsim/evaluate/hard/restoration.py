@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ...restore import wiener
+from ...restore.checkpoint import load_checkpoint
 from ...restore.losses import gradient_prior, restoration_loss
 from ...restore.network import apply_network, build_network
 from ..scores import psnr, score
@@ -18,6 +19,7 @@ from .views import uniform
 
 KINDS = ("dcnn", "local-unet", "filter-bank")
 PRECISIONS = (torch.float64, torch.float32)
+LAMPS = (60.0, 1e4, 1e8, 1e12)  # times full scale
 
 
 def _name(dtype: torch.dtype) -> str:
@@ -115,6 +117,28 @@ def _networks(make: Callable[[], Tensor]) -> Callable[[], Iterator[Finding]]:
                 )
 
     return check
+
+
+def _lamp_far_away() -> Iterator[Finding]:
+    """Shipped networks: a lamp changes nothing beyond the reach of the network."""
+    _, photo = blurred(64, 448, 0.005)
+    photo = photo.float()
+    for checkpoint in map(load_checkpoint, ("paper-dcnn", "paper-bank")):
+        network = checkpoint.network
+        beyond = (..., slice(8 + network.radius + network.multiple, None))
+        with torch.inference_mode():
+            alone = apply_network(network, photo)
+            for brightness in LAMPS:
+                lit = photo.clone()
+                lit[:, 32, 8] = brightness
+                found = apply_network(network, lit)
+                name = f"{checkpoint.name}, {brightness:g}"
+                yield timed(name, 0.0, lambda found=found: _beyond(found, 0.0, 1.0))
+                yield timed(
+                    f"{name}, far away",
+                    1e-4,
+                    lambda a=found[beyond], b=alone[beyond]: float((a - b).abs().max()),
+                )
 
 
 def _batch_of_one() -> Iterator[Finding]:
@@ -243,6 +267,14 @@ CASES: tuple[Case, ...] = (
         "overflow in half precision",
         "in [0, 1]",
         _networks(lambda: 1e3 * _ones(3, 16, 16)),
+    ),
+    Case(
+        "a lamp far away",
+        "restoration",
+        "up to 1e12 in one pixel",
+        "rounding of the lamp all over the photo",
+        "as without it",
+        _lamp_far_away,
     ),
     Case(
         "dark photo",
