@@ -17,7 +17,8 @@ from torch import Tensor, nn
 from .schedule import generator_of, rate_factor
 from .system import Optics
 
-DEPTHS = 9  # PSFs a step, at least, evenly spaced, from a random start
+DEPTHS = 9  # PSFs a step, evenly spaced, from a random start
+PARTS = 7  # or so many parts of the depth range, where each has a filter of its own
 RATE_RAD = 0.2
 FIRST_RAD = 0.5  # size of the smooth disturbance that a flat map starts with
 DESIGN = 3  # purpose of the random numbers
@@ -29,20 +30,25 @@ def design(
     steps: int,
     depth_range: tuple[float, float],
     *,
-    error: Callable[[Tensor], Tensor],
+    error: Callable[[Tensor, int], Tensor],
     groups: int = 1,
     height_noise: float,
     stray: float,
     seed: int,
+    evenness: float = 0.0,
+    response: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> float:
     """Move a learning mask to where `error` is small over the depth range (inverse depths, 1/m).
 
-    error: PSFs [depth, channel, y, x] to the mean square error of each, [depth, channel] (see `linear`);
-    what falls is the mean of its logarithm, as of a PSNR averaged over depth. groups: the number of depths is
-    a multiple of this. height_noise: standard deviation of the mask's samples in metres; what such errors do
-    to the PSFs is taken in its mean. stray: weight of the light that leaves the PSFs' window. Returns the
-    error's PSNR in dB at the end, mean of depths. In place; deterministic for a seed.
+    error: (PSFs [depth, channel, y, x], number of filters) to the mean square error of each, [depth,
+    channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth, and
+    `evenness` times the logarithm of its mean over depth, which the worst depths decide. groups: so many
+    filters restore, each for a part of the depth range; 1 for one filter for all. height_noise: standard
+    deviation of the mask's samples in metres; what such errors do to the PSFs is taken in its mean. stray:
+    weight of the light that leaves the PSFs' window. response: whether half of what counts is light of all
+    wavelengths through the sensor's response, beside the three colours. Returns the error's PSNR in dB at the
+    end, mean of depths. In place; deterministic for a seed.
     """
     low, high = depth_range
     parameters = list(mask.parameters())
@@ -50,22 +56,38 @@ def design(
     # the latest gradients count: they follow the mask, and have no noise that a longer mean would take away
     optimiser = torch.optim.Adam(parameters, lr=RATE_RAD, betas=(0.9, 0.99))
     quality = math.nan
-    count = groups * max(2, -(-DEPTHS // groups))
     for step in range(steps):
         for group in optimiser.param_groups:
             group["lr"] = RATE_RAD * rate_factor(step / steps, "cosine", 0.0, 0.01)
         generator = generator_of(seed, DESIGN, step + 1, 0)
-        depths = low + (high - low) * (torch.arange(count) + torch.rand(1, generator=generator)) / count
+        depths, filters = _depths(low, high, groups, generator)
         psf = optics.mean_psfs(depths, mask(), height_noise)
-        relative = error(psf).mean(1).log().mean()
+        if response:
+            shift = float(torch.rand(1, generator=generator))
+            psf = torch.cat([psf, optics.mean_response_psfs(depths, mask(), height_noise, shift)])
+            filters *= 2
+        left = error(psf, filters).mean(1)
+        relative = left.log().mean()
         lost = 1 - psf.sum((-1, -2)).mean()
         optimiser.zero_grad(set_to_none=True)
-        (relative + stray * lost).backward()
+        (relative + evenness * left.mean().log() + stray * lost).backward()
         optimiser.step()
         quality = -10 / math.log(10) * float(relative.detach())
         if progress and step % 10 == 0:
             progress(0.0, f"mask alone, step {step}: {quality:.2f} dB")
     return quality
+
+
+def _depths(low: float, high: float, groups: int, generator: torch.Generator) -> tuple[Tensor, int]:
+    """(inverse depths of a step, number of filters for them): two for each of a few parts, as far from each
+    other as those that a filter is for. The ends of the range are in them as often as other places."""
+    start = torch.rand(1, generator=generator)
+    if groups == 1:
+        return low + (high - low) * (torch.arange(DEPTHS) + start) / DEPTHS, 1
+    count, part = min(PARTS, groups), (high - low) / groups
+    middles = low - part / 2 + (high - low + part) * (torch.arange(count) + start) / count
+    pairs = middles[:, None] + part / 4 * torch.tensor([-1.0, 1.0])
+    return pairs.flatten().clamp(low, high), count
 
 
 def _disturb(parameters: list[nn.Parameter], generator: torch.Generator) -> None:

@@ -8,7 +8,9 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
-from ..optics import Camera, mean_psfs, psf_bank
+from ..errors import InputError
+from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
+from ..optics.sampling import coarsest_pitch
 from ..restore.filter_bank import FilterBank
 from ..restore.linear import local_filters
 from ..restore.losses import LossWeights, restoration_loss
@@ -17,6 +19,9 @@ from .imaging import photograph, surroundings
 
 COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 """The paper's red, green and blue, in metres."""
+
+WAVELENGTHS = 8
+"""So many, evenly spaced, stand for all that a sensor sees."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,45 @@ class Optics:
             height=height,
             device=self.device,
         )
+
+    def mean_response_psfs(
+        self, inverse_depths: Tensor, height: Tensor, height_noise: float, shift: float = 0.0
+    ) -> Tensor:
+        """`mean_psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window].
+
+        shift: of these wavelengths, as a part of their distance, 0 to 1. Raises InputError for a sensor
+        whose response is not tabulated.
+        """
+        curves = response_curves(self.camera)
+        if curves is None:
+            raise InputError("sensor.response: three lines have no other light; name a tabulated response")
+        first, last = curves[0][0], curves[0][-1]
+        wavelengths = first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
+        camera = self._sampled(wavelengths, inverse_depths)
+        weights = response(camera, wavelengths)
+        psf = mean_psfs(
+            camera,
+            wavelengths,
+            inverse_depths,
+            height_noise,
+            window_px=self.window,
+            height=height,
+            device=self.device,
+        )
+        return torch.einsum("cb,dbyx->dcyx", weights.to(psf), psf)
+
+    def _sampled(self, wavelengths: Tensor, inverse_depths: Tensor) -> Camera:
+        """The camera with its pupil sampled as finely as the shortest of wavelengths asks for."""
+        recipe, fixed = self.camera.recipe, self.camera.recipe.psf.pupil_sampling_um
+        if fixed == "auto":
+            return self.camera
+
+        def sampled(pitch: float | str) -> Camera:
+            psf = recipe.psf.model_copy(update={"pupil_sampling_um": pitch})
+            return Camera.from_recipe(recipe.model_copy(update={"psf": psf}), self.camera.base)
+
+        coarsest = coarsest_pitch(sampled("auto"), wavelengths, inverse_depths, self.window) * 1e6
+        return self.camera if fixed <= coarsest else sampled(coarsest)
 
 
 @dataclass(frozen=True)

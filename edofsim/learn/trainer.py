@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,8 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
-from ..restore.linear import local_error, wiener_error
+from ..restore.filter_bank import FilterBank
+from ..restore.linear import colour_error, local_error, wiener_error
 from ..restore.wiener_network import WienerNetwork
 from .design import design
 from .journal import Journal
@@ -153,8 +153,10 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         system.optics,
         recipe.doe.design_steps,
         recipe.capture.inverse_depth_per_m,
-        error=_linear_error(system.network, groups),
+        error=_linear_error(system.network),
         groups=groups,
+        evenness=recipe.doe.design_evenness,
+        response=recipe.doe.design_response,
         height_noise=recipe.doe.height_noise_nm * 1e-9,
         stray=DESIGN_STRAY,
         seed=recipe.seed,
@@ -162,11 +164,13 @@ def _design(setup: Setup, progress: Progress | None) -> None:
     )
 
 
-def _linear_error(network: nn.Module, groups: int) -> Callable[[Tensor], Tensor]:
-    """What a linear restoration of this network's kind leaves."""
+def _linear_error(network: nn.Module) -> Callable[[Tensor, int], Tensor]:
+    """What linear restorations of this network's kind leave, of PSFs and for so many filters."""
     if isinstance(network, WienerNetwork):
-        return wiener_error
-    return partial(local_error, groups=groups)
+        return lambda psf, filters: wiener_error(psf)
+    if isinstance(network, FilterBank):
+        return lambda psf, filters: colour_error(psf, groups=filters)
+    return lambda psf, filters: local_error(psf, groups=filters)
 
 
 def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Progress | None) -> bool:

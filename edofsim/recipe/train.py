@@ -29,11 +29,15 @@ class DoeTable(RecipeModel):
     checkpoint whose height map is taken in place of the recipe's. learning_rate_rad: in radians of phase at
     the mask's design wavelength; 0 keeps what `design_steps` made. height_limit_um: heights stay between 0
     and this, the deepest relief that Akpinar et al. could make. design_steps: before the training, this many
-    steps on the mask alone, towards the best linear restoration (see `learn.design`).
+    steps on the mask alone, towards the best linear restoration (see `learn.design`). design_response: half
+    of what they judge is light of all wavelengths through the sensor's response, beside the three colours.
+    design_evenness: weight of the mean error, which the worst depths decide, beside its mean logarithm.
     """
 
     learn: bool = True
     design_steps: Annotated[int, Field(ge=0)] = 0
+    design_response: bool = False
+    design_evenness: NotNegative = 0.0
     start: str | None = None
     learning_rate_rad: NotNegative = 5e-3
     height_limit_um: Positive = 1.2

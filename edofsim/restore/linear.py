@@ -2,13 +2,15 @@
 
 The least mean square error of one filter for all depths follows from the PSFs and the statistics of
 photographs alone, and its gradient has no noise, while a gradient through single patches and an untrained
-network is noise for the most part. Two filters stand for the two kinds of restorers:
+network is noise for the most part. Three filters stand for three kinds of restorers:
 
 `wiener_error` for Wiener deconvolution, which sees the whole photo and each colour alone;
 
 `local_error` for a convolutional network, which sees a few pixels around each, but all colours: the edges of
 photographs are nearly the same in all, so that what one colour has lost can be had from another that is
-sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over depth.
+sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over depth;
+
+`colour_error` for a bank of filters, which knows the depth and sees all colours and the whole photo.
 """
 
 from __future__ import annotations
@@ -36,11 +38,44 @@ def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
     mean, power = transfer.mean(0), transfer.abs().square().mean(0)
     inverse = mean.conj() * spectrum / (power * spectrum + noise**2)
     left = (1 - inverse * transfer).abs().square() * spectrum + inverse.abs().square() * noise**2
+    return (left * _whole_plane(spectrum, size)).sum((-1, -2)) / size**2
+
+
+def colour_error(psf: Tensor, noise: float = NOISE, groups: int = 1) -> Tensor:
+    """Mean square error of the best filters without bounds that see all colours, [depth, 3].
+
+    psf: [depth, 3, y, x], every one equally likely; groups: so many filters, each for as many neighbouring
+    depths. At each frequency the filter is the matrix W = X R^-1, with R the covariance of the photo's
+    colours there and X that of the scene's with them, both in the mean over a group's depths; at a depth it
+    leaves S - 2 Re(W X*) + W R W*. The mean over the photo is not judged: it passes whole.
+    """
+    size = good_size(psf.shape[-1])  # no filter is cut off: a period as long as the PSFs will do
+    # in double precision: in coarse details the scene is 1e7 times as strong as the noise
+    transfer = transfer_functions(psf, size).to(torch.complex128).movedim(1, -1)
+    spectrum = power_spectrum(size, psf.double())
+    scene = spectrum[..., None, None] * torch.tensor(COLOUR_CORRELATION).to(spectrum)
+    with_sharp = scene * transfer.conj()[..., None, :]
+    covariance = transfer[..., :, None] * with_sharp + noise**2 * torch.eye(3).to(spectrum)
+
+    def grouped(values: Tensor) -> Tensor:
+        return values.unflatten(0, (groups, -1)).mean(1)
+
+    # R is Hermitian: its solution for X's rows is the filter, conjugate and turned
+    filters = torch.linalg.solve(grouped(covariance), grouped(with_sharp).mH)
+    filters = filters.mH.repeat_interleave(len(psf) // groups, 0)
+    passed = (filters * with_sharp.conj()).sum(-1).real
+    kept = ((filters @ covariance) * filters.conj()).sum(-1).real
+    left = (spectrum[..., None] - 2 * passed + kept) * _whole_plane(spectrum, size)[..., None]
+    return left.flatten(1, 2)[:, 1:].sum(1) / size**2
+
+
+def _whole_plane(spectrum: Tensor, size: int) -> Tensor:
+    """How often each frequency of the half plane stands in the whole."""
     share = torch.full_like(spectrum, 2.0)
     share[:, 0] = 1
     if size % 2 == 0:
         share[:, -1] = 1
-    return (left * share).sum((-1, -2)) / size**2
+    return share
 
 
 def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, groups: int = 1) -> Tensor:

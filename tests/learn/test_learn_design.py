@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
 
+from edofsim.errors import InputError
 from edofsim.learn.design import design
 from edofsim.learn.doe import FreeHeight
 from edofsim.learn.imaging import surroundings
 from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
-from edofsim.optics import Camera
+from edofsim.optics import Camera, mean_psfs, response
 from edofsim.recipe.load import load_camera
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
-from edofsim.restore.linear import local_error, local_filters, wiener_error
+from edofsim.restore.linear import colour_error, local_error, local_filters, wiener_error
 from edofsim.restore.network import apply_network
 from edofsim.restore.photograph_statistics import COARSEST_PX, COLOUR_CORRELATION, FALL, POWER
 
@@ -101,6 +103,35 @@ def test_wiener_error_is_that_of_a_dense_filter_for_one_depth() -> None:
         assert float(wiener_error(psf, NOISE)[0, channel]) == pytest.approx(float(expected), rel=1e-6)
 
 
+@pytest.mark.parametrize("groups", [1, 2, 4])
+def test_colour_error_is_that_of_dense_filters_of_all_pixels_and_colours(groups: int) -> None:
+    narrow, scene = _psfs(4), _scene()
+    psf = torch.zeros(4, 3, SIZE, SIZE, dtype=torch.float64)
+    corner = SIZE // 2 - WINDOW // 2
+    psf[..., corner : corner + WINDOW, corner : corner + WINDOW] = narrow
+    blurs = [_blur(one) for one in narrow]
+    noise = NOISE**2 * torch.eye(3 * SIZE**2, dtype=torch.float64)
+    level = torch.full((SIZE**2, SIZE**2), 1 / SIZE**2, dtype=torch.float64)
+    without_mean = torch.eye(3 * SIZE**2, dtype=torch.float64) - torch.block_diag(level, level, level)
+    each = 4 // groups
+    expected = []
+    for index, blur in enumerate(blurs):
+        group = blurs[index // each * each : (index // each + 1) * each]
+        covariance = torch.stack([one @ scene @ one.T + noise for one in group]).mean(0)
+        cross = torch.stack([scene @ one.T for one in group]).mean(0)
+        best = torch.linalg.solve(covariance, cross.T).T
+        own = blur @ scene @ blur.T + noise
+        left = scene - best @ blur @ scene - (best @ blur @ scene).T + best @ own @ best.T
+        error = (without_mean @ left @ without_mean).diag()
+        expected.append(error.reshape(3, -1).mean(1))
+    torch.testing.assert_close(colour_error(psf, NOISE, groups), torch.stack(expected), rtol=1e-6, atol=0)
+
+
+def test_colour_error_is_below_that_of_filters_of_few_pixels() -> None:
+    psf = _psfs(4)
+    assert float(colour_error(psf, NOISE).mean()) < float(local_error(psf, NOISE, 5).mean())
+
+
 def test_a_filter_for_fewer_depths_and_more_pixels_leaves_less() -> None:
     psf = _psfs(8)
     by_groups = [float(local_error(psf, NOISE, 5, groups).mean()) for groups in (1, 2, 4, 8)]
@@ -135,12 +166,63 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
         depths = torch.linspace(0, 2, 5, dtype=torch.float64)
         with torch.no_grad():
             before = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
-        design(mask, optics, 12, (0.0, 2.0), error=local_error, height_noise=40e-9, stray=0.5, seed=3)
+        design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, height_noise=40e-9, stray=0.5, seed=3)
         with torch.no_grad():
             after = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
         assert float(after) < float(before) - 0.1
         maps.append(mask().detach())
     assert torch.equal(*maps)
+
+
+def test_a_mask_is_designed_for_filters_of_each_distance_and_light_of_all_wavelengths() -> None:
+    """Judged apart from the steps: at other depths, and by wavelengths that no step sees."""
+    optics = _optics("paper-clear", 48)
+    mask = FreeHeight(torch.full((239, 239), 0.6e-6), 1.2e-6, 1.3e-7)
+    depths = torch.linspace(0, 2, 8, dtype=torch.float64)
+
+    def judged() -> float:
+        with torch.no_grad():
+            lines = optics.mean_psfs(depths, mask(), 40e-9)
+            light = optics.mean_response_psfs(depths, mask(), 40e-9, 0.5)
+            return float(sum(colour_error(psf, groups=4).mean(1).log().mean() for psf in (lines, light)))
+
+    before = judged()
+    design(
+        mask,
+        optics,
+        12,
+        (0.0, 2.0),
+        error=lambda psf, filters: colour_error(psf, groups=filters),
+        groups=4,
+        height_noise=40e-9,
+        stray=0.5,
+        seed=3,
+        evenness=0.5,
+        response=True,
+    )
+    assert judged() < before - 0.1
+
+
+def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
+    optics = _optics("paper-clear", 48)
+    depths = torch.tensor([0.0, 0.7, 1.6], dtype=torch.float64)
+    height = torch.full((239, 239), 0.6e-6)
+    shifted = [optics.mean_response_psfs(depths, height, 30e-9, (n + 0.5) / 8) for n in range(8)]
+    bands = torch.linspace(420e-9, 720e-9, 61, dtype=torch.float64)
+    fine = replace(optics, camera=optics._sampled(bands, depths))
+    weights = response(fine.camera, bands).float()
+    many = torch.stack(
+        [mean_psfs(fine.camera, one[None], depths, 30e-9, window_px=48, height=height)[:, 0] for one in bands]
+    )
+    expected = torch.einsum("cb,bdyx->dcyx", weights, many)
+    off = (torch.stack(shifted).mean(0) - expected).norm() / expected.norm()
+    assert float(off) < 0.02
+
+
+def test_a_sensor_of_three_lines_has_no_other_light() -> None:
+    optics = _optics("paper-clear", 48, response="lines")
+    with pytest.raises(InputError, match=r"sensor\.response"):
+        optics.mean_response_psfs(torch.tensor([1.0]), torch.zeros(239, 239), 0.0)
 
 
 @pytest.mark.parametrize("name", ["clear-dcnn", "rings-dcnn", "cubic-dcnn", "paper-dcnn"])
@@ -170,8 +252,14 @@ def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
         assert float(torch.corrcoef(torch.stack([predicted.double(), reached]))[0, 1]) > 0.95
 
 
-def _optics(camera: str, window: int) -> Optics:
+def _for_one_filter(psf: Tensor, filters: int) -> Tensor:
+    assert filters == 1
+    return local_error(psf)
+
+
+def _optics(camera: str, window: int, **sensor: str) -> Optics:
     recipe = load_camera(camera).recipe
+    recipe = recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update=sensor)})
     mask = {"kind": "height-map", "pitch_um": 21.0}
     psf = {"window_px": window, "pupil_sampling_um": 21.0}
     made = type(recipe).model_validate(
