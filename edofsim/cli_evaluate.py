@@ -58,11 +58,13 @@ def occlusion(
     quiet: QuietOption = False,
 ) -> None:
     """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
-    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind.
+    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind;
+    the clear aperture also against Mitsuba's thin lens, whose rays meet all surfaces.
 
     Interrupt it at any time: scenes that are finished are kept in --out.
 
-    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden}, {near,far}_dpt.SCENE.
+    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,parts}, {near,far}_dpt.SCENE; MASK
+    also `thin-lens`.
     """
     from .commands.experiments import evaluate_occlusion
 

@@ -1,8 +1,12 @@
-"""Ways to composite occlusion, judged by the clipped-pupil reference at depth edges of shipped scenes.
+"""Ways to composite occlusion, judged by two slow references at depth edges of shipped scenes.
 
 One crop a scene, where most of the scene's hard depth edges are; three masks; focus in front of both surfaces
 of the edge, between them, and behind both. The paper's camera in the green of its three-colour model alone,
-so that the reference takes minutes. Both sides see the same view: what is compared is occlusion.
+so that the references take minutes.
+
+The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
+is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
+thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction.
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
@@ -32,10 +36,11 @@ from ..expose.photograph import all_in_focus
 from ..expose.prepare import channel_weights
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
+from ..optics.camera import focus_distance
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
 from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
 from ..recipe.masks import ClearMask, CubicMask
-from ..reference import Take, clipped_pupils
+from ..reference import Take, clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
 from ..render.view import View
 from ..scene.model import SceneModel
@@ -59,6 +64,10 @@ GREEN = 1
 PARTS = 4
 """Along each axis of the pupil."""
 WAYS = (*OCCLUSIONS, "parts")
+THIN_LENS = "thin-lens"
+"""Stands in place of a mask: the clear aperture, judged by rays."""
+LENS_SAMPLES = 1024
+"""A pixel, of the thin lens and of the view that is judged by it, which has other grain."""
 TOLERANCE_DB = 60.0
 """Of the depth nodes of the compositors: their step is then no part of what is measured."""
 
@@ -82,8 +91,9 @@ def run(
 ) -> dict[str, float]:
     """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,parts}, {near,far}_dpt.{scene}.
 
-    `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes occlusion.csv and a picture a
-    scene. References and finished scenes are kept in the folder, and gone on from.
+    The mask `thin-lens` is the clear aperture against Mitsuba's thin lens, others stand against clipped
+    pupils; `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes occlusion.csv and a
+    picture a scene. References and finished scenes are kept in the folder, and gone on from.
     """
     say = progress or (lambda fraction, text: None)
     figures: dict[str, float] = {}
@@ -140,8 +150,51 @@ def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Pro
         for way, photo in photos.items():
             figures[f"psnr_db.{scene}.{mask}.{focus}.{way}"] = psnr(photo, truth * factor)
         shown[mask, focus] = {"reference": truth * factor, **photos}
+    fine = render(
+        three_bands(loaded, LENS_SAMPLES),
+        loaded.base,
+        cache=cache,
+        device=device,
+        progress=lambda f, t: say(0.9, t),
+    )
+    for (mask, focus), taken in takes.items():
+        if mask != "clear":
+            continue
+        depth, where = recipe.render.max_depth, edge.where
+        truth = by_rays(model, fine, GREEN, where, taken.camera, depth, device, lambda f, t: say(0.95, t))
+        photos, factor = composites(chosen_bands(fine, [GREEN]), edge.where, taken)
+        for way, photo in photos.items():
+            figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
+        shown[THIN_LENS, focus] = {"reference": truth * factor, **photos}
     draw(shown, folder / f"occlusion-{scene}.png")
     return figures
+
+
+def by_rays(
+    model: SceneModel,
+    view: View,
+    band: int,
+    where: Crop,
+    camera: Camera,
+    max_depth: int,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Tensor:
+    """A crop in one band of a view through the camera's lens without a mask, by rays: [channel, y, x]."""
+    wavelength = view.wavelengths[band : band + 1]
+    image = thin_lens(
+        model,
+        view,
+        where,
+        aperture_radius=camera.aperture_radius,
+        focus_distances=focus_distance(camera, wavelength).tolist(),
+        samples=LENS_SAMPLES,
+        max_depth=max_depth,
+        device=device,
+        progress=progress,
+    )
+    weights = channel_weights(camera, wavelength).to(image)
+    return torch.einsum("cb,byx->cyx", weights, image[band : band + 1])
 
 
 def references(
@@ -168,10 +221,10 @@ def references(
     return truths
 
 
-def three_bands(loaded: Loaded[SceneRecipe]) -> SceneRecipe:
+def three_bands(loaded: Loaded[SceneRecipe], samples: int = SAMPLES) -> SceneRecipe:
     """The scene at 482, 546.5 and 611 nm: a band for each colour, near those of the paper."""
     bands = loaded.recipe.bands.model_copy(update={"start_nm": 482.0, "stop_nm": 611.0, "count": 3})
-    coarse = loaded.recipe.render.model_copy(update={"samples": SAMPLES})
+    coarse = loaded.recipe.render.model_copy(update={"samples": samples})
     return loaded.recipe.model_copy(update={"bands": bands, "render": coarse})
 
 

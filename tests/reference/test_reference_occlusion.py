@@ -62,13 +62,28 @@ def test_ways_to_composite_against_clipped_pupils(screens):
         assert torch.allclose(photo.double(), truth * factor, atol=0.02)
 
 
+def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
+    """The other reference, from the scene itself, says the same of the edge of a screen; diffraction, which
+    rays lack, blurs the stripes of this narrow aperture besides."""
+    window = 32
+    model, view = screens.two(ANGLE, 32, window // 2)
+    where = Crop(10, 8, 8, 16)
+    behind = occlusion.focus_distances(Edge(where, 2.5, 1.25))["behind"]
+    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=1.2)
+    truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
+    photos, factor = occlusion.composites(view, where, taken)
+    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
+    assert scores["hidden"] > 25
+
+
 @pytest.mark.slow
 def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
-    """The bus before the car: nearer to clipped pupils than every way that knows the visible alone, for every
-    mask and focus, and best where the car is nearly in focus, for which it would be exact."""
+    """The bus before the car: nearer to clipped pupils and to rays than every way that knows the visible
+    alone, for every mask and focus, and best where the car is nearly in focus, where it would be exact."""
     figures = occlusion.run(tmp_path, ("bench",))
     rows = occlusion.table(figures)
-    assert len(rows) == 9
+    assert len(rows) == 12
     hidden = {}
     for _, mask, focus, none, over, normalised, with_hidden, with_parts in rows:
         assert with_hidden > max(none, over, normalised) + 1
