@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +28,15 @@ from .material import Material, gather
 from .system import Optics, System
 from .workers import Workers
 
+RUNNING = ".running_"
 MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 
 
 @dataclass(frozen=True)
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    relief; history: of the checkpoint that the network starts from."""
+    relief; history: of the checkpoint that the network starts from; start: its weights, where some of them
+    are kept."""
 
     recipe: TrainRecipe
     camera: CameraRecipe
@@ -43,6 +45,7 @@ class Setup:
     sampling: float | None
     device: torch.device
     history: tuple[dict[str, Any], ...] = ()
+    start: Mapping[str, Tensor] = field(default_factory=dict)
 
     def height(self) -> Tensor | None:
         """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
@@ -77,7 +80,14 @@ def prepare(
     )
     system.to(workers.device)
     system.network.to(memory_format=torch.channels_last)
-    return Setup(recipe, camera, system, material, sampling, workers.device, history)
+    start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
+    return Setup(recipe, camera, system, material, sampling, workers.device, history, start)
+
+
+def trained(network: nn.Module) -> Iterator[tuple[str, Tensor]]:
+    """What a training changes of a network: its weights, and the running means of batch normalisation."""
+    yield from network.named_parameters()
+    yield from ((name, value) for name, value in network.named_buffers() if RUNNING in name)
 
 
 def use_bfloat16(precision: str, device: torch.device) -> bool:

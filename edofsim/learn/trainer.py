@@ -26,7 +26,7 @@ from ..restore.wiener_network import WienerNetwork
 from .design import design
 from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
-from .setup import Setup, prepare
+from .setup import Setup, prepare, trained
 from .state import Position, load_state, save_state
 from .system import Draw, Outcome
 from .workers import Workers, join_workers
@@ -135,6 +135,7 @@ def _train(
         position.seconds = loop.seconds()
         if workers.first:
             _save(loop)  # first of all: who stops a training may not wait for more
+            _keep_start(setup)
             figures |= validate(setup, journal, position.step)
             save_result(setup, path, position.step, figures)
     figures |= {"steps": float(position.step), "seconds.training": position.seconds}
@@ -258,6 +259,15 @@ def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw
 
 
 @torch.no_grad()
+def _keep_start(setup: Setup) -> None:
+    """The weights' mean with those of the start, as the recipe shares it. Linear in between: networks that
+    were trained on from one another lie in one valley of the loss."""
+    share = setup.recipe.network.start_share
+    for name, value in trained(setup.system.network) if share else ():
+        value.lerp_(setup.start[name].to(value), share)
+
+
+@torch.no_grad()
 def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, float]:
     """PSNR and loss of the validation patches, the same photos and noise each time."""
     system = setup.system
@@ -293,6 +303,9 @@ def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float
         "step": step,
         "figures": dict(figures),
     }
+    share = setup.recipe.network.start_share
+    if share:
+        card["weights"] = f"{1 - share:g} of this training's and {share:g} of those that it started from"
     if setup.history:
         card["history"] = list(setup.history)
     setup.system.settle()
