@@ -80,12 +80,13 @@ def design(
 
 def _depths(low: float, high: float, groups: int, generator: torch.Generator) -> tuple[Tensor, int]:
     """(inverse depths of a step, number of filters for them): two for each of a few parts, as far from each
-    other as those that a filter is for. The ends of the range are in them as often as other places."""
+    other as those that a filter is for. The ends of the range, which no neighbours lift, come more often than
+    other places: all that would lie beyond them."""
     start = torch.rand(1, generator=generator)
     if groups == 1:
         return low + (high - low) * (torch.arange(DEPTHS) + start) / DEPTHS, 1
     count, part = min(PARTS, groups), (high - low) / groups
-    middles = low - part / 2 + (high - low + part) * (torch.arange(count) + start) / count
+    middles = low - part + (high - low + 2 * part) * (torch.arange(count) + start) / count
     pairs = middles[:, None] + part / 4 * torch.tensor([-1.0, 1.0])
     return pairs.flatten().clamp(low, high), count
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import torch
 from torch import Tensor
 
@@ -11,6 +14,7 @@ from .checkpoint import Checkpoint
 from .network import apply_network
 from .telling import told_network
 from .wiener import wiener
+from .wiener_network import WienerNetwork
 
 BEYOND_PX = 4
 """A Wiener filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
@@ -36,11 +40,18 @@ def restore(
     """
     if checkpoint is not None:
         network = told_network(checkpoint, camera, wavelengths)
+        apply = partial(apply_network, network)
         with torch.inference_mode():
-            return apply_network(network, image), checkpoint.name
+            sharp = _continued(apply, image) if isinstance(network, WienerNetwork) else apply(image)
+        return sharp, checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths, height).to(image)
-    sharp = wiener(continued(image, BEYOND_PX, turned=True), psf, camera.read_noise)
-    return sharp[..., BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX], "Wiener"
+    return _continued(partial(wiener, psf=psf, noise=camera.read_noise), image), "Wiener"
+
+
+def _continued(filtered: Callable[[Tensor], Tensor], image: Tensor) -> Tensor:
+    """What a Wiener filter makes of a photo that goes on a little with its slope."""
+    sharp = filtered(continued(image, BEYOND_PX, turned=True))
+    return sharp[..., BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX]
 
 
 def channel_psfs(

@@ -12,6 +12,8 @@ from edofsim.evaluate.scores import psnr
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera
 from edofsim.restore import restore, wiener
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
+from edofsim.restore.network import apply_network
 from edofsim.restore.restore import channel_psfs
 
 
@@ -116,14 +118,21 @@ def test_shapes_that_do_not_fit_are_refused():
         wiener(torch.zeros(3, 8, 8), torch.zeros(3, 5, 5), float("nan"))
 
 
-@pytest.mark.parametrize("name", ["paper-clear", "paper-learned"])
+@pytest.mark.parametrize("name", ["paper-clear", "paper-learned", "zernike-wiener"])
 def test_a_photo_of_the_world_is_not_taken_for_mirrored_at_its_border(name: str):
-    """Light comes in from beyond the frame; the truth is the larger picture, blurred and cut."""
-    loaded = load_camera(name)
-    camera = Camera.from_recipe(loaded.recipe, loaded.base)
+    """Light comes in from beyond the frame; the truth is the larger picture, blurred and cut. So for filters
+    of PSFs that are given, and for those of a checkpoint."""
+    checkpoint, height = None, None
+    if name.startswith("paper"):
+        loaded = load_camera(name)
+        camera = Camera.from_recipe(loaded.recipe, loaded.base)
+    else:
+        checkpoint = load_checkpoint(name)
+        camera = Camera.from_recipe(camera_with_mask(trained_camera(checkpoint), checkpoint))
+        height = checkpoint.height
     lines = torch.tensor([482e-9, 543e-9, 611e-9], dtype=torch.float64)
     depth = torch.tensor([0.6])
-    psf = channel_psfs(camera, lines, depth)[0].float()
+    psf = channel_psfs(camera, lines, depth, height)[0].float()
     frame = (..., slice(96, 224), slice(96, 224))
     border = torch.ones(128, 128, dtype=torch.bool)
     border[8:-8, 8:-8] = False
@@ -132,9 +141,13 @@ def test_a_photo_of_the_world_is_not_taken_for_mirrored_at_its_border(name: str)
     for picture, left in ((data.astronaut(), 60), (data.astronaut(), 180), (data.coffee(), 150)):
         world = torch.from_numpy(picture[:320, left : left + 320] / 255.0).permute(2, 0, 1).float()
         photo = blurred(world, psf[:, 1:, 1:])[frame] + camera.read_noise * noise
-        restored, _ = restore(photo, camera, lines, depth)
+        restored, _ = restore(photo, camera, lines, depth, checkpoint=checkpoint)
         assert restored.shape == photo.shape
-        mirrored = wiener(photo, psf[None], camera.read_noise)
+        mirrored = (
+            wiener(photo, psf[None], camera.read_noise)
+            if checkpoint is None
+            else apply_network(checkpoint.network, photo)
+        )
         ours += float((restored - world[frame])[:, border].square().mean())
         theirs += float((mirrored - world[frame])[:, border].square().mean())
     assert ours < 0.8 * theirs
