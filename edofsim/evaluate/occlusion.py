@@ -91,9 +91,10 @@ def run(
 ) -> dict[str, float]:
     """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,parts}, {near,far}_dpt.{scene}.
 
-    The mask `thin-lens` is the clear aperture against Mitsuba's thin lens, others stand against clipped
-    pupils; `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes occlusion.csv and a
-    picture a scene. References and finished scenes are kept in the folder, and gone on from.
+    The mask `thin-lens` is a clear aperture without aberrations against Mitsuba's thin lens, others stand
+    against clipped pupils; `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes
+    occlusion.csv and a picture a scene. References and finished scenes are kept in the folder, and gone on
+    from.
     """
     say = progress or (lambda fraction, text: None)
     figures: dict[str, float] = {}
@@ -157,12 +158,11 @@ def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Pro
         device=device,
         progress=lambda f, t: say(0.9, t),
     )
-    for (mask, focus), taken in takes.items():
-        if mask != "clear":
-            continue
+    for focus, distance in focus_distances(edge).items():
+        taken = take(THIN_LENS, distance, view.pixel_angle)
         depth, where = recipe.render.max_depth, edge.where
         truth = by_rays(model, fine, GREEN, where, taken.camera, depth, device, lambda f, t: say(0.95, t))
-        photos, factor = composites(chosen_bands(fine, [GREEN]), edge.where, taken)
+        photos, factor = composites(chosen_bands(fine, [GREEN]), where, taken)
         for way, photo in photos.items():
             figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
         shown[THIN_LENS, focus] = {"reference": truth * factor, **photos}
@@ -262,10 +262,11 @@ def focus_distances(edge: Edge) -> dict[str, float]:
 def take(
     mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
 ) -> Take:
-    """The paper's lens with pixels that see the view's angle at this focus, and a mask."""
+    """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the
+    `THIN_LENS`: as that, it is then without aberrations."""
     recipe = CameraRecipe(
         name=f"paper-{mask}",
-        lens=Lens(aperture_radius_mm=aperture_mm),
+        lens=Lens(aperture_radius_mm=aperture_mm, thickness="parabolic" if mask == THIN_LENS else "exact"),
         focus=Focus(distance_m=distance),
         mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
         sensor=Sensor(read_noise=0.0),

@@ -69,7 +69,7 @@ def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
     model, view = screens.two(ANGLE, 32, window // 2)
     where = Crop(10, 8, 8, 16)
     behind = occlusion.focus_distances(Edge(where, 2.5, 1.25))["behind"]
-    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=1.2)
+    taken = occlusion.take(occlusion.THIN_LENS, behind, ANGLE, window, aperture_mm=1.2)
     truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
     photos, factor = occlusion.composites(view, where, taken)
     scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
