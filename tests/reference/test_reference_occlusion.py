@@ -77,6 +77,21 @@ def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
     assert scores["hidden"] > 25
 
 
+@pytest.mark.parametrize("focus", occlusion.FOCI)
+def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, focus):
+    """The paper's aperture blurs both surfaces of the edge at once: averages over the pupil are then far off,
+    and sharing it out among parts takes most of that away."""
+    model, view = screens.two(ANGLE, 32, occlusion.WINDOW // 2)
+    where = Crop(10, 8, 8, 16)
+    distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))[focus]
+    taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE)
+    truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
+    photos, factor = occlusion.composites(view, where, taken)
+    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    assert scores["parts"] > 36
+    assert scores["parts"] > max(scores[way] for way in occlusion.OCCLUSIONS) + 5
+
+
 @pytest.mark.slow
 def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     """The bus before the car: nearer to clipped pupils and to rays than every way that knows the visible
