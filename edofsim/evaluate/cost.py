@@ -15,7 +15,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +39,15 @@ TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
 FINE_DB = 60.0
 """Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
 err the same, and take hours."""
-STAGES = ("prepare", "psf", "blur", "sensor")
+STAGES = ("prepare", "psf", "blur", "parts", "sensor")
 LINES = "measurements.jsonl"
 
 
 @dataclass(frozen=True)
 class Case:
     """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
-    predicted_db, predicted_seconds: by the plan."""
+    predicted_db, predicted_seconds: by the plan; one_part: simulated without parts of the pupil, and judged
+    against the full simulation without them."""
 
     name: str
     kind: str
@@ -54,6 +55,7 @@ class Case:
     asked_db: float = math.inf
     predicted_db: float = math.inf
     predicted_seconds: float = 0.0
+    one_part: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,9 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     cases.append(
         _case("chosen", "chosen", chosen.simulation, planner, chosen.asked_db or math.inf, chosen.error_db)
     )
-    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None))
+    parts = planner.estimates.by_name().get("pupil parts")
+    fixed = {"pupil parts": parts.full} if parts else {}
+    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None), fixed)
     fine, its_own = finely.simulation, 10 ** (-finely.error_db / 20)
     for row in planner.estimates.rows:
         stage = row.effect.stage
@@ -94,7 +98,12 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         beside = its_own if rest == fine else 0.0
         together = its_own if simulation == fine else math.hypot(square**0.5, beside)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
-        cases.append(_case(row.effect.name, "without", simulation, planner, math.inf, predicted))
+        # parts of the pupil cost a composite each, and change nothing in what other effects do
+        one_part = simulation.pupil_parts > 1 and row.effect.name != "occlusion"
+        if one_part:
+            simulation = simulation.changed({"pupil_parts": 1})
+        case = _case(row.effect.name, "without", simulation, planner, math.inf, predicted)
+        cases.append(replace(case, one_part=one_part))
     cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
     return cases
 
@@ -127,7 +136,13 @@ def measure(
     path = folder / LINES
     identity = _identity(view, camera, height, clock)
     _read(path, identity)
-    full = _reference(view, camera, cases, folder, height, device, clock, pace)
+    (case,) = [case for case in cases if case.kind == "full"]
+    how = (folder, height, device, clock, pace)
+    full = _reference(view, camera, case, *how)
+    whole = full
+    if any(case.one_part for case in cases):
+        alone = case.simulation.changed({"pupil_parts": 1})
+        whole = _reference(view, camera, replace(case, name="full, one part", simulation=alone), *how)
     known = _read(path, identity)
     todo = [
         (repeat, case)
@@ -139,7 +154,7 @@ def measure(
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
         photo, entry = _timed(view, camera, case, height, device, clock, pace)
-        entry["db"] = _psnr(photo.clean, full)
+        entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
         known.setdefault(_key(case), []).append(entry)
         _append(path, entry)
     return [_row(case, known[_key(case)]) for case in cases]
@@ -176,7 +191,7 @@ def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
 def _reference(
     view: View,
     camera: Camera,
-    cases: list[Case],
+    case: Case,
     folder: Path,
     height: Tensor | None,
     device: str,
@@ -184,8 +199,8 @@ def _reference(
     pace: Callable[[], float] | None,
 ) -> Tensor:
     """The full simulation's photo, kept in the folder: it takes longest of all."""
-    (case,) = [case for case in cases if case.kind == "full"]
-    path = folder / f"full-{_identity(view, camera, height, clock)[:16]}.safetensors"
+    name = f"{case.name.replace(', ', '-').replace(' ', '-')}-{_identity(view, camera, height, clock)[:16]}"
+    path = folder / f"{name}.safetensors"
     with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
         return load_file(path)["photo"]
     photo, entry = _timed(view, camera, case, height, device, clock, pace)

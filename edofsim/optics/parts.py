@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -22,7 +23,7 @@ from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid
 from .height import trained_pitch
-from .propagation import Wave, energies, propagate
+from .propagation import Part, Wave, propagate, shared_energies
 from .psf import axes_of, wave_at
 from .pupil import aperture
 from .sampling import plan_sampling
@@ -32,6 +33,9 @@ MOST_PARTS = 16
 """Along one axis. More have no more to tell than the diffraction at their borders lets them."""
 DARK = 0.2
 """Parts of less than this share of the mean part's light are joined to a neighbour."""
+
+HELD_BYTES = 256 << 20
+"""Of parts that are computed together: they share work."""
 
 
 def psf_parts(
@@ -63,36 +67,56 @@ def psf_parts(
         wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
     ]
     intensity = sum(wave.pupil.detach().abs().square() for wave in waves).double().cpu()
-    for window in pupil_windows(sampling.grid, across, intensity):
-        yield _part(waves, window.to(where, dtype))[..., :pixels, :pixels]
+    along, parts = partition(sampling.grid, across, intensity)
+    along = along.to(where, dtype)
+    if any(wave.pupil.requires_grad for wave in waves):
+        for part in parts:
+            yield _part(waves, _window(along, part))[..., :pixels, :pixels]
+        return
+    size = along.element_size() * len(waves) * len(inverse_depths) * pixels**2
+    at_once = max(1, HELD_BYTES // size)
+    for start in range(0, len(parts), at_once):
+        several = parts[start : start + at_once]
+        of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
+        for number in range(len(several)):
+            yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
 
 
-def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
-    """Smooth windows over the pupil that sum to 1 everywhere: float64 [part, samples, samples].
+def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, tuple[Part, ...]]:
+    """Smooth windows along an axis of the pupil, float64 [across, samples], that sum to 1 everywhere; and the
+    parts: each the products of one along y and one along x, of all places that it is joined from.
 
-    Along each axis they are raised cosines around the middles of `across` equal parts; a hard border would
-    scatter what comes through a part all over the sensor. intensity: [samples, samples], of the light in the
-    pupil: windows that hold next to none of it are joined to the nearest that do.
+    The windows are raised cosines around the middles of `across` equal parts; a hard border would scatter
+    what comes through a part all over the sensor. intensity: [samples, samples], of the light in the pupil:
+    places that hold next to none of it are joined to the nearest that do.
     """
     axis = grid.centres / grid.radius
     place = ((axis + 1) * across / 2 - 0.5).clamp(0, across - 1)  # in parts, 0 at the middle of the first
     apart = (place - torch.arange(across, dtype=torch.float64)[:, None]).abs().clamp_max(1)
     along = torch.cos(math.pi / 2 * apart) ** 2
-    windows = torch.einsum("iy,jx->ijyx", along, along).flatten(0, 1)
-    held = (windows * intensity).sum((1, 2))
+    held = (along @ intensity @ along.T).flatten()
     bright = torch.nonzero(held >= DARK * held.mean()).squeeze(1)
     middles = torch.cartesian_prod(*2 * (torch.arange(across, dtype=torch.float64),)).reshape(-1, 2)
-    nearest = torch.cdist(middles, middles[bright]).argmin(1)
-    return torch.zeros_like(windows[bright]).index_add(0, nearest, windows)
+    nearest = torch.cdist(middles, middles[bright]).argmin(1).tolist()
+    places = [divmod(place, across) for place in range(across**2)]
+    return along, tuple(
+        tuple(place for place, to in zip(places, nearest, strict=True) if to == part)
+        for part in range(len(bright))
+    )
+
+
+def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
+    """The windows of all parts of a `partition` over the pupil, float64 [part, samples, samples]."""
+    along, parts = partition(grid, across, intensity)
+    return torch.stack([_window(along, part) for part in parts])
+
+
+def _window(along: Tensor, part: Part) -> Tensor:
+    return sum(torch.outer(along[y], along[x]) for y, x in part)
 
 
 def _part(waves: Sequence[Wave], window: Tensor) -> Tensor:
-    """Re(F* F_j) = (|F + F_j|^2 - |F - F_j|^2) / 4 in each pixel, [depth, band, pixel, pixel]."""
+    """Re(F* F_j) = (|F + F_j|^2 - |F - F_j|^2) / 4 in each pixel, [depth, band, pixel, pixel]: slowly, and
+    differentiable."""
     more, less = ([replace(wave, pupil=wave.pupil * (1 + s * window)) for wave in waves] for s in (1, -1))
-    if any(wave.pupil.requires_grad for wave in waves):
-        return (propagate(more) - propagate(less)) / 4
-    device = window.device
-    both = in_threads(
-        lambda pair: energies(pair[0]) - energies(pair[1]), list(zip(more, less, strict=True)), device
-    )
-    return torch.stack(both, 1) / 4
+    return (propagate(more) - propagate(less)) / 4

@@ -9,7 +9,19 @@ import torch
 from torch import Tensor
 
 from .threads import in_threads
-from .transform import Bases, fold, intensity, intensity_gradient, unfold, waves, waves_gradient
+from .transform import (
+    Bases,
+    across,
+    down,
+    fold,
+    intensity,
+    intensity_gradient,
+    shared_intensity,
+    unfold,
+    waves,
+    waves_gradient,
+    windowed,
+)
 
 BLOCK_BYTES = 16 << 20
 """Working memory of one block of depths on a core of a CPU: a few PSFs at a time stay near it."""
@@ -19,6 +31,8 @@ KEPT_BYTES = 256 << 20
 """Fields that are kept for the backward pass; more are computed again."""
 
 Fields = tuple[Tensor, Tensor]
+Part = Sequence[tuple[int, int]]
+"""Of the pupil: windows along y and along x whose products it is the sum of."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,37 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
         if keep is not None:
             keep.append(fields)
     return energy
+
+
+def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
+    """What parts of the pupil add to the energy in each pixel, [part, depth, pixel, pixel]: Re(F* F_j).
+
+    along: [window, s], windows along an axis of the pupil that sum to 1; parts: each a sum of products of one
+    along y and one along x. Parts in one row share the transform along y, which is most of the work.
+    """
+    rows = [(fold(wave.pupil * window[:, None]), _lit(window)) for window in along]
+    size = 2 * len(wave.bases.pixels) - 1
+    energy = along.new_empty(len(parts), len(wave.chirps), size, size)
+    at_once = max(1, depths_at_once(wave.bases) // len(along))
+    for start in range(0, len(wave.chirps), at_once):
+        block = wave.chirps[start : start + at_once]
+        half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
+        whole = across((sum(even for even, _ in half), sum(odd for _, odd in half)), wave.bases.fourier)
+        for out, part in zip(energy, parts, strict=True):
+            mine = [
+                windowed(half[row], along[[x for y, x in part if y == row]].sum(0))
+                for row in sorted({y for y, _ in part})
+            ]
+            own = across((sum(even for even, _ in mine), sum(odd for _, odd in mine)), wave.bases.fourier)
+            out[start : start + at_once] = shared_intensity(whole, own, wave.bases)
+    return energy
+
+
+def _lit(window: Tensor) -> slice:
+    """Where a window [s] along an axis, or its mirror image, is not zero on half of that axis."""
+    half = len(window) // 2
+    there = torch.nonzero(window[half:] + window[: len(window) - half].flip(0)).squeeze(1)
+    return slice(int(there[0]), int(there[-1]) + 1)
 
 
 def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:

@@ -136,34 +136,66 @@ def unfold(parts: Tensor, samples: int) -> Tensor:
     return torch.complex(pupil[0], pupil[1])
 
 
-def defocus_maps(chirps: Tensor) -> tuple[Tensor, Tensor]:
+def defocus_maps(chirps: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tensor]:
     """Real and imaginary part of each depth's defocus on a quarter of the pupil, [y, depth, x].
 
-    chirps: complex [depth, half], the factor along one axis from the centre outwards.
+    chirps: complex [depth, half], the factor along one axis from the centre outwards; lit: of y.
     """
-    both = chirps.T[:, :, None] * chirps
+    both = chirps.T[lit, :, None] * chirps
     return both.real.contiguous(), both.imag.contiguous()
 
 
 def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
     """The field's even and odd components in x on half axes, real, each [2 (re, im), 2 (y), y, depth, x].
 
-    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`. The axis that is transformed
-    first is the outer one, so that one product serves all depths.
+    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`.
     """
-    real, imaginary = defocus_maps(chirps)
-    rows, half = bases.shape[1:]
-    depths = len(chirps)
-    spread = torch.empty(2, 2, half, depths, half, dtype=real.dtype, device=real.device)
+    return across(down(parts, chirps, bases), bases)
+
+
+def down(parts: Tensor, chirps: Tensor, bases: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tensor]:
+    """The first half of `waves`: transformed along y alone, each [2 (re, im), 2 (y), y, depth, half].
+
+    lit: along half of the y axis, beyond which there is no light. The axis that is transformed first is the
+    outer one, so that one product serves all depths.
+    """
+    real, imaginary = defocus_maps(chirps, lit)
+    bases, parts = bases[..., lit], parts[..., lit, :]
+    rows, high = bases.shape[1:]
+    depths, half = chirps.shape
+    spread = torch.empty(2, 2, high, depths, half, dtype=real.dtype, device=real.device)
     components = []
-    for part, basis in zip(parts, bases, strict=True):
+    for part in parts:
         re, im = part[0, :, :, None], part[1, :, :, None]
         torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)
         torch.mul(re, imaginary, out=spread[1]).addcmul_(im, real)
-        first = torch.matmul(bases, spread.view(2, 2, half, depths * half))
-        second = torch.mm(first.view(-1, half), basis.T)
-        components.append(second.view(2, 2, rows, depths, rows))
+        first = torch.matmul(bases, spread.view(2, 2, high, depths * half))
+        components.append(first.view(2, 2, rows, depths, half))
     return components[0], components[1]
+
+
+def across(components: tuple[Tensor, Tensor], bases: Tensor) -> tuple[Tensor, Tensor]:
+    """The second half of `waves`: along x, from what `down` gives."""
+    rows, half = bases.shape[1:]
+    done = [
+        torch.mm(first.view(-1, half), basis.T).view(*first.shape[:-1], rows)
+        for first, basis in zip(components, bases, strict=True)
+    ]
+    return done[0], done[1]
+
+
+def windowed(components: tuple[Tensor, Tensor], window: Tensor) -> tuple[Tensor, Tensor]:
+    """What `down` gives of a pupil that is multiplied by a real window [samples] along x.
+
+    The window's odd part turns even components into odd ones, and back.
+    """
+    half = len(window) // 2
+    right, left = window[half:], window[: len(window) - half].flip(0)
+    even, odd = (right + left) / 2, (right - left) / 2
+    return (
+        (components[0] * even).addcmul_(components[1], odd),
+        (components[1] * even).addcmul_(components[0], odd),
+    )
 
 
 def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> Tensor:
@@ -198,17 +230,39 @@ def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
 
 def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
     """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
-    rows, depths = even.shape[2:4]
-    count = len(bases.pixels)
-    image = torch.zeros(2 * count - 1, depths, 2 * count - 1, dtype=even.dtype, device=even.device)
-    for (same, cross), sides in zip(pairs(even, odd), (SIDES[:2], SIDES[2:]), strict=True):
+    sums = []
+    for same, cross in pairs(even, odd):
         # |same +- j cross|^2 = |same|^2 + |cross|^2 +- 2 Im(same cross*)
         total = (same[0] * same[0]).addcmul_(same[1], same[1])
         total.addcmul_(cross[0], cross[0]).addcmul_(cross[1], cross[1])
         mixed = (same[1] * cross[0]).addcmul_(same[0], cross[1], value=-1)
-        for sign, side in zip((2, -2), sides, strict=True):
-            down = torch.mm(bases.pixels, torch.add(total, mixed, alpha=sign).view(rows, -1))
-            summed = torch.mm(down.view(-1, rows), bases.pixels.T).view(count, depths, count)
+        sums.append((total, mixed, 2))
+    return _summed(sums, bases)
+
+
+def shared_intensity(whole: tuple[Tensor, Tensor], part: tuple[Tensor, Tensor], bases: Bases) -> Tensor:
+    """Re(F* G) summed over each pixel, as `intensity`; whole, part: even and odd components of F and of G."""
+    sums = []
+    for (same, cross), (own, its_cross) in zip(pairs(*whole), pairs(*part), strict=True):
+        # Re((same +- j cross)* (own +- j its_cross))
+        total = (same[0] * own[0]).addcmul_(same[1], own[1])
+        total.addcmul_(cross[0], its_cross[0]).addcmul_(cross[1], its_cross[1])
+        mixed = (cross[0] * own[1]).addcmul_(cross[1], own[0], value=-1)
+        mixed.addcmul_(same[0], its_cross[1], value=-1).addcmul_(same[1], its_cross[0])
+        sums.append((total, mixed, 1))
+    return _summed(sums, bases)
+
+
+def _summed(sums: list[tuple[Tensor, Tensor, int]], bases: Bases) -> Tensor:
+    """Densities summed over each pixel, [depth, pixel, pixel]: total +- times * mixed in two opposite
+    quadrants, for each pair of them."""
+    rows, depths = sums[0][0].shape[:2]
+    count = len(bases.pixels)
+    image = sums[0][0].new_zeros(2 * count - 1, depths, 2 * count - 1)
+    for (total, mixed, times), sides in zip(sums, (SIDES[:2], SIDES[2:]), strict=True):
+        for sign, side in zip((times, -times), sides, strict=True):
+            low = torch.mm(bases.pixels, torch.add(total, mixed, alpha=sign).view(rows, -1))
+            summed = torch.mm(low.view(-1, rows), bases.pixels.T).view(count, depths, count)
             _side(image, side).add_(_turned(summed, side))
     return image.permute(1, 0, 2)
 

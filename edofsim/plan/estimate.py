@@ -70,9 +70,11 @@ class Estimates:
         return float((pairs + noise).clamp_min(0).sqrt()) + bias
 
     def moot(self, row: Estimate, chosen: Mapping[str, int]) -> bool:
-        """Whether an effect does not matter because the one that it is a part of is left out."""
-        whole = row.effect.within
-        return bool(whole) and whole in chosen and chosen[whole] == 0 and self.by_name()[whole].full > 0
+        """Whether an effect does not matter because the one that it is a part of is left out, or moot."""
+        if row.effect.within not in chosen:
+            return False
+        whole = self.by_name()[row.effect.within]
+        return (chosen[row.effect.within] == 0 and whole.full > 0) or self.moot(whole, chosen)
 
 
 def estimate(
@@ -131,7 +133,8 @@ def _differences(
     """
     found = []
     for level in levels:
-        usual = {"layers": 7, "window": _narrow(facts), "pupil_um": facts.quick_pupil_um, "snapped": False}
+        usual = {"layers": 7, "window": _narrow(facts), "pupil_um": facts.quick_pupil_um}
+        usual |= {"pupil_parts": 1, "snapped": False}
         how = {**usual, **effect.sample, **level.sample}
         snapped = how.pop("snapped")
         rest = facts.full.changed(how)

@@ -20,7 +20,7 @@ from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
 from .rates import Rates, rates
 from .remember import remembered
-from .simulation import Simulation
+from .simulation import FULL_PARTS, Simulation
 from .target import Target
 from .work import Shape, shape_of, work_of
 
@@ -226,14 +226,16 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     if "layers" in insisted:
         count = insisted["layers"]
         more["depth layers"] = Level(f"{count} layer{'s'[: count > 1]}", {"layers": count})
-    parts = insisted.get("pupil_parts", 1)
-    if "occlusion" in insisted or parts != 1:
+    parts = insisted.get("pupil_parts")
+    if "occlusion" in insisted or (parts or 1) != 1:
         way = insisted.get("occlusion", "hidden")
         _known(way, OCCLUSIONS, "occlusion")
-        if parts != 1 and way != "hidden":
+        if (parts or 1) != 1 and way != "hidden":
             raise InputError(f"the pupil is taken in parts for the occlusion `hidden` alone, not for {way!r}")
-        said = way if parts == 1 else f"{way}, {parts} x {parts} parts of the pupil"
-        more["occlusion"] = Level(said, {"occlusion": way, "pupil_parts": parts})
+        more["occlusion"] = Level(way, {"occlusion": way})
+    if parts is not None:
+        said = "one part" if parts == 1 else f"{parts} x {parts} parts"
+        more["pupil parts"] = Level(said, {"pupil_parts": parts}, sample={"pupil_parts": FULL_PARTS})
     if "method" in insisted:
         _known(insisted["method"], METHODS, "method")
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
@@ -250,8 +252,11 @@ def fixed_levels(
         for name in insisted.get(option) or ():
             _known(name, rows, "effect")
             fixed[name] = rows[name].full if full else 0
+    way = insisted.get("occlusion")
     if more.get("occlusion") and "hidden surfaces" in rows:
         fixed["hidden surfaces"] = rows["hidden surfaces"].full
+    if way not in (None, "hidden") and "pupil parts" in rows:
+        fixed["pupil parts"] = 0  # no other way knows parts
     return fixed
 
 

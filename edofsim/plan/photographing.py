@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,16 +15,16 @@ from ..expose import Photo
 from ..expose.blurring import Blurring
 from ..expose.checks import check_pixel_angle, check_view, check_window
 from ..expose.crop import crop, with_margin
-from ..expose.kernels import Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
+from ..expose.occlusion.parts import change_in_parts
 from ..expose.photograph import all_in_focus, veil_of
 from ..expose.prepare import blur_per_dioptre, channel_weights, choose_nodes, kernels_of, kernels_of_parts
 from ..expose.sensor import automatic_exposure, record
 from ..optics import Camera, defocus
 from ..render.view import View
 from .colours import Gathering, every_band, gathered, gathered_kernels, gathered_view
-from .simulation import FULL_DB, Simulation, sensor_effects, simpler_camera
+from .simulation import FULL_DB, Simulation, in_parts, sensor_effects, simpler_camera
 
 Progress = Callable[[float, str], None]
 
@@ -61,6 +61,7 @@ def photograph(
     ideal = view.crop_margin(all_in_focus(view, weights))
     factor = _exposure(exposure, camera, ideal)
     gathering = gathering_of(view, camera, weights, simulation, spectrum)
+    whole = view
     if nodes is None:
         nodes = nodes_of(view, camera, simulation)
     # few groups are quicker to check and to cut than many bands; what is not finite stays so
@@ -79,30 +80,31 @@ def photograph(
         kernels = gathered_kernels(kernels, gathering)
     watch.lap("psf", 0.4)
 
-    def parts() -> Iterator[Kernels]:
-        bands, across = gathering.wavelengths, simulation.pupil_parts
-        for part in kernels_of_parts(simpler, bands, nodes, window, across, height=height, device=device):
-            yield gathered_kernels(part, gathering) if simulation.groups else part
-
     blurring = Blurring(
         kernels,
         response,
         METHODS[simulation.method],
         simulation.tolerance_db,
         gap=1 / blur_per_dioptre(camera),
-        parts=parts if simulation.pupil_parts > 1 else None,
     )
     photo = light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring))
     veil, lost = veil_of(light, kernels, response)
     photo = photo + veil[:, None, None]
-    watch.lap("blur", 0.9)
+    parts = simulation.pupil_parts if simulation.occlusion == "hidden" else 1
+    watch.lap("blur", 0.9 if parts == 1 else 0.5)
+    if parts > 1:
+        coarse = in_parts(simulation)
+        photo = photo + seen_in_parts(
+            whole, camera, coarse, some_nodes(nodes, coarse), weights, spectrum, height, device
+        )
+        watch.lap("parts", 0.9)
     clean = photo * factor
     image = record(clean, sensor_effects(camera, simulation), seed)
     how = {
         "method": simulation.method,
         "layers": int(nodes.numel()),
         "occlusion": simulation.occlusion,
-        "pupil_parts": simulation.pupil_parts,
+        "pupil_parts": parts,
         "bands": gathering.groups,
         "window_px": window,
         "tolerance_db": simulation.tolerance_db,
@@ -111,6 +113,47 @@ def photograph(
     }
     watch.lap("sensor", 1.0)
     return Photo(image, clean, ideal * factor, factor, lost, how, watch.seconds)
+
+
+def seen_in_parts(
+    view: View,
+    camera: Camera,
+    simulation: Simulation,
+    nodes: Tensor,
+    weights: Tensor,
+    spectrum: Tensor | None = None,
+    height: Tensor | None = None,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """What changes in a photo where the pupil is composited in parts, [channel, y, x] of the frame.
+
+    simulation: as `in_parts` gives it; the rest as for `photograph`.
+    """
+    window = simulation.window or camera.recipe.psf.window_px
+    gathering = gathering_of(view, camera, weights, simulation, spectrum)
+    reach = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
+    light = with_margin(with_part_of_margin(gathered_view(view, gathering), reach), window // 2)
+    simpler = simpler_camera(camera, simulation)
+    how = {"height": height, "device": device}
+    kernels = kernels_of(simpler, gathering.wavelengths, nodes, window, **how)
+    across = simulation.pupil_parts
+    parts = kernels_of_parts(simpler, gathering.wavelengths, nodes, window, across, **how)
+    blurring = Blurring(
+        gathered_kernels(kernels, gathering),
+        gathering.response.to(light.radiance),
+        METHODS[simulation.method],
+        gap=1 / blur_per_dioptre(camera),
+    )
+    held = [gathered_kernels(part, gathering) for part in parts]
+    return light.crop_margin(change_in_parts(light, blurring, held))
+
+
+def some_nodes(nodes: Tensor, simulation: Simulation) -> Tensor:
+    """As many nodes [node] from the first to the last as a simulation has layers, or all where they are no
+    more."""
+    if simulation.layers is None or nodes.numel() <= simulation.layers:
+        return nodes
+    return torch.linspace(float(nodes[0]), float(nodes[-1]), simulation.layers, dtype=nodes.dtype)
 
 
 def nodes_of(view: View, camera: Camera, simulation: Simulation) -> Tensor:

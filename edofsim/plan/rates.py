@@ -26,7 +26,7 @@ from .photographing import nodes_of, photograph
 from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
-VERSION = 11
+VERSION = 12
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]
@@ -50,6 +50,11 @@ RUNS = (
     Simulation(groups=0, layers=2, occlusion="hidden", window=32),
     Simulation(groups=1, colours=2, layers=4, occlusion="normalised"),
     Simulation(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
+    Simulation(groups=1, colours=1, layers=4, occlusion="hidden", pupil_parts=3),
+    Simulation(groups=1, colours=2, layers=9, occlusion="hidden", pupil_parts=4),
+    Simulation(groups=1, colours=1, layers=6, occlusion="hidden", pupil_parts=4, window=48),
+    Simulation(groups=1, colours=2, layers=2, occlusion="hidden", pupil_parts=5, pupil_um=9.0),
+    Simulation(groups=1, colours=1, layers=7, occlusion="hidden", pupil_parts=6, window=64),
 )
 FLAT_RUNS = (
     Simulation(groups=1, colours=1, layers=1, occlusion="none"),
@@ -146,7 +151,8 @@ def _share_of(camera: Camera, repeats: int, threads: int) -> dict[str, float]:
         for stage in STAGES:
             alone[stage] += first[stage]
             together[stage] += second[stage]
-    return {stage: min(1.0, max(1 / threads, together[stage] / alone[stage])) for stage in STAGES}
+    shares = {stage: together[stage] / alone[stage] if alone[stage] else 1.0 for stage in STAGES}
+    return {stage: min(1.0, max(1 / threads, share)) for stage, share in shares.items()}
 
 
 def _fastest(
@@ -161,7 +167,7 @@ def _fastest(
     for _ in range(repeats):
         psf_memory.forget()
         found.append(photograph(view, camera, run, clock=clock, height=height).seconds)
-    return {stage: min(each[stage] for each in found) for stage in STAGES}
+    return {stage: min(each.get(stage, 0.0) for each in found) for stage in STAGES}
 
 
 def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
@@ -189,8 +195,9 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
             colours = groups * max(run.colours, 1) if run.groups and run.colours else view.bands
             work = work_of(shape, with_mask, run, layers, groups, colours)
             for stage in STAGES:
-                rows[stage].append(work.amounts[stage])
-                times[stage].append(found[stage] / paces[-1])
+                if any(work.amounts[stage]):
+                    rows[stage].append(work.amounts[stage])
+                    times[stage].append(found[stage] / paces[-1])
     psf_memory.forget()
     usual = min(paces)
     solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}

@@ -18,8 +18,9 @@ from ..expose.crop import crop, with_margin
 from ..expose.kernels import HeldKernels, Kernels
 from ..expose.methods import METHODS
 from ..expose.occlusion import OCCLUSIONS
+from ..expose.occlusion.parts import change_in_parts
 from ..expose.photograph import all_in_focus, veil_of
-from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of
+from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of, kernels_of_parts
 from ..expose.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
@@ -90,7 +91,11 @@ class Sample:
                     simulation.tolerance_db,
                     gap=1 / blur_per_dioptre(self.camera),
                 )
-            parts.append(light.crop_margin(OCCLUSIONS[simulation.occlusion](light, blurring)).flatten(1))
+                through = self._parts(simulation, gathering, nodes, window)
+            image = OCCLUSIONS[simulation.occlusion](light, blurring)
+            if through:
+                image = image + change_in_parts(light, blurring, through)
+            parts.append(light.crop_margin(image).flatten(1))
             own, _ = veil_of(light, blurring.kernels, blurring.response)
             own = own * (weight * parts[-1].shape[1])  # a tile's share of the whole frame's veil
             veil = own if veil is None else veil + own
@@ -126,6 +131,18 @@ class Sample:
         if isinstance(made, HeldKernels):
             self._banks[key] = made
         return made
+
+    def _parts(
+        self, simulation: Simulation, gathering: Gathering, nodes: Tensor, window: int
+    ) -> list[Kernels]:
+        """PSFs of the groups through each part of the pupil, for all tiles; none where it is one part."""
+        if simulation.pupil_parts == 1 or simulation.occlusion != "hidden":
+            return []
+        camera = simpler_camera(self.camera, simulation)
+        found = kernels_of_parts(
+            camera, gathering.wavelengths, nodes, window, simulation.pupil_parts, height=self.height
+        )
+        return [gathered_kernels(part, gathering) if simulation.groups else part for part in found]
 
     def narrow(self, simulation: Simulation, window: int, lost: float) -> bool:
         """Whether PSFs of that window lose less than `lost` of the light at every depth, on average."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +21,10 @@ from ..render.view import View
 
 FULL_DB = 70.0
 """The full simulation has so many depth nodes that interpolating between them errs by less than this."""
+FULL_PARTS = 6
+"""Parts of the pupil along each axis in the full simulation, where diffraction lets so many be told apart."""
+PART_LAYERS = 13
+"""Depth nodes at most for what parts of the pupil change."""
 FINEST = 2
 """Samples along a pixel's side in the full simulation; a recipe may ask for more."""
 
@@ -31,7 +36,8 @@ class Simulation:
     groups: the light of each channel is gathered in so many groups of bands, 0: every band on its own;
     colours: wavelengths at which a group's PSF is computed, 0: all of its bands;
     layers: depth nodes, None: as many as `FULL_DB` asks for;
-    occlusion: one of `expose`'s ways; pupil_parts, method: likewise; tolerance_db: of `low_rank`;
+    occlusion: one of `expose`'s ways; method: likewise; tolerance_db: of `low_rank`;
+    pupil_parts: along each axis, that `hidden` composites one by one, in few bands and layers (`in_parts`);
     window: side of the PSFs in pixels, None: the recipe's; oversampling: samples along a pixel's side;
     pupil_um: sampling of the pupil, None: the recipe's, which may be automatic;
     exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation,
@@ -77,7 +83,31 @@ def full_simulation(camera: Camera, view: View) -> Simulation:
     """Everything that a camera and a view have."""
     known = "hidden" if bool(view.hidden.any()) else "normalised"
     occlusion = known if edge_pixels(view, 1 / blur_per_dioptre(camera)) else "none"
-    return Simulation(oversampling=max(FINEST, camera.recipe.psf.oversampling), occlusion=occlusion)
+    parts = parts_told_apart(camera, view) if occlusion == "hidden" else 1
+    finest = max(FINEST, camera.recipe.psf.oversampling)
+    return Simulation(oversampling=finest, occlusion=occlusion, pupil_parts=parts)
+
+
+def parts_told_apart(camera: Camera, view: View) -> int:
+    """Parts of the pupil along each axis that a full simulation has, 1 where they would have nothing to tell.
+
+    Surfaces that are D apart in inverse depth are moved against each other, from one part of width w to the
+    next, by w D times the distance of the sensor, and diffraction at a part spreads light by wavelength / w
+    times it: parts are no narrower than sqrt(wavelength / D). Two along an axis are no better than one, as
+    their windows overlap by half of the pupil.
+    """
+    low, high = (float(end) for end in view.inverse_depth.double().aminmax())
+    wavelength = camera.recipe.focus.wavelength_nm * 1e-9
+    across = math.floor(2e-3 * camera.recipe.lens.aperture_radius_mm * math.sqrt((high - low) / wavelength))
+    return min(across, FULL_PARTS) if across > 2 else 1
+
+
+def in_parts(simulation: Simulation) -> Simulation:
+    """What parts of the pupil change in a photo is simulated so: in one group of bands a channel and few
+    layers, whatever the photo itself has. It is a small part of the photo, and costs a composite each."""
+    layers = PART_LAYERS if simulation.layers is None else min(simulation.layers, PART_LAYERS)
+    colours = 1 if (simulation.groups, simulation.colours) == (1, 1) else 2
+    return replace(simulation, groups=1, colours=colours, layers=layers, method="layered")
 
 
 def edge_pixels(view: View, gap: float) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,12 +12,15 @@ import torch
 from ..expose.convolution import Grid
 from ..expose.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
+from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import trained_pitch
+from ..optics.parts import partition
 from ..optics.sampling import plan_sampling
 from .shape import Shape, Slabs, shape_of
-from .simulation import Simulation, simpler_camera
+from .simulation import Simulation, in_parts, simpler_camera
 
-STAGES = ("prepare", "psf", "blur", "sensor")
+STAGES = ("prepare", "psf", "blur", "parts", "sensor")
+PART_AMOUNTS = 5
 COVERAGES = 3
 """Images of coverage that are blurred for each depth: one a channel."""
 
@@ -49,6 +53,7 @@ def work_of(
     relief = shape.map_samples is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, (window * simulation.oversampling + 2) / 2
     waves = layers * colours
+    parts, held = _parts_of(shape, camera, simulation, layers, samples)
     return Work(
         {
             "prepare": (
@@ -71,6 +76,7 @@ def work_of(
                 waves * window**2,
             ),
             "blur": blur.amounts(layers * (groups + COVERAGES) * window**2 if blur.covers else 0.0),
+            "parts": parts,
             "sensor": (
                 1.0,
                 3.0 * shape.height * shape.width,
@@ -81,8 +87,74 @@ def work_of(
         },
         4.0 * layers * (colours + gathered) * window**2
         + 4.0 * fragments * (shape.bands + groups)
-        + 24.0 * min(groups, max(1, BLOCK_PIXELS // blur.largest)) * blur.largest,
+        + 24.0 * min(groups, max(1, BLOCK_PIXELS // blur.largest)) * blur.largest
+        + held,
     )
+
+
+def _parts_of(
+    shape: Shape, camera: Camera, simulation: Simulation, layers: int, samples: int
+) -> tuple[tuple[float, ...], float]:
+    """Amounts of compositing the pupil in parts, and the bytes of their PSFs and light."""
+    across = simulation.pupil_parts
+    if across == 1 or simulation.occlusion != "hidden" or not shape.edges.numel():
+        return (0.0,) * PART_AMOUNTS, 0.0
+    coarse = in_parts(simulation)
+    window = simulation.window or camera.recipe.psf.window_px
+    layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
+    colours = min(shape.bands, COVERAGES * coarse.colours)
+    count = parts_of_disc(across)
+    waves, half, out = layers * colours, samples / 2, (window * simulation.oversampling + 2) / 2
+    margin = window // 2
+    work = _Composites()
+    tiles = shape.tiles(margin)
+    for tile in tiles:
+        nodes = [
+            shape.slabs(tile).nodes_used(layers, slab) for slab in range(len(shape.slabs(tile).fragments))
+        ]
+        work.add(tile.height + 2 * margin, tile.width + 2 * margin, window, nodes)
+    if not tiles:
+        nodes = [shape.whole.nodes_used(layers, slab) for slab in range(len(shape.whole.fragments))]
+        work.add(shape.height + 2 * margin, shape.width + 2 * margin, window, nodes)
+    amounts = (
+        float(count),
+        across * (colours * samples**2 + waves * out * half**2) + count * waves * out**2 * half,
+        count * waves * (out**2 + window**2),
+        count * work.transforms + work.light,
+        count * work.products,
+    )
+    held = 4.0 * layers * window**2 * count * (COVERAGES + colours) + 8.0 * work.largest
+    return amounts, held
+
+
+@dataclass
+class _Composites:
+    """Work of one part of the pupil, added up tile by tile.
+
+    transforms: in pixels times their logarithm; light: those that all parts share; products: pixels of
+    spectra that are multiplied; largest: bytes of the spectra of one tile's light.
+    """
+
+    transforms: float = 0.0
+    products: float = 0.0
+    light: float = 0.0
+    largest: float = 0.0
+
+    def add(self, rows: int, columns: int, window: int, nodes: Sequence[int]) -> None:
+        """A tile with its margin; nodes: that each slab's light has a share in."""
+        size = math.prod(Grid(rows, columns, window // 2, window).transform)
+        one = size * math.log2(size)
+        self.transforms += (COVERAGES * max(nodes) + 2 * COVERAGES * len(nodes)) * one
+        self.products += (sum(nodes) + max(nodes)) * 2 * COVERAGES * size
+        self.light += sum(nodes) * (COVERAGES + 1) * one
+        self.largest = max(self.largest, 4.0 * sum(nodes) * (COVERAGES + 1) * size)
+
+
+@lru_cache(maxsize=16)
+def parts_of_disc(across: int) -> int:
+    """Parts of a pupil that is open everywhere."""
+    grid = PupilGrid(32 * across, 1 / (16 * across), 1.0)
+    return len(partition(grid, across, disc_coverage(grid, 1.0))[1])
 
 
 @dataclass

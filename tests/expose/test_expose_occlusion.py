@@ -6,6 +6,7 @@ and averages over the pupil. That is the exact image of geometric optics; its PS
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from functools import partial
 
@@ -14,10 +15,12 @@ import torch
 from torch import Tensor
 
 from edofsim.expose.blurring import Blurring
+from edofsim.expose.crop import crop
 from edofsim.expose.kernels import HeldKernels
 from edofsim.expose.methods import METHODS
 from edofsim.expose.occlusion import OCCLUSIONS
-from edofsim.expose.occlusion.hidden import composite
+from edofsim.expose.occlusion.hidden import TILE, composite
+from edofsim.expose.occlusion.parts import change_in_parts
 from edofsim.expose.occlusion.slabs import cuts, hides, revealed
 
 BANDS, MARGIN, REACH = 2, 12, 4
@@ -132,6 +135,24 @@ def test_hidden_through_each_point_of_the_pupil_is_what_rays_see(bench, defocus)
         scores[across] = psnr(view.crop_margin(OCCLUSIONS["hidden"](view, blur)), truth)
     assert scores[1] < scores[3] - 3
     assert scores[2 * REACH + 1] > 200
+
+
+@pytest.mark.parametrize("margin", [MARGIN, MARGIN + 3])
+def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, monkeypatch, margin):
+    """Spectra that parts and slabs share, against each part composited from the start; in tiles and whole."""
+    sheets, depths = surfaces(bench, 3)
+    response = torch.rand(3, BANDS, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    response /= response.sum(1, keepdim=True)
+    pupil = [kernels_for(bench, depths, [2, 1, -1], partial(in_part, 2, part)) for part in range(4)]
+    how = (kernels_for(bench, depths, [2, 1, -1]), response, METHODS["layered"])
+    alone, apart = Blurring(*how, gap=0.05), Blurring(*how, gap=0.05, parts=lambda: iter(pupil))
+    view = crop(bench.stacked_view(sheets, MARGIN), 0, 0, SIZE, SIZE, margin)
+    for tile in (TILE, 8):
+        monkeypatch.setattr(sys.modules[composite.__module__], "TILE", tile)
+        slow = view.crop_margin(OCCLUSIONS["hidden"](view, apart) - OCCLUSIONS["hidden"](view, alone))
+        change = view.crop_margin(change_in_parts(view, alone, pupil))
+        assert slow.abs().max() > 0.01
+        assert (change - slow).abs().max() < 1e-12
 
 
 def test_dark_fringe_of_compositors_without_hidden_surfaces(bench):

@@ -13,6 +13,7 @@ from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.parts import pupil_windows
 from edofsim.recipe import CameraRecipe, load_camera
+from edofsim.recipe.camera import PsfSettings
 from edofsim.recipe.masks import ClearMask, CubicMask
 
 WAVELENGTHS = [482e-9, 611e-9]
@@ -27,6 +28,22 @@ def test_parts_sum_up_to_the_whole(mask, across):
     whole = psf_bank(camera, WAVELENGTHS, DEPTHS, window_px=32, dtype=torch.float64).values
     assert (sum(parts) - whole).abs().max() < 1e-12
     assert 1 <= len(parts) <= across**2
+
+
+@pytest.mark.parametrize("pupil_um", [20.0, 21.7])
+def test_parts_that_share_work_are_those_of_two_whole_waves_each(pupil_um):
+    """Re(F* F_j) from transforms that a row of parts shares, against (|F + F_j|^2 - |F - F_j|^2) / 4 by the
+    adjoint's own propagation; through a relief without symmetries, on even and odd grids."""
+    recipe = CameraRecipe(name="parts", psf=PsfSettings(window_px=32, pupil_sampling_um=pupil_um))
+    camera = Camera.from_recipe(recipe)
+    draw = torch.Generator().manual_seed(1)
+    height = 1e-6 * torch.rand(40, 40, generator=draw, dtype=torch.float64)
+    how = {"window_px": 32, "dtype": torch.float64}
+    fast = list(psf_parts(camera, WAVELENGTHS, DEPTHS, 5, height=height, **how))
+    slow = list(psf_parts(camera, WAVELENGTHS, DEPTHS, 5, height=height.requires_grad_(), **how))
+    assert len(fast) == len(slow) > 9
+    for one, other in zip(fast, slow, strict=True):
+        assert (one - other.detach()).abs().max() < 1e-13
 
 
 def test_a_part_sends_its_light_where_its_rays_go():

@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
+from edofsim.expose import expose
 from edofsim.optics import Camera
 from edofsim.plan import (
     EFFECTS,
@@ -352,6 +353,43 @@ def test_the_plan_takes_fewer_calls_than_the_full_simulation(monkeypatch: pytest
     full = counted(monkeypatch, view, known.plan(parse_target("full", None)))
     assert planned["psfs"] < full["psfs"] and planned["convolutions"] < full["convolutions"]
     assert full["coverages"] > 0
+
+
+def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
+    assert "edges" in row(planner("slanted").plan(), "pupil parts").why
+    assert row(plan_photo(scene(STEP), CAMERA), "pupil parts").error is None
+    known = planner("step")
+    found = known.estimates.by_name()["pupil parts"]
+    one, full = (overall(errors) for errors in found.errors)
+    assert one > full == 0
+    truth = measured(scene(STEP, hidden=True), CAMERA, dict(found.levels[0].change), known.facts.full)
+    assert decibels(one) == pytest.approx(decibels(truth), abs=3)
+    without = known.plan(None, {"occlusion": 0})
+    assert "does not matter" in row(without, "pupil parts").why
+    for plan, parts in (
+        (known.plan(parse_target("20dB", None)), 1),
+        (without, 1),
+        (known.plan(parse_target("full", None)), known.facts.full.pupil_parts),
+    ):
+        assert photograph(scene(STEP, hidden=True), CAMERA, plan.simulation).how["pupil_parts"] == parts
+
+
+def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in():
+    """What parts change is simulated in one group of bands a channel and few layers: against all bands and
+    layers, each part composited by itself, where every pixel has a spectrum of its own."""
+    view, full = scene(STEP, hidden=True), planner("step").facts.full
+    one, some = (photograph(view, CAMERA, full.changed({"pupil_parts": n})).clean for n in (1, 3))
+    how = {"method": "layered", "exposure": 1.0, "layers": "auto"}
+    finely = Camera.from_recipe(
+        CAMERA.recipe.model_copy(
+            update={"psf": CAMERA.recipe.psf.model_copy(update={"oversampling": full.oversampling})}
+        )
+    )
+    factor = photograph(view, CAMERA, full).exposure
+    slow = [factor * expose(view, finely, pupil_parts=n, **how).clean for n in (1, 3)]
+    change = slow[1] - slow[0]
+    assert change.abs().max() > 1e-3
+    assert (some - one - change).square().mean().sqrt() < 0.25 * change.square().mean().sqrt()
 
 
 def test_parts_of_the_pupil_are_taken_on_request():

@@ -16,6 +16,7 @@ the nearer to rays, and each costs as much as the whole.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
@@ -95,19 +96,27 @@ def transform_pixels(height: int, width: int, reach: int) -> int:
 
 def composite(view: View, blurring: Blurring) -> Tensor:
     """The whole padded frame composited in one go: [channel, y, x]."""
-    image, coverage = None, None
     slabs = slabs_of(view, cuts(view, blurring.gap))
-    for number, which in reversed(list(enumerate(slabs))):
+
+    def blurred(which: Tensor) -> tuple[Tensor, Tensor]:
         shown = revealed(view, which)
         part = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
-        light = blurring.light(view, which, part)
-        opaque = blurring.coverage(view, which, shown).clamp(0, 1)
+        return blurring.light(view, which, part), blurring.coverage(view, which, shown)
+
+    return merged((blurred(which) for which in reversed(slabs)), len(slabs))
+
+
+def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
+    """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x]."""
+    image, coverage = None, None
+    for number, (light, blocked) in enumerate(slabs, 1):
+        opaque = blocked.clamp(0, 1)
         if image is None:
             image, coverage = light, opaque
         else:
             # What rounding leaves where there is nothing must not be divided, slab after slab, by little
             there = torch.where(coverage > LITTLE, coverage, 1.0)
-            filled = torch.ones_like(there) if number == 0 else (there / ENOUGH).clamp_max(1.0)
+            filled = torch.ones_like(there) if number == count else (there / ENOUGH).clamp_max(1.0)
             image = light + (1 - opaque) * image * filled / there
             coverage = opaque + (1 - opaque) * coverage * filled / there
     return image

@@ -1,0 +1,93 @@
+"""What changes where the pupil is composited in parts, for PSFs of few bands that are held in memory.
+
+The same images as those of `hidden.compose` with `Blurring.parts`. The light and the coverage of each slab
+are transformed once for all parts, and each part's PSFs once for all slabs of a tile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...render.view import View
+from ..blurring import Blurring
+from ..convolution import Grid, image_of, spectrum
+from ..crop import crop
+from ..kernels import Kernels
+from ..light import Light, light_of
+from .hidden import merged, slabs_of, tiles_near, transform_pixels
+from .slabs import cuts, hides, revealed
+
+
+def change_in_parts(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
+    """[channel, y, x] of the padded frame: composited through each part of the pupil and added, minus
+    composited through all of it at once.
+
+    blurring: through all of the pupil; parts: its PSFs shared out (`psf_parts`), at the same nodes.
+    """
+    edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
+    change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
+    if not edges.numel():
+        return change
+    tiles = tiles_near(edges, view, blurring.reach)
+    if sum(transform_pixels(tile.height, tile.width, blurring.reach) for tile in tiles) >= transform_pixels(
+        view.height, view.width, blurring.reach
+    ):
+        return _change(view, blurring, parts)
+    m = view.margin
+    for tile in tiles:
+        around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
+        rows = slice(m + tile.top, m + tile.top + tile.height)
+        columns = slice(m + tile.left, m + tile.left + tile.width)
+        change[:, rows, columns] = around.crop_margin(_change(around, blurring, parts))
+    return change
+
+
+def _change(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
+    grid = Grid(*view.padded_shape, view.margin, blurring.kernels.window)
+    slabs = []
+    for which in slabs_of(view, cuts(view, blurring.gap)):
+        shown = revealed(view, which)
+        share = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
+        shine = view.radiance.index_select(1, which) * share
+        both = torch.cat([shine, shown[None]])
+        slabs.append(_transformed(light_of(view, blurring.kernels.nodes, which, both), grid))
+    whole = _composite(slabs, blurring.kernels, blurring.response, grid)
+    return sum(_composite(slabs, part, blurring.response, grid) for part in parts) - whole
+
+
+@dataclass(frozen=True)
+class _Slab:
+    """Spectra of a slab's light in each band and of its coverage, [band + 1, ky, kx], by depth node."""
+
+    spectra: dict[int, Tensor]
+
+
+def _transformed(light: Light, grid: Grid) -> _Slab:
+    return _Slab({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
+
+
+def _composite(slabs: Sequence[_Slab], kernels: Kernels, response: Tensor, grid: Grid) -> Tensor:
+    used = sorted({node for slab in slabs for node in slab.spectra})
+    psfs = {node: kernels.layer(node) for node in used}
+    sums = {node: psf.sum((-2, -1)) for node, psf in psfs.items()}
+    spectra = {node: spectrum(psf, grid) for node, psf in psfs.items()}
+    # what blocks: PSFs of white light in each channel, each summing to 1
+    opaque = {node: _mixed(response / sums[node], spectra[node]) for node in used}
+    done = []
+    for slab in slabs:
+        light = coverage = torch.zeros(()).to(response)
+        for node, given in slab.spectra.items():
+            light = light + _mixed(response, given[:-1] * spectra[node])
+            coverage = coverage + given[-1] * opaque[node]
+        done.append(image_of(torch.cat([light, coverage]), grid).split(len(response)))
+    return merged(reversed(done), len(done))
+
+
+def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
+    """weights [channel, band] of spectra [band, ky, kx]: [channel, ky, kx]."""
+    parts = torch.view_as_real(spectra)
+    return torch.view_as_complex((weights @ parts.reshape(len(parts), -1)).reshape(-1, *parts.shape[1:]))

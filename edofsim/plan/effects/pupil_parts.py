@@ -1,0 +1,44 @@
+"""Parts of the pupil: what lies behind an edge is seen through one side of the pupil, and blurred so."""
+
+from __future__ import annotations
+
+from ..effect import Effect, Level
+from ..facts import Facts
+
+FEWER = 4
+
+
+def absent(facts: Facts) -> str:
+    if not facts.edges:
+        return "there are no depth edges: nothing stops light in one part of the pupil alone"
+    if not facts.hidden:
+        return "what edges hide is not known, so nothing is there to be seen past them"
+    if facts.full.pupil_parts == 1:
+        return "depths differ so little that diffraction hides what parts of the pupil would tell"
+    return ""
+
+
+def levels(facts: Facts) -> list[Level]:
+    full = facts.full.pupil_parts
+    against = {"pupil_parts": full}
+    some = [FEWER] if full > FEWER else []
+    fewer = [Level(_label(across), {"pupil_parts": across}, sample=against) for across in (1, *some)]
+    return [*fewer, Level(_label(full), {})]
+
+
+def _label(across: int) -> str:
+    return "one part" if across == 1 else f"{across} x {across} parts"
+
+
+def why(facts: Facts) -> str:
+    return f"{facts.edges} pixels lie on edges past which what is behind is seen through a part of the pupil"
+
+
+EFFECT = Effect(
+    "pupil parts",
+    levels,
+    why,
+    absent,
+    sample={"groups": 1, "colours": 1, "layers": 5},
+    within="hidden surfaces",
+)
