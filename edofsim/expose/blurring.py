@@ -13,6 +13,11 @@ from .kernels import HeldKernels, Kernels
 from .light import light_of
 from .methods import Blur, Method
 
+HELD_SHARE = 0.5
+"""Of a part's light at the depth that the window holds most of it at: with less it is not told apart."""
+LEAST_LIGHT = 1e-3
+"""Of all light: parts of less hold nothing but the diffraction of others' borders."""
+
 
 class Blurring:
     """A camera's PSFs, its response and a method, ready to blur fragments on frames of any size.
@@ -40,6 +45,7 @@ class Blurring:
         self._tolerance_db = tolerance_db
         self._light: Blur | None = None
         self._coverage: Blur | None = None
+        self._whole: Kernels | None = None
 
     @property
     def reach(self) -> int:
@@ -52,7 +58,9 @@ class Blurring:
             yield self
         else:
             for kernels in self._parts():
-                yield Blurring(kernels, self.response, self._prepare, self._tolerance_db, self.gap)
+                part = Blurring(kernels, self.response, self._prepare, self._tolerance_db, self.gap)
+                part._whole = self.kernels
+                yield part
 
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:
         """Blurred light of some fragments: [channel, y, x] of the padded frame.
@@ -74,7 +82,7 @@ class Blurring:
         white = amount.expand(self.response.shape[0], -1)
         if self._coverage is None:
             one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
-            opaque = opaque_kernels(self.kernels, self.response)
+            opaque = opaque_kernels(self.kernels, self.response, self._whole)
             self._coverage = self._prepare(opaque, one_each, tolerance_db=self._tolerance_db)
         return self._coverage(light_of(view, self.kernels.nodes, which, white), self._grid(view))
 
@@ -82,13 +90,34 @@ class Blurring:
         return Grid(*view.padded_shape, view.margin, self.kernels.window)
 
 
-def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
-    """PSFs of white light in each channel, each summing to 1: [node, channel, y, x] in the band's place."""
+def opaque_kernels(kernels: Kernels, response: Tensor, whole: Kernels | None = None) -> HeldKernels:
+    """PSFs of white light in each channel, each summing to 1: [node, channel, y, x] in the band's place.
+
+    whole: through all of the pupil, where `kernels` are of a part of it; they stand in where the part's light
+    has left the window (`has_left`).
+    """
     layers = []
+    left = None if whole is None else has_left(kernels)
     for node in range(kernels.nodes.numel()):
         psf = kernels.layer(node)
-        whole = psf / psf.sum((-2, -1), keepdim=True)
-        layers.append(torch.einsum("cb,byx->cyx", response, whole))
+        sums = psf.sum((-2, -1), keepdim=True)
+        if left is not None and bool(left[node].any()):
+            instead = left[node][:, None, None]
+            psf = torch.where(instead, whole.layer(node), psf)
+            sums = psf.sum((-2, -1), keepdim=True)
+        layers.append(torch.einsum("cb,byx->cyx", response, psf / sums))
     colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
     key = None if kernels.key is None else f"{kernels.key} opaque {response.tolist()}"
     return HeldKernels(torch.stack(layers), kernels.nodes, colours, key, kernels.folder)
+
+
+def has_left(kernels: Kernels) -> Tensor:
+    """Where so much of the light through a part of the pupil lies outside the window that what is left of it
+    does not tell what the part is blocked by: bool [node, band].
+
+    A blur that is wider than the window moves all light of an outer part out of it. What stays is the
+    diffraction of its border, of either sign, and must not be divided by its sum.
+    """
+    sums = torch.stack([kernels.layer(node).sum((-2, -1)) for node in range(kernels.nodes.numel())])
+    most = sums.amax(0)
+    return (sums < HELD_SHARE * most) | (most < LEAST_LIGHT)

@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
+from edofsim.expose.blurring import opaque_kernels
+from edofsim.expose.kernels import HeldKernels
 from edofsim.expose.prepare import blur_per_dioptre
 from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
 from edofsim.optics.grid import PupilGrid, disc_coverage
@@ -101,3 +103,21 @@ def test_a_number_of_parts_out_of_range(across):
     camera = Camera.from_recipe(CameraRecipe(name="parts"))
     with pytest.raises(InputError, match="parts"):
         next(psf_parts(camera, [546e-9], [1.0], across))
+
+
+def test_what_blocks_a_part_whose_light_has_left_the_window():
+    """A blur three times as wide as the window: what is left of an outer part there is diffraction of either
+    sign, whose normalised sum would be noise. Sums of magnitudes say how far coverage may be off."""
+    recipe = load_camera("paper-clear").recipe
+    camera = Camera.from_recipe(recipe)
+    bands, nodes = torch.tensor(WAVELENGTHS).double(), torch.tensor([0.0, 1.0, 4.0]).double()
+    whole = HeldKernels(psf_bank(camera, bands, nodes, window_px=24).values, nodes, bands)
+    response = torch.tensor([[1.0, 0.0], [0.5, 0.5]])
+    worst, naive = 0.0, 0.0
+    for values in psf_parts(camera, bands, nodes, 6, window_px=24):
+        part = HeldKernels(values, nodes, bands)
+        opaque = opaque_kernels(part, response, whole).values
+        assert (opaque.sum((-2, -1)) - 1).abs().max() < 1e-5
+        worst = max(worst, float(opaque.abs().sum((-2, -1)).max()))
+        naive = max(naive, float(opaque_kernels(part, response).values.abs().sum((-2, -1)).max()))
+    assert worst < 3 < naive

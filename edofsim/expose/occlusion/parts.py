@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...render.view import View
-from ..blurring import Blurring
+from ..blurring import Blurring, has_left
 from ..convolution import Grid, image_of, spectrum
 from ..crop import crop
 from ..kernels import Kernels
@@ -55,8 +55,15 @@ def _change(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
         slabs.append(_transformed(light_of(view, blurring.kernels.nodes, which, both), grid))
-    whole = _composite(slabs, blurring.kernels, blurring.response, grid)
-    return sum(_composite(slabs, part, blurring.response, grid) for part in parts) - whole
+    used = sorted({node for slab in slabs for node in slab.spectra})
+    response = blurring.response
+    whole = _Psfs(blurring.kernels, used, grid)
+    change = -_composite(slabs, whole, whole.blocking(response), response, grid)
+    for kernels in parts:
+        part = _Psfs(kernels, used, grid)
+        blocking = part.blocking(response, whole, has_left(kernels))
+        change = change + _composite(slabs, part, blocking, response, grid)
+    return change
 
 
 @dataclass(frozen=True)
@@ -70,19 +77,38 @@ def _transformed(light: Light, grid: Grid) -> _Slab:
     return _Slab({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
 
 
-def _composite(slabs: Sequence[_Slab], kernels: Kernels, response: Tensor, grid: Grid) -> Tensor:
-    used = sorted({node for slab in slabs for node in slab.spectra})
-    psfs = {node: kernels.layer(node) for node in used}
-    sums = {node: psf.sum((-2, -1)) for node, psf in psfs.items()}
-    spectra = {node: spectrum(psf, grid) for node, psf in psfs.items()}
-    # what blocks: PSFs of white light in each channel, each summing to 1
-    opaque = {node: _mixed(response / sums[node], spectra[node]) for node in used}
+class _Psfs:
+    """Sums [band] and spectra [band, ky, kx] of the PSFs at some depth nodes."""
+
+    def __init__(self, kernels: Kernels, nodes: Sequence[int], grid: Grid) -> None:
+        psfs = {node: kernels.layer(node) for node in nodes}
+        self.sums = {node: psf.sum((-2, -1)) for node, psf in psfs.items()}
+        self.spectra = {node: spectrum(psf, grid) for node, psf in psfs.items()}
+
+    def blocking(
+        self, response: Tensor, whole: _Psfs | None = None, left: Tensor | None = None
+    ) -> dict[int, Tensor]:
+        """What `blurring.opaque_kernels` gives, as spectra [channel, ky, kx]; left: bool [node, band], where
+        the whole pupil stands in."""
+        found = {}
+        for node, own in self.spectra.items():
+            sums = self.sums[node]
+            if whole is not None and left is not None and bool(left[node].any()):
+                sums = torch.where(left[node], whole.sums[node], sums)
+                own = torch.where(left[node][:, None, None], whole.spectra[node], own)
+            found[node] = _mixed(response / sums, own)
+        return found
+
+
+def _composite(
+    slabs: Sequence[_Slab], psfs: _Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
+) -> Tensor:
     done = []
     for slab in slabs:
         light = coverage = torch.zeros(()).to(response)
         for node, given in slab.spectra.items():
-            light = light + _mixed(response, given[:-1] * spectra[node])
-            coverage = coverage + given[-1] * opaque[node]
+            light = light + _mixed(response, given[:-1] * psfs.spectra[node])
+            coverage = coverage + given[-1] * blocking[node]
         done.append(image_of(torch.cat([light, coverage]), grid).split(len(response)))
     return merged(reversed(done), len(done))
 
