@@ -79,7 +79,7 @@ PupilPartsOption = Annotated[
         min=1,
         max=16,
         help="Composite hidden surfaces through N x N parts of the pupil, one by one: truer where both sides "
-        "of an edge are blurred; default 1.",
+        "of an edge are blurred; default: as many as the plan asks for.",
     ),
 ]
 NetworkOption = Annotated[

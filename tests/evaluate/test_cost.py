@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -24,6 +25,7 @@ RATES = {
     "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
     "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
     "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
+    "parts": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
     "sensor": (1e-3, 2e-8, 1e-8, 2e-9, 1e-8),
     "pace": (9e-3,),
 }
@@ -74,6 +76,34 @@ def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest
     table = list(csv.DictReader(cost.write_table(tmp_path / "cost.csv", rows).open()))
     assert [line["case"] for line in table] == [case.name for case in cases]
     assert cost_plot(rows, "test").save(tmp_path / "cost.png").stat().st_size > 10_000
+
+
+def test_effects_that_edges_do_not_need_are_measured_without_parts_of_the_pupil(view: View, tmp_path):
+    """Against the full simulation without them too: a difference of parts would drown other effects."""
+    side = SIDE + 2 * MARGIN
+    front = torch.arange(side * side) % side < side // 2
+    behind = torch.nonzero(front).squeeze(1)
+    pixel = torch.cat([view.pixel, behind])
+    order = torch.argsort(pixel * 2 + (torch.arange(len(pixel)) >= side * side))
+    depth = torch.cat([2.0 * front, torch.zeros(len(behind))])[order]
+    light = torch.cat([view.radiance, view.radiance[:, behind].flip(1)], 1)[:, order]
+    step = replace(
+        view,
+        pixel=pixel[order],
+        coverage=torch.ones(len(pixel)),
+        inverse_depth=depth,
+        radiance=light,
+        hidden=order >= side * side,
+    )
+    cases = {case.name: case for case in cost.cases_of(planner_of(step, CAMERA), targets=())}
+    assert cases["full"].simulation.pupil_parts > 1 == cases["exact lens"].simulation.pupil_parts
+    assert cases["exact lens"].one_part and not cases["pupil parts"].one_part
+    rows = {
+        row.case.name: row for row in cost.measure(step, CAMERA, list(cases.values()), tmp_path, repeats=1)
+    }
+    for name in ("exact lens", "pupil parts", "hidden surfaces"):
+        assert rows[name].measured_db == pytest.approx(rows[name].case.predicted_db, abs=3), name
+    assert rows["full"].stages["parts"] > 0 == rows["exact lens"].stages["parts"]
 
 
 def test_another_view_is_not_mixed_with_what_was_measured(view: View, tmp_path):

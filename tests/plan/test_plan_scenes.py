@@ -86,8 +86,8 @@ def called_for(plan: Plan) -> set[str]:
 @pytest.mark.parametrize("name", ["wall", "clouds"])
 def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, tmp_path, calls):
     plan, photo = run(name, tmp_path, calls)
-    never = {"depth layers", "occlusion", "hidden surfaces", "hero wavelengths", "interreflection", "rank"}
-    assert not called_for(plan) & never
+    never = {"depth layers", "occlusion", "hidden surfaces", "pupil parts", "hero wavelengths", "rank"}
+    assert not called_for(plan) & {*never, "interreflection"}
     # so few samples are those of the sketch, which serves where paths are not cut short
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
     assert photo.how["layers"] == 1 and calls["coverages"] == 0
@@ -133,7 +133,8 @@ def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
     """Images blurred for each depth, and PSFs computed, for a target that all share."""
     plan = plan_photo(view, camera, target=parse_target("50dB", None))
     calls.clear()
-    photo = photograph(view, camera, plan.simulation)
+    # what parts of the pupil change has bands and layers of its own
+    photo = photograph(view, camera, plan.simulation.changed({"pupil_parts": 1}))
     return photo.how["bands"], calls["psfs"] // photo.how["layers"]
 
 

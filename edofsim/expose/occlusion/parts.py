@@ -1,7 +1,7 @@
 """What changes where the pupil is composited in parts, for PSFs of few bands that are held in memory.
 
 The same images as those of `hidden.compose` with `Blurring.parts`. The light and the coverage of each slab
-are transformed once for all parts, and each part's PSFs once for all slabs of a tile.
+are transformed once for all parts, and each part's PSFs once for all slabs of a tile. Without gradients.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...optics.threads import in_threads
 from ...render.view import View
 from ..blurring import Blurring, has_left
 from ..convolution import Grid, image_of, spectrum
@@ -59,10 +60,15 @@ def _change(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
     response = blurring.response
     whole = _Psfs(blurring.kernels, used, grid)
     change = -_composite(slabs, whole, whole.blocking(response), response, grid)
-    for kernels in parts:
+
+    def through(kernels: Kernels) -> Tensor:
         part = _Psfs(kernels, used, grid)
-        blocking = part.blocking(response, whole, has_left(kernels))
-        change = change + _composite(slabs, part, blocking, response, grid)
+        return _composite(slabs, part, part.blocking(response, whole, has_left(kernels)), response, grid)
+
+    at_once = max(1, torch.get_num_threads())
+    for start in range(0, len(parts), at_once):
+        for image in in_threads(through, parts[start : start + at_once], change.device):
+            change = change + image
     return change
 
 
