@@ -2,7 +2,8 @@
 
 Errors are those of the noise-free photo against the full simulation, in sensor units, as PSNR; seconds are
 medians over repeats in which all cases take turns, so that what else the machine does meets them alike; or,
-by another clock, those of the processor. Every measurement is appended to a file as it comes in, and the same
+by another clock, those of the processor. Effects that depth edges are not needed for are left out where the
+pupil is one part, and judged so. Every measurement is appended to a file as it comes in, and the same
 call goes on from there.
 """
 

@@ -83,13 +83,24 @@ def cost_page(
             Key("as fast as in full", f"{numbers['times_faster.chosen']:.1f}", "times", "photo alone"),
         )
     )
-    sections = [Section("Photo", (cost_plot(rows, scene), _photo_table(rows)))]
+    sections = [Section("Photo", (cost_plot(rows, scene), _photo_table(rows), *_said_of_parts(rows)))]
     for stage, title in (("render", "Rendering"), ("restore", "Restoration")):
         some = [point for point in points if point.stage == stage]
         if some:
             sections.append(Section(title, (stage_plot(some), _stage_table(some), *_said(stage))))
     purpose = "Where more time stops paying: error, noise and quality against seconds, measured."
     return write_page(path, Page(f"What accuracy costs: {scene}", purpose, tuple(sections), (head,)))
+
+
+def _said_of_parts(rows: Sequence[cost.Row]) -> tuple[Block, ...]:
+    if not any(row.case.one_part for row in rows):
+        return ()
+    return (
+        Text(
+            "Effects that depth edges are not needed for are left out where the pupil is one part, and are "
+            "judged against the full simulation with one part."
+        ),
+    )
 
 
 def _said(stage: str) -> tuple[Block, ...]:
