@@ -49,7 +49,8 @@ class Effect:
     the nearest depth node, where its PSF is that of a depth and no mixture); error(facts, level): instead of
     the sample. added: how its error adds up with others: `image` (by the correlation of the difference
     images), `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this
-    one does not matter. stage: render, psf or expose.
+    one does not matter; beside: whether that one is measured without this, so that both errors are made where
+    it is left out. stage: render, psf or expose.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Effect:
     error: Callable[[Facts, Level], Errors] | None = None
     added: str = "image"
     within: str = ""
+    beside: bool = False
     stage: str = "expose"
 
 

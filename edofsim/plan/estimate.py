@@ -107,8 +107,27 @@ def estimate(
         errors_found.append(_nothing(facts))
         rows.append(Estimate(effect, absent, levels, tuple(errors_found), (*images, -1)))
     facts.sample.forget()
+    rows = _with_what_goes_too(rows, differences)
     stack = torch.stack(differences) if differences else torch.zeros(0, 1)
     return Estimates(tuple(rows), (stack @ stack.T).double() / len(facts.sample.response))
+
+
+def _with_what_goes_too(rows: Sequence[Estimate], differences: list[Tensor]) -> list[Estimate]:
+    """Effects that are left out with another, which was measured without them, err on top of it: their
+    differences are added to that one's."""
+    found = {row.effect.name: row for row in rows}
+    for row in rows:
+        if not row.effect.beside or row.images[0] < 0:
+            continue
+        name = row.effect.within
+        while name in found and found[name].full and found[name].images[0] >= 0:
+            whole = found[name]
+            place = whole.images[0]
+            differences[place] = differences[place] + differences[row.images[0]]
+            error = rms(differences[place].reshape(len(whole.errors[0]), -1))
+            found[name] = replace(whole, errors=(error, *whole.errors[1:]))
+            name = whole.effect.within
+    return list(found.values())
 
 
 def levels_of(

@@ -17,7 +17,7 @@ from .effect import Effect, Level
 from .estimate import Estimate, Estimates, Progress, estimate, levels_of
 from .facts import Facts
 
-VERSION = 14
+VERSION = 15
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""

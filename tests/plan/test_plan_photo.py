@@ -364,6 +364,11 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
     assert one > full == 0
     truth = measured(scene(STEP, hidden=True), CAMERA, dict(found.levels[0].change), known.facts.full)
     assert decibels(one) == pytest.approx(decibels(truth), abs=3)
+    # what leaves out occlusion or hidden surfaces leaves out parts with them
+    for name in ("occlusion", "hidden surfaces"):
+        whole = known.estimates.by_name()[name]
+        truth = measured(scene(STEP, hidden=True), CAMERA, dict(whole.levels[0].change), known.facts.full)
+        assert decibels(overall(whole.errors[0])) == pytest.approx(decibels(truth), abs=2)
     without = known.plan(None, {"occlusion": 0})
     assert "does not matter" in row(without, "pupil parts").why
     for plan, parts in (

@@ -41,4 +41,5 @@ EFFECT = Effect(
     absent,
     sample={"groups": 1, "colours": 1, "layers": 5},
     within="hidden surfaces",
+    beside=True,
 )
