@@ -4,7 +4,8 @@ The paper (Akpinar et al., section "3D Scene") takes a picture with a depth a pi
 8-bit values are the intensities of three wavelengths, each depth's part is convolved with the PSF at that
 depth (Eq. `Forwardmodel`), and the sum is the photo (Eq. `SensorImage`): nothing hides anything. Ours has the
 linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges.
-The ways between change one thing at a time; all but ours know only the surfaces that are seen.
+In ours what lies behind is seen past an edge through one side of the pupil, as far as parts of it tell. The
+ways between change one thing at a time; all but the last two know only the surfaces that are seen.
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
@@ -23,12 +24,13 @@ from torch import Tensor
 from ..expose import Photo, expose, ideal_image
 from ..expose.photograph import effects_of
 from ..expose.prepare import channel_weights
-from ..expose.sensor import automatic_exposure
+from ..expose.sensor import automatic_exposure, record
 from ..expose.srgb import srgb_encode
 from ..learn.system import COLOURS
 from ..optics import Camera
 from ..optics.fabrication import direct_part
-from ..plan.simulation import full_simulation
+from ..plan.photographing import nodes_of, seen_in_parts
+from ..plan.simulation import Simulation, full_simulation, in_parts
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
 from ..restore import restore
@@ -47,23 +49,26 @@ FILTER_DEPTHS = 9
 class Way:
     """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
     an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
-    hidden surfaces where it has any."""
+    hidden surfaces where it has any; parts: of the pupil along each axis, as far as diffraction lets them be
+    told apart."""
 
     name: str
     title: str
     occlusion: str
     flat: bool = False
     encoded: bool = False
+    parts: int = 1
 
 
-PAPER, OURS = "paper", "hidden"
+PAPER, OURS = "paper", "parts"
 WAYS = (
     Way(PAPER, "The paper's: 8-bit values as light, 3 wavelengths, 1 mm steps", "none", True, True),
     Way("linear", "The same of linear light", "none", flat=True),
     Way("none", "All bands, nothing hides", "none"),
     Way("over", "Layers over each other", "over"),
     Way("normalised", "The same, normalised", "normalised"),
-    Way(OURS, "Ours: all bands, hidden surfaces", ""),
+    Way("hidden", "All bands, hidden surfaces", ""),
+    Way(OURS, "Ours: the same through parts of the pupil", "", parts=4),
 )
 
 
@@ -124,16 +129,21 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     direct = direct_light(system.camera, view.wavelengths)
+    full = full_simulation(camera, view)
+    light = veiled(view, direct)
     photo = expose(
-        veiled(view, direct),
+        light,
         camera,
-        occlusion=way.occlusion or full_simulation(camera, view).occlusion,
+        occlusion=way.occlusion or full.occlusion,
         exposure=exposure,
         effects=effects_of(camera),
         seed=seed,
         height=system.height,
         device=device,
     )
+    parts = min(way.parts, full.pupil_parts)
+    if parts > 1:
+        photo = _through_parts(photo, light, camera, parts, seed, system.height, device)
     photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
@@ -150,6 +160,19 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
             unveiled(photo.image, level), taker, view.wavelengths, depths, height=system.height
         )
     return Taken(photo, images)
+
+
+def _through_parts(
+    photo: Photo, view: View, camera: Camera, parts: int, seed: int, height: Tensor | None, device: str
+) -> Photo:
+    """The same photo with what changes where the pupil is composited in parts."""
+    coarse = in_parts(Simulation(pupil_parts=parts))
+    light = view.to(device, torch.float32)
+    nodes = nodes_of(light, camera, coarse)
+    weights = channel_weights(camera, view.wavelengths)
+    change = seen_in_parts(light, camera, coarse, nodes, weights, height=height, device=device)
+    clean = photo.clean + photo.exposure * change
+    return replace(photo, clean=clean, image=record(clean, effects_of(camera), seed))
 
 
 def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:

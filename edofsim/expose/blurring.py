@@ -25,7 +25,7 @@ class Blurring:
     kernels: PSFs at depth nodes; response: [channel, band]; prepare: one of the methods;
     gap: difference in inverse depth below which two surfaces are one, in 1/m: their blurs differ by less
     than a pixel; parts: gives the same PSFs shared out among parts of the pupil, each as kernels of its own
-    (default: the pupil is one part).
+    (default: the pupil is one part); part_db: what they are factored more finely by, as their errors add up.
     """
 
     def __init__(
@@ -36,6 +36,7 @@ class Blurring:
         tolerance_db: float = 50.0,
         gap: float = 0.0,
         parts: Callable[[], Iterable[Kernels]] | None = None,
+        part_db: float = 0.0,
     ) -> None:
         self.kernels = kernels
         self.response = response
@@ -43,6 +44,7 @@ class Blurring:
         self._parts = parts
         self._prepare = prepare
         self._tolerance_db = tolerance_db
+        self._part_db = part_db
         self._light: Blur | None = None
         self._coverage: Blur | None = None
         self._whole: Kernels | None = None
@@ -58,7 +60,8 @@ class Blurring:
             yield self
         else:
             for kernels in self._parts():
-                part = Blurring(kernels, self.response, self._prepare, self._tolerance_db, self.gap)
+                finer = self._tolerance_db + self._part_db
+                part = Blurring(kernels, self.response, self._prepare, finer, self.gap)
                 part._whole = self.kernels
                 yield part
 

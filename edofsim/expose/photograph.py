@@ -120,7 +120,9 @@ def expose(
             device=device,
         )
     gap = 1 / blur_per_dioptre(camera)
-    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts)
+    # at worst, the errors of all pupil_parts^2 parts add up
+    part_db = 40 * math.log10(max(1, pupil_parts))
+    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts, part_db)
     photo = torch.stack([each.crop_margin(OCCLUSIONS[occlusion](each, blurring)) for each in views])
     veils = [veil_of(each, kernels, weights) for each in views]
     photo = photo + torch.stack([veil for veil, _ in veils])[:, :, None, None]
