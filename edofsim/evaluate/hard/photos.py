@@ -25,6 +25,8 @@ from .views import MASKS, QUIET, WINDOW, camera_with, free_height, uniform
 
 METHODS = ("brute", "layered", "low_rank")
 OCCLUSIONS = ("over", "normalised", "hidden")
+PARTS = 3
+"""Of the pupil along each axis, where something is hidden."""
 
 SINGLE = 1e-4
 """float32 against float64, relative to the brightest value of the photo."""
@@ -88,7 +90,10 @@ def findings(hard: HardView) -> Iterator[Finding]:
             bound = hard.layered * (FINE.get(name, 1.0) if method == "low_rank" else 1.0)
             yield from _method(hard, camera, height, truth, f"{method}, {name}", method, bound)
         for occlusion in OCCLUSIONS:
-            yield from _occlusion(hard, camera, height, f"{occlusion}, {name}", occlusion)
+            yield from _occlusion(hard, camera, height, f"{occlusion}, {name}", occlusion=occlusion)
+        if bool(hard.view.hidden.any()):
+            way = f"hidden in {PARTS} x {PARTS} parts, {name}"
+            yield from _occlusion(hard, camera, height, way, occlusion="hidden", pupil_parts=PARTS)
         yield timed(f"gradient, {name}", SINGLE, lambda c=camera, h=height: _gradient(hard, c, h))
         if height is not None:
             yield timed(f"slope by height, {name}", SLOPE, lambda c=camera, h=height: _slope(hard, c, h))
@@ -137,12 +142,12 @@ def _method(
 
 
 def _occlusion(
-    hard: HardView, camera: Camera, height: Tensor | None, way: str, occlusion: str
+    hard: HardView, camera: Camera, height: Tensor | None, way: str, **how: Any
 ) -> Iterator[Finding]:
     found: list[Tensor] = []
 
     def double() -> float:
-        found.append(_photo(hard, camera, height, torch.float64, occlusion=occlusion))
+        found.append(_photo(hard, camera, height, torch.float64, **how))
         brightest = float(hard.view.all_in_focus().max())
         hidden = hard.view.radiance[:, hard.view.hidden]
         if hidden.numel():
@@ -155,7 +160,7 @@ def _occlusion(
     yield timed(
         f"{way}, float32",
         SINGLE,
-        lambda: distance(_photo(hard, camera, height, torch.float32, occlusion=occlusion), found[0]),
+        lambda: distance(_photo(hard, camera, height, torch.float32, **how), found[0]),
     )
 
 
