@@ -30,6 +30,7 @@ from ..expose.photo import PHOTOS
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import Planner, Simulation, parse_target, photograph
+from ..plan.work import STAGES
 from ..record import machine, versions
 from ..render.view import View
 from .drawing import write_csv
@@ -40,7 +41,6 @@ TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
 FINE_DB = 60.0
 """Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
 err the same, and take hours."""
-STAGES = ("prepare", "psf", "blur", "parts", "sensor")
 LINES = "measurements.jsonl"
 
 
@@ -99,8 +99,9 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         beside = its_own if rest == fine else 0.0
         together = its_own if simulation == fine else math.hypot(square**0.5, beside)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
-        # parts of the pupil cost a composite each, and change nothing in what other effects do
-        one_part = simulation.pupil_parts > 1 and row.effect.name != "occlusion"
+        # parts of the pupil cost a composite each, and change nothing in what other effects do; without
+        # occlusion or hidden surfaces there are none
+        one_part = simulation.pupil_parts > 1 and simulation.occlusion == "hidden"
         if one_part:
             simulation = simulation.changed({"pupil_parts": 1})
         case = _case(row.effect.name, "without", simulation, planner, math.inf, predicted)

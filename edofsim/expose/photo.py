@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-PHOTOS = 6
+PHOTOS = 5
 """Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
 
 

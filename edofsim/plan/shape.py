@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..expose.crop import crop, with_margin
-from ..expose.occlusion.hidden import Tile, tiles_near, transform_pixels
+from ..expose.occlusion.hidden import Tile, tiles_to_composite
 from ..expose.occlusion.slabs import cuts, hides
 from ..expose.prepare import blur_per_dioptre
 from ..optics import Camera
@@ -75,9 +75,7 @@ class Shape:
 
     def tiles(self, reach: int) -> list[Tile]:
         """The parts of the frame that are composited where PSFs reach so far; none: all of it in one go."""
-        tiles = tiles_near(self.edges, self, reach)
-        pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
-        return tiles if pixels < transform_pixels(self.height, self.width, reach) else []
+        return tiles_to_composite(self.edges, self, reach)
 
     @cached_property
     def _known(self) -> dict[Tile, Slabs]:

@@ -98,7 +98,7 @@ def parts_told_apart(camera: Camera, view: View) -> int:
     """
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     wavelength = camera.recipe.focus.wavelength_nm * 1e-9
-    across = math.floor(2e-3 * camera.recipe.lens.aperture_radius_mm * math.sqrt((high - low) / wavelength))
+    across = math.floor(2 * camera.aperture_radius * math.sqrt((high - low) / wavelength))
     return min(across, FULL_PARTS) if across > 2 else 1
 
 

@@ -164,8 +164,8 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
 
 @pytest.mark.parametrize("across", [1, 3])
 def test_parts_by_low_rank_are_as_near_as_the_whole(across):
-    """Each part holds a share of the light alone: factored to the tolerance of the whole, what they add up to
-    was 30 dB off."""
+    """Each part holds a share of the light alone: factored to the tolerance of the whole, they add up to an
+    error far beyond it."""
     recipe = CameraRecipe(name="parts", lens=Lens(aperture_radius_mm=1.5), psf=PsfSettings(window_px=48))
     camera = Camera.from_recipe(recipe)
     draw = torch.Generator().manual_seed(4)

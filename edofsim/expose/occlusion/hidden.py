@@ -45,10 +45,8 @@ def compose(view: View, blurring: Blurring) -> Tensor:
     edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
     if not edges.numel():
         return blurring.light(view, seen(view))
-    tiles = tiles_near(edges, view, blurring.reach)
-    if sum(transform_pixels(tile.height, tile.width, blurring.reach) for tile in tiles) >= transform_pixels(
-        view.height, view.width, blurring.reach
-    ):
+    tiles = tiles_to_composite(edges, view, blurring.reach)
+    if not tiles:
         return sum(composite(view, part) for part in blurring.parts())
     photo = blurring.light(view, seen(view)).clone()
     m = view.margin
@@ -72,6 +70,13 @@ class Tile:
     left: int
     height: int
     width: int
+
+
+def tiles_to_composite(edges: Tensor, view: View, reach: int) -> list[Tile]:
+    """`tiles_near`, or none where they cost more than all of the frame in one go."""
+    tiles = tiles_near(edges, view, reach)
+    pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
+    return tiles if pixels < transform_pixels(view.height, view.width, reach) else []
 
 
 def tiles_near(edges: Tensor, view: View, reach: int) -> list[Tile]:

@@ -19,7 +19,7 @@ from ..convolution import Grid, image_of, spectrum
 from ..crop import crop
 from ..kernels import Kernels
 from ..light import Light, light_of
-from .hidden import merged, slabs_of, tiles_near, transform_pixels
+from .hidden import merged, slabs_of, tiles_to_composite
 from .slabs import cuts, hides, revealed
 
 
@@ -33,10 +33,8 @@ def change_in_parts(view: View, blurring: Blurring, parts: Sequence[Kernels]) ->
     change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
     if not edges.numel():
         return change
-    tiles = tiles_near(edges, view, blurring.reach)
-    if sum(transform_pixels(tile.height, tile.width, blurring.reach) for tile in tiles) >= transform_pixels(
-        view.height, view.width, blurring.reach
-    ):
+    tiles = tiles_to_composite(edges, view, blurring.reach)
+    if not tiles:
         return _change(view, blurring, parts)
     m = view.margin
     for tile in tiles:
