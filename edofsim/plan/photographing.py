@@ -61,7 +61,6 @@ def photograph(
     ideal = view.crop_margin(all_in_focus(view, weights))
     factor = _exposure(exposure, camera, ideal)
     gathering = gathering_of(view, camera, weights, simulation, spectrum)
-    whole = view
     if nodes is None:
         nodes = nodes_of(view, camera, simulation)
     # few groups are quicker to check and to cut than many bands; what is not finite stays so
@@ -95,7 +94,7 @@ def photograph(
     if parts > 1:
         coarse = in_parts(simulation)
         photo = photo + seen_in_parts(
-            whole, camera, coarse, some_nodes(nodes, coarse), weights, spectrum, height, device
+            view, camera, coarse, some_nodes(nodes, coarse), weights, spectrum, height, device
         )
         watch.lap("parts", 0.9)
     clean = photo * factor
