@@ -48,7 +48,7 @@ paper: setup
 	  $(if $(CHART),--chart $(CHART)) $(if $(FULL),--full)
 
 lint: $(VENV)/.installed
-	$(BIN)/ruff check edofsim tests
+	$(BIN)/ruff check edofsim tests benchmarks
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

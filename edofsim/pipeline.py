@@ -12,9 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from .capture import Photo
 from .errors import InputError
-from .evaluate.scores import DepthScore, Score, score, score_by_depth, within_scale
-from .expose import Photo
 from .optics import Camera
 from .plan import Looked, Plan, Target, decibels, look, overall, photograph, plan_scene, simpler_recipe
 from .recipe import CameraRecipe, Loaded, SceneRecipe
@@ -22,6 +21,7 @@ from .record import peak_memory_mib
 from .render import View, render
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, network_of
+from .restore.scores import DepthScore, Score, score, score_by_depth, within_scale
 
 Progress = Callable[[float, str], None]
 
@@ -102,10 +102,10 @@ def run(
     with watch.stage("render", progress, 0.2):
         view = view_as_planned(looked, plan, scene.base, cache, device, _part(progress, 0.2, 0.7))
     with watch.stage("expose", progress, 0.72):
-        photo = photograph(view, optics, plan.simulation, height=height, seed=seed, device=compute)
+        photo = photograph(view, optics, plan.fidelity, height=height, seed=seed, device=compute)
     with watch.stage("lens alone", progress, 0.82):
         lens_alone = photograph(
-            view, alone, plan.simulation, seed=seed, device=compute, exposure=photo.exposure
+            view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure
         )
     with watch.stage("restore", progress, 0.92):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
@@ -184,7 +184,7 @@ def view_as_planned(
     """The view that a plan was made on, or a rendering with what the plan leaves out left out."""
     if looked.facts.final:
         return looked.facts.view
-    planned = simpler_recipe(looked.recipe, plan.simulation)
+    planned = simpler_recipe(looked.recipe, plan.fidelity)
     return render(planned, base, cache=cache, device=device, progress=progress)
 
 

@@ -13,23 +13,27 @@ import edofsim
 
 PACKAGE = Path(edofsim.__file__).parent
 
-MAY_IMPORT = {
+MAY_IMPORT: dict[str, set[str]] = {
     "recipe": set(),
     "scene": {"recipe"},
     "render": {"recipe", "scene"},
     "optics": {"recipe"},
-    "expose": {"recipe", "render", "optics"},
-    "reference": {"recipe", "scene", "render", "optics", "expose"},
-    "plan": {"recipe", "scene", "render", "optics", "expose"},
-    "restore": {"recipe", "optics", "expose"},
-    "learn": {"recipe", "scene", "render", "optics", "expose", "restore"},
-    "evaluate": {"recipe", "scene", "render", "optics", "expose", "reference", "plan", "restore", "learn"},
+    "capture": {"recipe", "render", "optics"},
+    "reference": {"recipe", "scene", "render", "optics", "capture"},
+    "plan": {"recipe", "scene", "render", "optics", "capture"},
+    "restore": {"recipe", "optics", "capture"},
+    "learn": {"recipe", "scene", "render", "optics", "capture", "restore"},
+    "experiments": {
+        *("recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"),
+    },
+    "stability": {"recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"},
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"}
 MAY_IMPORT["commands"] = {*MAY_IMPORT, "pipeline", "console"}
 COMMON = {"errors", "record"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
-ONLY_IN = {"mitsuba": {"render", "reference", "evaluate"}, "drjit": {"render", "reference", "evaluate"}}
+MITSUBA_ROOMS = {"render", "reference", "experiments", "stability"}
+ONLY_IN = {"mitsuba": MITSUBA_ROOMS, "drjit": MITSUBA_ROOMS}
 
 
 def modules() -> list[Path]:

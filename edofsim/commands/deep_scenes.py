@@ -31,7 +31,7 @@ def evaluate_scene3d(
     loaded, broken = _readable(scenes or list(shipped(shipped_folder("scenes"))))
     if broken and not loaded:
         raise InputError([text for texts in broken.values() for text in texts])
-    from ..evaluate import scene3d
+    from ..experiments import scene3d
     from ..report import Link
     from ..report.scene3d_page import card, overview_page, scene_page, strip, write_page
     from ..restore.checkpoint import load_checkpoint, shipped_checkpoints
@@ -110,7 +110,7 @@ def evaluate_bench_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim evaluate bench-scene`."""
-    from ..evaluate import bench_scene, scene3d
+    from ..experiments import bench_scene, scene3d
     from ..report import save_srgb
     from ..report.bench_scene_page import bench_scene_page, write_page
     from ..restore.checkpoint import load_checkpoint, shipped_checkpoints
@@ -206,7 +206,7 @@ def _title(scene: str, network: str, networks: Sequence[str]) -> str:
 
 
 def _scene_table(outcome: Any, network: str) -> Table:
-    from ..evaluate.scene3d import LENS_ALONE, OURS, PAPER, mean
+    from ..experiments.scene3d import LENS_ALONE, OURS, PAPER, mean
 
     columns = ("lens alone", "photo", "Wiener", network, "gain", "lens alone, paper's", f"{network}, paper's")
     table = Table("scene", *(f"{name} / dB" for name in columns), box=None)
@@ -225,7 +225,7 @@ def _scene_table(outcome: Any, network: str) -> Table:
 
 
 def _way_table(outcome: Any, network: str) -> Table:
-    from ..evaluate.scene3d import LENS_ALONE, NEAR_EDGES, OURS, WAYS, mean
+    from ..experiments.scene3d import LENS_ALONE, NEAR_EDGES, OURS, WAYS, mean
 
     columns = ("lens alone", network, "gain", "gain near edges", "gain minus ours")
     table = Table("photos simulated by", *(f"{name} / dB" for name in columns), box=None)

@@ -21,7 +21,7 @@ def evaluate_predictions(
     progress: Progress,
 ) -> Done:
     """`edofsim evaluate predictions`."""
-    from ..evaluate import predictions
+    from ..experiments import predictions
 
     folder = writable_folder(out or Path("out") / ("predictions-quick" if quick else "predictions"))
     outcomes = predictions.run(
@@ -58,7 +58,7 @@ def evaluate_occlusion(
 ) -> Done:
     """`edofsim evaluate occlusion`."""
     folder = writable_folder(out or Path("out") / "occlusion")
-    from ..evaluate import occlusion
+    from ..experiments import occlusion
 
     chosen = tuple(scenes) or occlusion.SCENES
     for scene in chosen:
@@ -74,8 +74,8 @@ def evaluate_occlusion(
 
 def evaluate_stability(names: Sequence[str], out: Path | None, json: Path | None, progress: Progress) -> Done:
     """`edofsim evaluate stability`."""
-    from ..evaluate import stability
     from ..report.stability_page import stability_page, write_page
+    from ..stability import catalogue as stability
 
     stability.choose(names)  # a wrong name is told before any time is spent
     folder = writable_folder(out or Path("out") / "stability")
@@ -104,7 +104,8 @@ def evaluate_stability(names: Sequence[str], out: Path | None, json: Path | None
 
 def evaluate_bench(names: Sequence[str], out: Path | None, json: Path | None, progress: Progress) -> Done:
     """`edofsim evaluate bench`."""
-    from ..evaluate import benches
+    from benchmarks import run as benches
+
     from ..record import machine
 
     folder = writable_folder(out or Path("out") / "bench")

@@ -28,7 +28,7 @@ def restore_file(
     folder = writable_folder(out or Path("out") / f"{photo.stem}-restored")
     import torch
 
-    from ..expose import read_image, write_image
+    from ..capture import read_image, write_image
     from ..optics import Camera
     from ..pipeline import choose_network, depths_between
     from ..recipe.scene import Bands

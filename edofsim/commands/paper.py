@@ -28,7 +28,7 @@ def evaluate_table(
 ) -> Done:
     """`edofsim evaluate table`."""
     folder = writable_folder(out or Path("out") / "table")
-    from ..evaluate import table
+    from ..experiments import table
     from ..report.planes_page import table_page
 
     result = table.run(
@@ -58,7 +58,7 @@ def evaluate_noise(
 ) -> Done:
     """`edofsim evaluate noise`."""
     folder = writable_folder(out or Path("out") / "noise")
-    from ..evaluate import robustness
+    from ..experiments import robustness
     from ..report.planes_page import noise_page
 
     result = robustness.run_noise(
@@ -80,7 +80,7 @@ def evaluate_fabrication(
 ) -> Done:
     """`edofsim evaluate fabrication`."""
     folder = writable_folder(out or Path("out") / "fabrication")
-    from ..evaluate import robustness
+    from ..experiments import robustness
     from ..report.planes_page import fabrication_page
 
     result = robustness.run_fabrication(
@@ -103,8 +103,8 @@ def evaluate_broadband(
     progress: Progress,
 ) -> Done:
     """`edofsim evaluate broadband`. reading: fields of `evaluate.cubes.Reading`, bands and crop as typed."""
-    from ..evaluate import broadband
-    from ..evaluate.cubes import Reading, from_view, read_cubes
+    from ..experiments import broadband
+    from ..experiments.cubes import Reading, from_view, read_cubes
     from ..render import render
     from ..report.broadband_page import broadband_page
 
@@ -140,7 +140,7 @@ def evaluate_index(folder: Path | None) -> Done:
 def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Done:
     """`edofsim evaluate mtf`."""
     loaded = load_camera(camera or "paper-learned")
-    from ..evaluate import mtf
+    from ..experiments import mtf
     from ..optics import Camera
     from ..report.optics_pages import mtf_page
 
@@ -152,7 +152,7 @@ def evaluate_mtf(camera: str | None, out: Path | None, json: Path | None) -> Don
 
 def evaluate_bandwidth(out: Path | None, json: Path | None) -> Done:
     """`edofsim evaluate bandwidth`."""
-    from ..evaluate import bandwidth
+    from ..experiments import bandwidth
     from ..report.optics_pages import bandwidth_page
 
     folder = writable_folder(out or Path("out") / "bandwidth")

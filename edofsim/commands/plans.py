@@ -52,7 +52,7 @@ def cost_scene(
     """`edofsim cost`."""
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     folder = writable_folder(out or Path("out") / f"cost-{scene_recipe.recipe.name}")
-    from ..evaluate import cost, cost_stages
+    from ..experiments import cost, cost_stages
     from ..optics import Camera
     from ..pipeline import torch_device
     from ..plan import planner_of

@@ -36,7 +36,7 @@ def run_scene(
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     from .. import pipeline
-    from ..expose import write_photo
+    from ..capture import write_photo
     from ..report import save_srgb, write_run_report
 
     result = pipeline.run(
@@ -78,7 +78,7 @@ def run_scene(
             inputs=inputs_of(scene_recipe, camera_recipe, network=network),
             outputs=outputs,
             plan=plan_rows(result.plan),
-            settings=vars(result.plan.simulation),
+            settings=vars(result.plan.fidelity),
             restored_by=result.restored_by,
         )
         write_record(json, content)
@@ -93,7 +93,7 @@ def run_scene(
 
 def _cost_of(result: Any, folder: Path, progress: Progress) -> list[Any]:
     """What accuracy costs for the photo of a run, measured in its folder."""
-    from ..evaluate import cost
+    from ..experiments import cost
     from ..plan import planner_of
 
     height = result.checkpoint.height if result.checkpoint else None
@@ -198,13 +198,13 @@ def _as_planned(task: Any, aim: Aim, cache: Path | None, device: str, progress: 
     looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
     plan = plan_scene(looked, optics, target=target, progress=progress)
     console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
-    return Task(simpler_recipe(task.recipe, plan.simulation), task.base)
+    return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
 
 
 def _view_pictures(
     tasks: Sequence[Any], folder: Path, noise: float | None, cache: Path | None
 ) -> dict[str, Path]:
-    from ..expose import ideal_image
+    from ..capture import ideal_image
     from ..render import cached
     from ..report import depth_plot, save_srgb
 
@@ -267,14 +267,14 @@ def expose_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim expose`."""
-    from ..evaluate.scores import psnr
-    from ..expose import write_image, write_photo
-    from ..expose.bands import merged_bands
+    from ..capture import write_image, write_photo
+    from ..capture.bands import merged_bands
     from ..optics import Camera
     from ..pipeline import plan_figures, torch_device, view_as_planned
     from ..plan import look, photograph, plan_scene
     from ..reference import check_crop, check_reference, crop_of, reference_photo
     from ..report import save_srgb
+    from ..restore.scores import psnr
 
     target = aim.target()
     if (reference is None) != (crop is None):
@@ -291,12 +291,12 @@ def expose_scene(
     planned = time.perf_counter()
     view = view_as_planned(looked, chosen, scene_recipe.base, cache, device, progress)
     rendered = time.perf_counter()
-    simulation = chosen.simulation
+    fidelity = chosen.fidelity
     if bands is not None:  # in place of what the plan gathers them in
-        view, simulation = merged_bands(view, bands), simulation.changed({"groups": 0, "colours": 0})
+        view, fidelity = merged_bands(view, bands), fidelity.changed({"groups": 0, "colours": 0})
     if reference is not None:
         check_crop(view, where)
-    photo = photograph(view, optics, simulation, seed=seed, device=torch_device(device))
+    photo = photograph(view, optics, fidelity, seed=seed, device=torch_device(device))
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
         "seconds.plan": planned - started,

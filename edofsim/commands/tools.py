@@ -17,7 +17,7 @@ from .base import Done, experiment, finish
 def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
     """`edofsim psf`."""
     loaded = load_camera(camera)
-    from ..evaluate import psf_figure
+    from ..experiments import psf_figure
     from ..optics import Camera
 
     folder = writable_folder(out or Path("out") / f"psf-{loaded.recipe.name}")
@@ -27,7 +27,7 @@ def draw_psf(camera: str, out: Path | None, json: Path | None) -> Done:
 
 def draw_masks(out: Path | None, json: Path | None) -> Done:
     """`edofsim psf --masks`."""
-    from ..evaluate import psf_figure
+    from ..experiments import psf_figure
 
     folder = writable_folder(out or Path("out") / "masks")
     picture = psf_figure.gallery(folder)

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from .imaging import photograph, surroundings
+from ..capture.planes import photograph, surroundings
 from .system import Captured, Optics, captured
 
 SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most

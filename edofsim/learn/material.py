@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 import torch
 
+from ..capture.planes import surroundings
 from ..errors import InputError
 from ..recipe.train import NaturalImages, PackagedImages, TrainRecipe, Views
 from .edges import Edges, draw_covers
-from .imaging import surroundings
 from .lamps import with_lamps
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Optics, Planes, Scenes

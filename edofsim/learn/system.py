@@ -8,17 +8,14 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
+from ..capture.planes import photograph, surroundings
 from ..errors import InputError
-from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
+from ..optics import PAPER_COLOURS, Camera, mean_psfs, psf_bank, response, response_curves
 from ..optics.sampling import coarsest_pitch
 from ..restore.filter_bank import FilterBank
 from ..restore.linear import local_filters
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.wiener_network import WienerNetwork
-from .imaging import photograph, surroundings
-
-COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
-"""The paper's red, green and blue, in metres."""
 
 WAVELENGTHS = 8
 """So many, evenly spaced, stand for all that a sensor sees."""
@@ -36,7 +33,12 @@ class Optics:
     def psfs(self, inverse_depths: Tensor, height: Tensor | None) -> Tensor:
         """PSFs of the three colours, float32 [depth, band, window, window], inverse depths [depth] in 1/m."""
         bank = psf_bank(
-            self.camera, COLOURS, inverse_depths, window_px=self.window, height=height, device=self.device
+            self.camera,
+            PAPER_COLOURS,
+            inverse_depths,
+            window_px=self.window,
+            height=height,
+            device=self.device,
         )
         return bank.values.to(torch.float32)
 
@@ -44,7 +46,7 @@ class Optics:
         """The same for a height map [n, n] in metres whose samples err, see `optics.mean_psfs`."""
         return mean_psfs(
             self.camera,
-            COLOURS,
+            PAPER_COLOURS,
             inverse_depths,
             height_noise,
             window_px=self.window,

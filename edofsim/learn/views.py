@@ -12,16 +12,16 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..capture import expose
+from ..capture.crop import crop
 from ..errors import InputError
-from ..expose import expose
-from ..expose.crop import crop
-from ..optics import Camera
+from ..optics import PAPER_COLOURS, Camera
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
 from ..recipe.train import Views
 from ..render.view import View
 from ..scene.family import members
-from .system import COLOURS, Captured, Optics, Scenes, captured
+from .system import Captured, Optics, Scenes, captured
 
 
 @dataclass(frozen=True)
@@ -160,13 +160,14 @@ def in_colours(view: View) -> View:
     """The view at the paper's three wavelengths, its bands interpolated linearly. Raises InputError for a
     view whose bands do not reach them."""
     bands = view.wavelengths
-    if float(bands.min()) > float(COLOURS.min()) or float(bands.max()) < float(COLOURS.max()):
+    if float(bands.min()) > float(PAPER_COLOURS.min()) or float(bands.max()) < float(PAPER_COLOURS.max()):
         low, high = (1e9 * float(end) for end in (bands.min(), bands.max()))
         raise InputError(f"a view of {low:.0f} to {high:.0f} nm does not hold the paper's 482 to 611 nm")
-    upper = torch.searchsorted(bands, COLOURS).clamp(1, len(bands) - 1)
-    share = ((COLOURS - bands[upper - 1]) / (bands[upper] - bands[upper - 1])).to(view.radiance)[:, None]
+    upper = torch.searchsorted(bands, PAPER_COLOURS).clamp(1, len(bands) - 1)
+    share = (PAPER_COLOURS - bands[upper - 1]) / (bands[upper] - bands[upper - 1])
+    share = share.to(view.radiance)[:, None]
     radiance = view.radiance[upper - 1] * (1 - share) + view.radiance[upper] * share
-    return replace(view, radiance=radiance, wavelengths=COLOURS.clone())
+    return replace(view, radiance=radiance, wavelengths=PAPER_COLOURS.clone())
 
 
 def _camera(camera: Camera, bands: str) -> Camera:

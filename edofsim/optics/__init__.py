@@ -5,10 +5,11 @@ from .materials import MATERIALS, Material, material
 from .parts import psf_parts
 from .psf import PsfBank, mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
-from .sensor import add_noise, response, response_curves
+from .sensor import PAPER_COLOURS, add_noise, response, response_curves
 
 __all__ = [
     "MATERIALS",
+    "PAPER_COLOURS",
     "Camera",
     "Material",
     "PsfBank",

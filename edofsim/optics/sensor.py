@@ -17,6 +17,8 @@ from .camera import Camera
 
 PAPER = "paper"
 LINES = "lines"
+PAPER_COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
+"""Red, green and blue of Akpinar et al., [3] in metres."""
 COLOUR_SCIENCE = {"nikon-5100": "Nikon 5100 (NPL)", "sigma-sdmerill": "Sigma SDMerill (NPL)"}
 
 

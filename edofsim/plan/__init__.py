@@ -1,11 +1,11 @@
 """Which effects are simulated, and why."""
 
+from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
+from ..capture.photographing import photograph
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
 from .photo import Planner, plan_photo, planner_of
-from .photographing import photograph
 from .scene import Looked, look, plan_scene, seen_in_thumbnails
-from .simulation import Simulation, full_simulation, simpler_recipe
 from .target import Target, parse_target
 from .thumbnail import thumbnail
 
@@ -17,10 +17,10 @@ __all__ = [
     "Looked",
     "Plan",
     "Planner",
-    "Simulation",
+    "Fidelity",
     "Target",
     "decibels",
-    "full_simulation",
+    "full_fidelity",
     "look",
     "overall",
     "parse_target",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from ..capture.fidelity import Fidelity
 from .estimate import Estimates
-from .simulation import Simulation
 
 Chosen = dict[str, int]
 Seconds = Callable[[Chosen], float]
@@ -14,7 +14,7 @@ WORTH = 2e-3
 """An effect is left out only where that saves this fraction of the time: what costs nothing is simulated."""
 
 
-def simulation_of(estimates: Estimates, chosen: Mapping[str, int], full: Simulation) -> Simulation:
+def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity) -> Fidelity:
     """The simulation with these levels; what a left-out effect makes moot is left at the finest."""
     found = full
     for row in estimates.rows:

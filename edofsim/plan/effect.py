@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from .simulation import Simulation
+from ..capture.fidelity import Fidelity
 
 if TYPE_CHECKING:
     from .facts import Facts
@@ -28,7 +28,7 @@ def decibels(error: float) -> float:
 
 @dataclass(frozen=True)
 class Level:
-    """How finely an effect is simulated: what a reader calls it, and the fields of `Simulation` that it sets.
+    """How finely an effect is simulated: what a reader calls it, and the fields of `Fidelity` that it sets.
 
     allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not;
     sample: how the rest is simulated while its error is measured, where that is not as for the effect."""
@@ -97,7 +97,7 @@ class Plan:
     """
 
     decisions: tuple[Decision, ...]
-    simulation: Simulation
+    fidelity: Fidelity
     error_db: float = float("inf")
     asked_db: float | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)

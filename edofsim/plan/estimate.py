@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ..capture.fidelity import Fidelity
 from .effect import Effect, Errors, Level
 from .facts import Facts, rms
 from .sample import FINEST_LAYERS
-from .simulation import Simulation
 
 Progress = Callable[[float, str], None]
-References = dict[tuple[Simulation, bool], Tensor]
-"""Photos of the sample, by simulation and whether fragments were moved to the depth nodes."""
+References = dict[tuple[Fidelity, bool], Tensor]
+"""Photos of the sample, by fidelity and whether fragments were moved to the depth nodes."""
 
 NARROW = 64
 """Side of the PSFs in pixels while other effects than their window are measured, where they are no wider."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import torch
 from torch import Tensor
 
-from ..expose.prepare import blur_per_dioptre
+from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
+from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .sample import Sample, sample_of
-from .simulation import Simulation, coarsest_pupil_um, edge_pixels, full_simulation, pupil_is_free
 
 SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
@@ -33,7 +33,7 @@ class Facts:
 
     view: View
     camera: Camera
-    full: Simulation
+    full: Fidelity
     sample: Sample
     edges: int
     final: bool = True
@@ -69,7 +69,7 @@ class Facts:
         return self.sample.response.double() @ light / pixels * self.sample.exposure
 
     @property
-    def blurred(self) -> Simulation:
+    def blurred(self) -> Fidelity:
         """A simulation with little in it but blur: how bright the photo is."""
         return self.full.changed({"groups": 1, "colours": 1, "layers": 5, "occlusion": "none"})
 
@@ -107,7 +107,7 @@ def facts_of(
     facts = Facts(
         view=view,
         camera=camera,
-        full=full_simulation(camera, view),
+        full=full_fidelity(camera, view),
         sample=sample,
         edges=edge_pixels(view, 1 / blur_per_dioptre(camera)),
         final=final,

@@ -8,19 +8,19 @@ from typing import Any
 
 from torch import Tensor
 
+from ..capture.fidelity import FULL_PARTS, Fidelity
+from ..capture.methods import METHODS
+from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
-from ..expose.methods import METHODS
-from ..expose.occlusion import OCCLUSIONS
 from ..optics import Camera
 from ..render.view import View
-from .choose import Chosen, everything, fastest, simulation_of, within
+from .choose import Chosen, everything, fastest, fidelity_of, within
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
 from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
 from .rates import Rates, rates
 from .remember import remembered
-from .simulation import FULL_PARTS, Simulation
 from .target import Target
 from .work import Shape, shape_of, work_of
 
@@ -45,44 +45,44 @@ class Planner:
     shape: Shape
     estimates: Estimates
     rates: Rates
-    render_seconds: Callable[[Simulation], float] = lambda simulation: 0.0
+    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0
     disk_mib: float = 0.0
 
-    def seconds_of(self, simulation: Simulation) -> Mapping[str, float]:
+    def seconds_of(self, fidelity: Fidelity) -> Mapping[str, float]:
         """Predicted seconds of each stage."""
-        layers = int(self.facts.sample.nodes(simulation.layers).numel())
-        if simulation.layers is None and self.facts.sample.depths is None:
+        layers = int(self.facts.sample.nodes(fidelity.layers).numel())
+        if fidelity.layers is None and self.facts.sample.depths is None:
             layers = self._finest_layers()
-        groups, colours = _counts(self.facts, simulation.groups, simulation.colours)
-        work = work_of(self.shape, self.facts.camera, simulation, layers, groups, colours)
+        groups, colours = _counts(self.facts, fidelity.groups, fidelity.colours)
+        work = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
         stages = {
             stage: sum(rate * amount for rate, amount in zip(self.rates[stage], amounts, strict=True))
             for stage, amounts in work.amounts.items()
         }
-        return {"render": self.render_seconds(simulation), **stages}
+        return {"render": self.render_seconds(fidelity), **stages}
 
-    def memory_mib(self, simulation: Simulation) -> float:
+    def memory_mib(self, fidelity: Fidelity) -> float:
         """Predicted peak memory of the process."""
-        layers = int(self.facts.sample.nodes(simulation.layers).numel())
-        groups, colours = _counts(self.facts, simulation.groups, simulation.colours)
-        found = work_of(self.shape, self.facts.camera, simulation, layers, groups, colours)
+        layers = int(self.facts.sample.nodes(fidelity.layers).numel())
+        groups, colours = _counts(self.facts, fidelity.groups, fidelity.colours)
+        found = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
         return BASE_MIB + found.bytes / 2**20
 
     def _finest_layers(self) -> int:
-        from .photographing import nodes_of
+        from ..capture.photographing import nodes_of
 
         return int(nodes_of(self.facts.view, self.facts.camera, self.facts.full).numel())
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
         """Choose for a target. fixed: levels of effects that the user insists on."""
         target, fixed = target or Target(), dict(fixed or {})
-        known: dict[Simulation, float] = {}
+        known: dict[Fidelity, float] = {}
 
         def seconds(chosen: Chosen) -> float:
-            simulation = simulation_of(self.estimates, chosen, self.facts.full)
-            if simulation not in known:
-                known[simulation] = sum(self.seconds_of(simulation).values())
-            return known[simulation]
+            fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
+            if fidelity not in known:
+                known[fidelity] = sum(self.seconds_of(fidelity).values())
+            return known[fidelity]
 
         note, asked = "", target.asked_db(self.facts)
         if target.kind == "full":
@@ -138,7 +138,7 @@ class Planner:
         note: str,
         seconds: Callable[[Chosen], float],
     ) -> Plan:
-        simulation = simulation_of(self.estimates, chosen, self.facts.full)
+        fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
         now = seconds(chosen)
         decisions = []
         for row in self.estimates.rows:
@@ -148,8 +148,8 @@ class Planner:
             costs = 0.0 if row.full == 0 else max(0.0, seconds(with_it) - seconds(without))
             memory = 0.0
             if row.full:
-                memory = self.memory_mib(simulation_of(self.estimates, with_it, self.facts.full))
-                memory -= self.memory_mib(simulation_of(self.estimates, without, self.facts.full))
+                memory = self.memory_mib(fidelity_of(self.estimates, with_it, self.facts.full))
+                memory -= self.memory_mib(fidelity_of(self.estimates, without, self.facts.full))
             called = _called_for(row, asked, level)
             decisions.append(
                 Decision(
@@ -167,11 +167,11 @@ class Planner:
             )
         return Plan(
             tuple(decisions),
-            simulation,
+            fidelity,
             error_db=decibels(self.estimates.total(chosen)),
             asked_db=None if target.kind == "time" else asked,
-            seconds=self.seconds_of(simulation) if now else {},
-            memory_mib=self.memory_mib(simulation),
+            seconds=self.seconds_of(fidelity) if now else {},
+            memory_mib=self.memory_mib(fidelity),
             disk_mib=self.disk_mib,
             target=target.sentence(self.facts),
             note=note,

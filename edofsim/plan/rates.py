@@ -15,6 +15,8 @@ import torch
 from scipy.optimize import nnls
 from torch import Tensor
 
+from ..capture.fidelity import Fidelity
+from ..capture.photographing import nodes_of, photograph
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..optics.threads import one_thread
@@ -22,8 +24,6 @@ from ..recipe import CameraRecipe
 from ..recipe.masks import CubicMask
 from ..record import machine
 from ..render.view import View
-from .photographing import nodes_of, photograph
-from .simulation import Simulation
 from .work import STAGES, shape_of, work_of
 
 VERSION = 12
@@ -36,32 +36,32 @@ PACE = "pace"
 _known: dict[str, Rates] = {}
 
 RUNS = (
-    Simulation(groups=1, colours=1, layers=1, occlusion="none"),
-    Simulation(groups=1, colours=2, layers=12, occlusion="none"),
-    Simulation(groups=2, colours=2, layers=5, occlusion="none", window=64),
-    Simulation(groups=0, layers=3, occlusion="none"),
-    Simulation(groups=0, layers=12, occlusion="none", window=32),
-    Simulation(groups=3, colours=1, layers=6, occlusion="none", pupil_um=9.0),
-    Simulation(groups=1, colours=0, layers=4, occlusion="none", oversampling=4),
-    Simulation(groups=2, colours=2, layers=20, occlusion="none", window=16),
-    Simulation(groups=1, colours=1, layers=6, occlusion="hidden"),
-    Simulation(groups=2, colours=1, layers=10, occlusion="hidden", window=64),
-    Simulation(groups=3, colours=1, layers=24, occlusion="hidden", window=32),
-    Simulation(groups=0, layers=2, occlusion="hidden", window=32),
-    Simulation(groups=1, colours=2, layers=4, occlusion="normalised"),
-    Simulation(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
-    Simulation(groups=1, colours=1, layers=4, occlusion="hidden", pupil_parts=3),
-    Simulation(groups=1, colours=2, layers=9, occlusion="hidden", pupil_parts=4),
-    Simulation(groups=1, colours=1, layers=6, occlusion="hidden", pupil_parts=4, window=48),
-    Simulation(groups=1, colours=2, layers=2, occlusion="hidden", pupil_parts=5, pupil_um=9.0),
-    Simulation(groups=1, colours=1, layers=7, occlusion="hidden", pupil_parts=6, window=64),
+    Fidelity(groups=1, colours=1, layers=1, occlusion="none"),
+    Fidelity(groups=1, colours=2, layers=12, occlusion="none"),
+    Fidelity(groups=2, colours=2, layers=5, occlusion="none", window=64),
+    Fidelity(groups=0, layers=3, occlusion="none"),
+    Fidelity(groups=0, layers=12, occlusion="none", window=32),
+    Fidelity(groups=3, colours=1, layers=6, occlusion="none", pupil_um=9.0),
+    Fidelity(groups=1, colours=0, layers=4, occlusion="none", oversampling=4),
+    Fidelity(groups=2, colours=2, layers=20, occlusion="none", window=16),
+    Fidelity(groups=1, colours=1, layers=6, occlusion="hidden"),
+    Fidelity(groups=2, colours=1, layers=10, occlusion="hidden", window=64),
+    Fidelity(groups=3, colours=1, layers=24, occlusion="hidden", window=32),
+    Fidelity(groups=0, layers=2, occlusion="hidden", window=32),
+    Fidelity(groups=1, colours=2, layers=4, occlusion="normalised"),
+    Fidelity(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
+    Fidelity(groups=1, colours=1, layers=4, occlusion="hidden", pupil_parts=3),
+    Fidelity(groups=1, colours=2, layers=9, occlusion="hidden", pupil_parts=4),
+    Fidelity(groups=1, colours=1, layers=6, occlusion="hidden", pupil_parts=4, window=48),
+    Fidelity(groups=1, colours=2, layers=2, occlusion="hidden", pupil_parts=5, pupil_um=9.0),
+    Fidelity(groups=1, colours=1, layers=7, occlusion="hidden", pupil_parts=6, window=64),
 )
 FLAT_RUNS = (
-    Simulation(groups=1, colours=1, layers=1, occlusion="none"),
-    Simulation(groups=1, colours=2, layers=1, occlusion="none", window=64),
-    Simulation(groups=2, colours=2, layers=1, occlusion="none", window=48),
-    Simulation(groups=3, colours=0, layers=1, occlusion="none", window=32),
-    Simulation(groups=0, layers=1, occlusion="none"),
+    Fidelity(groups=1, colours=1, layers=1, occlusion="none"),
+    Fidelity(groups=1, colours=2, layers=1, occlusion="none", window=64),
+    Fidelity(groups=2, colours=2, layers=1, occlusion="none", window=48),
+    Fidelity(groups=3, colours=0, layers=1, occlusion="none", window=32),
+    Fidelity(groups=0, layers=1, occlusion="none"),
 )
 MAP_SAMPLES = 240
 """Across a height map in the mask's place."""
@@ -158,7 +158,7 @@ def _share_of(camera: Camera, repeats: int, threads: int) -> dict[str, float]:
 def _fastest(
     view: View,
     camera: Camera,
-    run: Simulation,
+    run: Fidelity,
     repeats: int,
     clock: Callable[[], float],
     height: Tensor | None = None,

@@ -12,7 +12,7 @@ from pathlib import Path
 import platformdirs
 import torch
 
-from ..expose.photo import PHOTOS
+from ..capture.photo import PHOTOS
 from .effect import Effect, Level
 from .estimate import Estimate, Estimates, Progress, estimate, levels_of
 from .facts import Facts

@@ -13,20 +13,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..expose.blurring import Blurring
-from ..expose.crop import crop, with_margin
-from ..expose.kernels import HeldKernels, Kernels
-from ..expose.methods import METHODS
-from ..expose.occlusion import OCCLUSIONS
-from ..expose.occlusion.parts import change_in_parts
-from ..expose.photograph import all_in_focus, veil_of
-from ..expose.prepare import blur_per_dioptre, channel_weights, kernels_of, kernels_of_parts
-from ..expose.sensor import automatic_exposure
+from ..capture.band_groups import Gathering, gathered_kernels, gathered_view
+from ..capture.blurring import Blurring
+from ..capture.crop import crop, with_margin
+from ..capture.fidelity import Fidelity, simpler_camera
+from ..capture.kernels import HeldKernels, Kernels
+from ..capture.methods import METHODS
+from ..capture.occlusion import OCCLUSIONS
+from ..capture.occlusion.parts import change_in_parts
+from ..capture.photograph import all_in_focus, veil_of
+from ..capture.photographing import gathering_of, spectrum_of, with_part_of_margin
+from ..capture.prepare import blur_per_dioptre, channel_weights, kernels_of, kernels_of_parts
+from ..capture.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
-from .colours import Gathering, gathered_kernels, gathered_view
-from .photographing import gathering_of, spectrum_of, with_part_of_margin
-from .simulation import Simulation, simpler_camera
 
 TILE = 96
 PIXELS = 210_000
@@ -51,7 +51,7 @@ class Sample:
     depths: Tensor | None
     response: Tensor
     _banks: dict[tuple, HeldKernels] = field(default_factory=dict, repr=False, compare=False)
-    _photos: dict[Simulation, Tensor] = field(default_factory=dict, repr=False, compare=False)
+    _photos: dict[Fidelity, Tensor] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, layers: int | None) -> Tensor:
         """Depth nodes [node] of the whole view."""
@@ -63,36 +63,36 @@ class Sample:
             return torch.tensor([(low + high) / 2], dtype=torch.float64)
         return torch.linspace(low, high, layers, dtype=torch.float64)
 
-    def photo(self, simulation: Simulation, snapped: bool = False) -> Tensor:
+    def photo(self, fidelity: Fidelity, snapped: bool = False) -> Tensor:
         """The sample's clean photo [channel, pixel], each pixel times the root of its weight: the sum of
         squares of a difference is the mean square error over the frame.
 
         snapped: every fragment is moved to the nearest depth node. Between nodes PSFs are mixtures, smoother
         than that of any depth, which hides errors where the nodes are few.
         """
-        nodes = self.nodes(simulation.layers)
-        window = simulation.window or self.camera.recipe.psf.window_px
-        margin = window // 2 if simulation.margin is None else min(simulation.margin, window // 2)
+        nodes = self.nodes(fidelity.layers)
+        window = fidelity.window or self.camera.recipe.psf.window_px
+        margin = window // 2 if fidelity.margin is None else min(fidelity.margin, window // 2)
         parts = []
         blurring, veil = None, None
-        gathering = self._gathering(simulation)
+        gathering = self._gathering(fidelity)
         for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
-            light = gathered_view(view, gathering) if simulation.groups else view
+            light = gathered_view(view, gathering) if fidelity.groups else view
             if snapped:
                 light = replace(light, inverse_depth=_nearest(light.inverse_depth, nodes))
             light = with_margin(with_part_of_margin(light, margin), window // 2)
             if blurring is None:
-                kernels = self._kernels(simulation, gathering.wavelengths, nodes, window)
-                kernels = gathered_kernels(kernels, gathering) if simulation.groups else kernels
+                kernels = self._kernels(fidelity, gathering.wavelengths, nodes, window)
+                kernels = gathered_kernels(kernels, gathering) if fidelity.groups else kernels
                 blurring = Blurring(
                     kernels,
                     gathering.response.to(light.radiance),
-                    METHODS[simulation.method],
-                    simulation.tolerance_db,
+                    METHODS[fidelity.method],
+                    fidelity.tolerance_db,
                     gap=1 / blur_per_dioptre(self.camera),
                 )
-                through = self._parts(simulation, gathering, nodes, window)
-            image = OCCLUSIONS[simulation.occlusion](light, blurring)
+                through = self._parts(fidelity, gathering, nodes, window)
+            image = OCCLUSIONS[fidelity.occlusion](light, blurring)
             if through:
                 image = image + change_in_parts(light, blurring, through)
             parts.append(light.crop_margin(image).flatten(1))
@@ -104,22 +104,22 @@ class Sample:
             [(part + veil[:, None]) * root for part, root in zip(parts, roots.tolist(), strict=True)], 1
         )
 
-    def exposed(self, simulation: Simulation) -> tuple[Tensor, Tensor]:
+    def exposed(self, fidelity: Fidelity) -> tuple[Tensor, Tensor]:
         """The sample's clean photo [channel, pixel] as it is, and the weights [pixel] of its pixels: they sum
         to 1 or thereabouts."""
         sizes = [view.height * view.width for view in self.tiles]
         weights = torch.repeat_interleave(self.weights, torch.tensor(sizes))
-        if simulation not in self._photos:
-            self._photos[simulation] = self.photo(simulation).double() / weights.sqrt()
-        return self._photos[simulation], weights
+        if fidelity not in self._photos:
+            self._photos[fidelity] = self.photo(fidelity).double() / weights.sqrt()
+        return self._photos[fidelity], weights
 
-    def _gathering(self, simulation: Simulation) -> Gathering:
+    def _gathering(self, fidelity: Fidelity) -> Gathering:
         """As the whole view's: the tiles share the PSFs of the groups."""
-        return gathering_of(self.tiles[0], self.camera, self.response, simulation, self.spectrum, self.ends)
+        return gathering_of(self.tiles[0], self.camera, self.response, fidelity, self.spectrum, self.ends)
 
-    def _kernels(self, simulation: Simulation, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
+    def _kernels(self, fidelity: Fidelity, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
-        camera = simpler_camera(self.camera, simulation)
+        camera = simpler_camera(self.camera, fidelity)
         materials = (camera.glass.name, camera.mask_material.name)
         key = (camera.recipe.model_dump_json(), materials, tuple(wavelengths.tolist()), window)
         known = self._banks.get(key)
@@ -133,29 +133,29 @@ class Sample:
         return made
 
     def _parts(
-        self, simulation: Simulation, gathering: Gathering, nodes: Tensor, window: int
+        self, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, window: int
     ) -> list[Kernels]:
         """PSFs of the groups through each part of the pupil, for all tiles; none where it is one part."""
-        if simulation.pupil_parts == 1 or simulation.occlusion != "hidden":
+        if fidelity.pupil_parts == 1 or fidelity.occlusion != "hidden":
             return []
-        camera = simpler_camera(self.camera, simulation)
+        camera = simpler_camera(self.camera, fidelity)
         found = kernels_of_parts(
-            camera, gathering.wavelengths, nodes, window, simulation.pupil_parts, height=self.height
+            camera, gathering.wavelengths, nodes, window, fidelity.pupil_parts, height=self.height
         )
-        return [gathered_kernels(part, gathering) if simulation.groups else part for part in found]
+        return [gathered_kernels(part, gathering) if fidelity.groups else part for part in found]
 
-    def narrow(self, simulation: Simulation, window: int, lost: float) -> bool:
+    def narrow(self, fidelity: Fidelity, window: int, lost: float) -> bool:
         """Whether PSFs of that window lose less than `lost` of the light at every depth, on average."""
-        gathering = self._gathering(simulation)
-        kernels = self._kernels(simulation, gathering.wavelengths, self.nodes(5), window)
+        gathering = self._gathering(fidelity)
+        kernels = self._kernels(fidelity, gathering.wavelengths, self.nodes(5), window)
         rest = gathered_kernels(kernels, gathering)
         return max(float(rest.rest(k).mean()) for k in range(rest.nodes.numel())) < lost
 
-    def psf_energy(self, simulation: Simulation, nodes: Tensor) -> Tensor:
+    def psf_energy(self, fidelity: Fidelity, nodes: Tensor) -> Tensor:
         """sum of psf^2 of each channel, mean over nodes, [channel]: how far independent noise averages."""
-        gathering = self._gathering(simulation)
+        gathering = self._gathering(fidelity)
         window = self.camera.recipe.psf.window_px
-        kernels = gathered_kernels(self._kernels(simulation, gathering.wavelengths, nodes, window), gathering)
+        kernels = gathered_kernels(self._kernels(fidelity, gathering.wavelengths, nodes, window), gathering)
         layers = [kernels.layer(k).square().sum((-2, -1)) for k in range(nodes.numel())]
         return gathering.response @ torch.stack(layers).mean(0).double()
 

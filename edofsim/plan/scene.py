@@ -12,9 +12,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ..expose.photograph import all_in_focus
-from ..expose.prepare import channel_weights
-from ..expose.sensor import automatic_exposure
+from ..capture.fidelity import Fidelity, disperses, simpler_recipe
+from ..capture.photograph import all_in_focus
+from ..capture.prepare import channel_weights
+from ..capture.sensor import automatic_exposure
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
@@ -23,7 +24,6 @@ from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from .effect import Plan
 from .facts import Facts, facts_of
 from .photo import Progress, plan_photo
-from .simulation import Simulation, disperses, simpler_recipe
 from .target import Target
 from .thumbnail import sketch, thumbnail
 
@@ -37,7 +37,7 @@ class Looked:
     of the view; recipe: of the scene."""
 
     facts: Facts
-    render_seconds: Callable[[Simulation], float]
+    render_seconds: Callable[[Fidelity], float]
     disk_mib: float
     recipe: SceneRecipe
 
@@ -71,11 +71,11 @@ def look(
     expected = forecast([Task(recipe, base)], cache=cache)
     pace = _pace(recipe, base, cache)
 
-    def seconds(simulation: Simulation) -> float:
+    def seconds(fidelity: Fidelity) -> float:
         if pace is None:
             return expected.seconds
-        planned = simpler_recipe(recipe, simulation)
-        shares = [_rays(each, view, s) for each, s in ((planned, simulation), (small, Simulation()))]
+        planned = simpler_recipe(recipe, fidelity)
+        shares = [_rays(each, view, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
         return pace.seconds(planned.render.samples, shares[0] / shares[1])
 
     return Looked(facts, seconds, expected.bytes / 2**20, recipe)
@@ -98,13 +98,13 @@ def seen_in_thumbnails(
         return shorter, ()
     whole = render(small, base, **how)
 
-    def error(simulation: Simulation) -> tuple[float, ...]:
-        without = render(simpler_recipe(small, simulation), base, **how)
+    def error(fidelity: Fidelity) -> tuple[float, ...]:
+        without = render(simpler_recipe(small, fidelity), base, **how)
         return _in_photo(_difference(without, whole, facts.camera), facts, small)
 
     for length in lengths:
-        shorter[length] = error(Simulation(bounces=length))
-    return shorter, error(Simulation(glass_dispersion=False)) if disperses(recipe) else ()
+        shorter[length] = error(Fidelity(bounces=length))
+    return shorter, error(Fidelity(glass_dispersion=False)) if disperses(recipe) else ()
 
 
 def plan_scene(
@@ -128,12 +128,12 @@ def plan_scene(
     )
 
 
-def _rays(recipe: SceneRecipe, view: View, simulation: Simulation) -> float:
+def _rays(recipe: SceneRecipe, view: View, fidelity: Fidelity) -> float:
     """Rays of a rendering, those behind edges counted as in the view, longer paths in proportion."""
     frame = recipe.frame
     pixels = (frame.width_px + 2 * frame.margin_px) * (frame.height_px + 2 * frame.margin_px)
     behind = 0.0
-    if recipe.render.hidden and simulation.hidden_pass:
+    if recipe.render.hidden and fidelity.hidden_pass:
         behind = float(view.hidden.sum()) / (view.padded_shape[0] * view.padded_shape[1])
     return pixels * (1 + behind) * recipe.render.samples * recipe.render.max_depth
 

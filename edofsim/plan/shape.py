@@ -8,10 +8,10 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from ..expose.crop import crop, with_margin
-from ..expose.occlusion.hidden import Tile, tiles_to_composite
-from ..expose.occlusion.slabs import cuts, hides
-from ..expose.prepare import blur_per_dioptre
+from ..capture.crop import crop, with_margin
+from ..capture.occlusion.hidden import Tile, tiles_to_composite
+from ..capture.occlusion.slabs import cuts, hides
+from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..render.view import View
 

@@ -9,15 +9,15 @@ from functools import lru_cache
 
 import torch
 
-from ..expose.convolution import Grid
-from ..expose.methods.layered import BLOCK_PIXELS
+from ..capture.convolution import Grid
+from ..capture.fidelity import Fidelity, in_parts, simpler_camera
+from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import trained_pitch
 from ..optics.parts import partition
 from ..optics.sampling import plan_sampling
 from .shape import Shape, Slabs, shape_of
-from .simulation import Simulation, in_parts, simpler_camera
 
 STAGES = ("prepare", "psf", "blur", "parts", "sensor")
 PART_AMOUNTS = 5
@@ -36,24 +36,24 @@ class Work:
 
 
 def work_of(
-    shape: Shape, camera: Camera, simulation: Simulation, layers: int, groups: int, colours: int
+    shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int
 ) -> Work:
     """The work of a photo.
 
     layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs.
     """
-    window = simulation.window or camera.recipe.psf.window_px
+    window = fidelity.window or camera.recipe.psf.window_px
     margin = window // 2
     padded = (shape.height + 2 * margin) * (shape.width + 2 * margin)
     outer = math.prod(shape.padded_shape)
     fragments = shape.fragments * padded / outer
-    gathered = groups if simulation.groups else 0
-    blur = _blur_of(shape, simulation.occlusion, window, layers, groups)
-    samples = _pupil_samples(camera, simulation, window, shape)
+    gathered = groups if fidelity.groups else 0
+    blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
+    samples = _pupil_samples(camera, fidelity, window, shape)
     relief = shape.map_samples is not None or camera.recipe.mask.kind != "clear"
-    half, out = samples / 2, (window * simulation.oversampling + 2) / 2
+    half, out = samples / 2, (window * fidelity.oversampling + 2) / 2
     waves = layers * colours
-    parts, held = _parts_of(shape, camera, simulation, layers, samples)
+    parts, held = _parts_of(shape, camera, fidelity, layers, samples)
     return Work(
         {
             "prepare": (
@@ -93,18 +93,18 @@ def work_of(
 
 
 def _parts_of(
-    shape: Shape, camera: Camera, simulation: Simulation, layers: int, samples: int
+    shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, samples: int
 ) -> tuple[tuple[float, ...], float]:
     """Amounts of compositing the pupil in parts, and the bytes of their PSFs and light."""
-    across = simulation.pupil_parts
-    if across == 1 or simulation.occlusion != "hidden" or not shape.edges.numel():
+    across = fidelity.pupil_parts
+    if across == 1 or fidelity.occlusion != "hidden" or not shape.edges.numel():
         return (0.0,) * PART_AMOUNTS, 0.0
-    coarse = in_parts(simulation)
-    window = simulation.window or camera.recipe.psf.window_px
+    coarse = in_parts(fidelity)
+    window = fidelity.window or camera.recipe.psf.window_px
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
     colours = min(shape.bands, COVERAGES * coarse.colours)
     count = parts_of_disc(across)
-    waves, half, out = layers * colours, samples / 2, (window * simulation.oversampling + 2) / 2
+    waves, half, out = layers * colours, samples / 2, (window * fidelity.oversampling + 2) / 2
     margin = window // 2
     work = _Composites()
     tiles = shape.tiles(margin)
@@ -233,8 +233,8 @@ def _composite(
         work.scanned += sum(slabs.fragments) * scale
 
 
-def _pupil_samples(camera: Camera, simulation: Simulation, window: int, shape: Shape) -> int:
-    simpler = simpler_camera(camera, simulation)
+def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
+    simpler = simpler_camera(camera, fidelity)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
     return _samples(_Named(simpler, recipe), window, shape.ends, shape.wavelengths, shape.map_samples)
 

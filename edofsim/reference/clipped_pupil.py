@@ -19,13 +19,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..capture.blurring import Blurring
+from ..capture.checks import check_pixel_angle
+from ..capture.crop import crop as cropped
+from ..capture.kernels import HeldKernels
+from ..capture.methods import METHODS
+from ..capture.prepare import channel_weights
 from ..errors import InputError
-from ..expose.blurring import Blurring
-from ..expose.checks import check_pixel_angle
-from ..expose.crop import crop as cropped
-from ..expose.kernels import HeldKernels
-from ..expose.methods import METHODS
-from ..expose.prepare import channel_weights
 from ..optics import Camera, defocus, plan_sampling, psf_bank
 from ..optics.pupil import aperture, pupil_function
 from ..render.engine import use_engine

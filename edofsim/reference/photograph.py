@@ -8,9 +8,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..capture.checks import check_pixel_angle
+from ..capture.prepare import channel_weights
 from ..errors import InputError
-from ..expose.checks import check_pixel_angle
-from ..expose.prepare import channel_weights
 from ..optics import Camera
 from ..optics.camera import focus_distance
 from ..recipe import SceneRecipe

@@ -9,9 +9,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..evaluate.bench_scene import MADE, OBJECTS
-from ..evaluate.protocols import LENS_ALONE, OURS, PAPER, System
-from ..evaluate.scene3d import WHOLE, Measured, Seen
+from ..experiments.bench_scene import MADE, OBJECTS
+from ..experiments.protocols import LENS_ALONE, OURS, PAPER, System
+from ..experiments.scene3d import WHOLE, Measured, Seen
 from .crops import Crop, choose_crops
 from .model import DepthRange
 from .page import Block, Column, Gallery, Page, Section, Table, Text, write_page

@@ -7,9 +7,9 @@ import functools
 import matplotlib
 from matplotlib.figure import Figure
 
-from ..evaluate.broadband import CHANNELS, DEPTHS_M, Result, label_of
-from ..evaluate.chromatic import Chromatic
-from ..evaluate.paper_figures import BROADBAND
+from ..experiments.broadband import CHANNELS, DEPTHS_M, Result, label_of
+from ..experiments.chromatic import Chromatic
+from ..experiments.paper_figures import BROADBAND
 from .page import Block, Column, Gallery, Key, Keys, Notes, Page, Section, Table, Text
 from .pictures import picture_file
 from .plot import (

@@ -9,7 +9,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..evaluate.cost import Row, pareto
+from ..experiments.cost import Row, pareto
 from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, Plot, new_figure
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from ..evaluate import cost, cost_stages
+from ..experiments import cost, cost_stages
 from .cost_chart import cost_plot, few_ticks
 from .page import Block, Column, Key, Keys, Page, Section, Table, Text, write_page
 from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, WIDE_IN, Plot, new_figure

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from ..evaluate.scores import DepthScore
+from ..restore.scores import DepthScore
 from .model import ImageScore
 from .plot import (
     BLUE,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 from torch import Tensor
 
-from ..evaluate.cost import Row
+from ..experiments.cost import Row
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface

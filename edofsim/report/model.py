@@ -9,7 +9,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..evaluate.scores import DepthScore, Score
+from ..restore.scores import DepthScore, Score
 from .plot import Plot
 from .words import depth_range
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from ..evaluate import bandwidth, mtf
+from ..experiments import bandwidth, mtf
 from ..optics import Camera
 from .page import Column, Key, Keys, Page, Section, Table, Text
 from .plot import DASHES, MUTED, NARROW_IN, SERIES, WIDE_IN, Plot, line_plot, new_figure

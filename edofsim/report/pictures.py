@@ -13,8 +13,8 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from ..capture.srgb import srgb_encode
 from ..errors import InputError
-from ..expose.srgb import srgb_encode
 
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
 NOT_A_NUMBER = (1.0, 0.0, 1.0)  # magenta: no photograph has it by chance

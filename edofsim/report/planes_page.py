@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..evaluate import robustness, table
-from ..evaluate.paper_figures import FABRICATION, METHOD_OF, METHODS, NOISE, TABLE
-from ..evaluate.photographs import Photographs
-from ..evaluate.planes import RANDOM, Row
+from ..experiments import robustness, table
+from ..experiments.paper_figures import FABRICATION, METHOD_OF, METHODS, NOISE, TABLE
+from ..experiments.photographs import Photographs
+from ..experiments.planes import RANDOM, Row
 from .page import Block, Column, Gallery, Key, Keys, Notes, Page, Section, Table, Text
 from .pictures import Picture, picture_file
 from .plot import WIDE_IN, Plot, line_plot

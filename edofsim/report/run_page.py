@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from ..evaluate.scores import psnr, within_scale
+from ..restore.scores import psnr, within_scale
 from .crops import Crop, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
 from .figures_optics import height_plot, mtf_plot, psf_plot

@@ -11,9 +11,9 @@ from pathlib import Path
 import torch
 from PIL import Image
 
-from ..evaluate.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
-from ..evaluate.scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
-from ..evaluate.scores import DepthScore, Score
+from ..experiments.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
+from ..experiments.scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
+from ..restore.scores import DepthScore, Score
 from .crops import Crop
 from .figures import score_plot
 from .model import ImageScore, RunReport

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..evaluate.stability import CaseResult
+from ..stability.catalogue import CaseResult
 from .page import Column, Key, Keys, Page, Section, Table, Text, write_page
 from .words import significant
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from edofsim.evaluate import bench_learn
+from benchmarks import learn as bench_learn
 
 
 @pytest.mark.slow

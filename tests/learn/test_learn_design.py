@@ -10,10 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from edofsim.capture.planes import surroundings
 from edofsim.errors import InputError
 from edofsim.learn.design import design
 from edofsim.learn.doe import FreeHeight
-from edofsim.learn.imaging import surroundings
 from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
 from edofsim.optics import Camera, mean_psfs, response

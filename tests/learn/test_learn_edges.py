@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import torch
 
+from edofsim.capture.planes import surroundings
 from edofsim.learn.edges import Edges, draw_covers
-from edofsim.learn.imaging import surroundings
 from edofsim.learn.material import gather
 from edofsim.learn.sources import draw_patches, packaged_images
 from edofsim.learn.system import Optics, Planes

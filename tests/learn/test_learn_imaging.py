@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.signal import convolve2d
 
-from edofsim.learn.imaging import photograph, surroundings
+from edofsim.capture.planes import photograph, surroundings
 from edofsim.optics.transform import good_size
 
 

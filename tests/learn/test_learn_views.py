@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn.system import COLOURS, Optics, Planes
+from edofsim.learn.system import Optics, Planes
 from edofsim.learn.views import ViewParts, ViewSource, in_colours, open_views, scenes_of, training_rows
-from edofsim.optics import Camera
+from edofsim.optics import PAPER_COLOURS, Camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.train import Views
 from edofsim.render.view import View
@@ -45,14 +45,14 @@ def _view(
 
 
 def _source(table: Views) -> ViewSource:
-    view = _view(40, 30, 4, COLOURS)
+    view = _view(40, 30, 4, PAPER_COLOURS)
     return ViewSource((view,), table, 12, WINDOW // 2, 0.3, {}, "")
 
 
 def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> None:
     """One surface at one depth: `Planes`, the paper's own model, is the reference."""
     optics, height = _optics(), 0.3e-6 * torch.rand(239, 239, generator=torch.Generator().manual_seed(1))
-    view = _view(12, 10, WINDOW, COLOURS)
+    view = _view(12, 10, WINDOW, PAPER_COLOURS)
     table = Views(scenes=("s",), layers=2)
     found = ViewParts((view,), (1.0,), table).photograph(optics, height)
     picture = view.radiance.reshape(1, 3, 12 + 2 * WINDOW, 10 + 2 * WINDOW)
@@ -105,7 +105,7 @@ def test_bands_are_interpolated_to_the_papers_colours() -> None:
     linear = (bands * 1e6).to(torch.float32)[:, None].expand(31, 4)
     colours = in_colours(View(**{**view.__dict__, "radiance": linear}))
     assert torch.allclose(
-        colours.radiance, (COLOURS * 1e6).to(torch.float32)[:, None].expand(3, 4), atol=1e-6
+        colours.radiance, (PAPER_COLOURS * 1e6).to(torch.float32)[:, None].expand(3, 4), atol=1e-6
     )
     with pytest.raises(InputError, match="482 to 611 nm"):
         in_colours(_view(2, 2, 0, bands[10:]))

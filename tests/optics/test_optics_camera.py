@@ -10,11 +10,17 @@ import torch
 from pydantic import ValidationError
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, defocus, focal_length, focus_distance, psf_bank, sampling_bound
+from edofsim.optics import (
+    PAPER_COLOURS,
+    Camera,
+    defocus,
+    focal_length,
+    focus_distance,
+    psf_bank,
+    sampling_bound,
+)
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import load_camera
-
-COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
 
 
 def camera(**recipe) -> Camera:
@@ -33,11 +39,11 @@ def test_focal_length_and_sensor_distance_of_the_paper():
 def test_focus_distances_of_the_three_colours():
     # computed by hand with Malitson's silica; the paper rounds to 1.62, 1.30 and 1.04 m
     expected = torch.tensor([1.614, 1.294, 1.037], dtype=torch.float64)
-    assert torch.allclose(focus_distance(camera(), COLOURS), expected, rtol=5e-3)
+    assert torch.allclose(focus_distance(camera(), PAPER_COLOURS), expected, rtol=5e-3)
 
 
 def test_largest_defocus_and_sampling_bound_of_the_paper():
-    psi = defocus(camera(), COLOURS[:, None], torch.tensor([0.0, 2.0]))
+    psi = defocus(camera(), PAPER_COLOURS[:, None], torch.tensor([0.0, 2.0]))
     largest = float(psi.abs().max())
     assert largest == pytest.approx(44.4, abs=0.05)  # the paper rounds to 45
     assert sampling_bound(camera(), largest) == pytest.approx(22e-6, rel=0.01)  # it samples at 21 um
@@ -122,5 +128,5 @@ def test_shipped_cameras_work_and_share_the_papers_geometry(path):
     assert loaded.recipe.name == path.stem and loaded.recipe.purpose
     seen = Camera.from_recipe(loaded.recipe, loaded.base)
     assert seen.pixel_angle == pytest.approx(camera().pixel_angle)
-    bank = psf_bank(seen, COLOURS[1:2], [0.0], window_px=16)
+    bank = psf_bank(seen, PAPER_COLOURS[1:2], [0.0], window_px=16)
     assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-5)

@@ -8,7 +8,7 @@ import math
 import pytest
 import torch
 
-from edofsim.evaluate import bandwidth, mtf, psf_figure
+from edofsim.experiments import bandwidth, mtf, psf_figure
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe.camera import CameraRecipe
 
@@ -72,7 +72,7 @@ def test_every_mask_has_a_picture(tmp_path):
 
 @pytest.mark.slow
 def test_throughput_against_prysm():
-    from edofsim.evaluate.bench_optics import against_prysm
+    from benchmarks.optics import against_prysm
 
     figures = against_prysm()
     assert figures["difference.prysm"] < 1e-9
@@ -81,7 +81,7 @@ def test_throughput_against_prysm():
 
 @pytest.mark.slow
 def test_memory_of_a_bank_stays_within_what_is_stated():
-    from edofsim.evaluate.bench_optics import bank_memory
+    from benchmarks.optics import bank_memory
 
     figures = bank_memory()
     threads = torch.get_num_threads()

@@ -7,10 +7,10 @@ import math
 import pytest
 import torch
 
+from edofsim.capture.blurring import opaque_kernels
+from edofsim.capture.kernels import HeldKernels
+from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
-from edofsim.expose.blurring import opaque_kernels
-from edofsim.expose.kernels import HeldKernels
-from edofsim.expose.prepare import blur_per_dioptre
 from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.parts import pupil_windows

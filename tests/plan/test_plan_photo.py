@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 import torch
 
+from edofsim.capture import expose
 from edofsim.errors import InputError
-from edofsim.expose import expose
 from edofsim.optics import Camera
 from edofsim.plan import (
     EFFECTS,
@@ -104,8 +104,8 @@ def test_one_depth_calls_for_one_layer_and_no_occlusion():
     plan = planner("flat").plan()
     called_for = {d.effect for d in plan.decisions if d.called_for}
     assert not called_for & {"depth layers", "occlusion", "hidden surfaces"}
-    assert plan.simulation.occlusion == "none" and "0.7" not in row(plan, "depth layers").chosen
-    assert photograph(scene(FLAT), CAMERA, plan.simulation).how["layers"] == 1
+    assert plan.fidelity.occlusion == "none" and "0.7" not in row(plan, "depth layers").chosen
+    assert photograph(scene(FLAT), CAMERA, plan.fidelity).how["layers"] == 1
 
 
 def test_a_slanted_surface_has_layers_and_no_edges_and_a_step_has():
@@ -121,9 +121,9 @@ def test_bands_that_say_the_same_are_gathered():
     which is not so where every pixel has a spectrum of its own."""
     grey = torch.rand(1, 72, 80, generator=torch.Generator().manual_seed(0)).expand(len(BANDS), 72, 80)
     target = parse_target("60dB", None)
-    many = photograph(scene(FLAT), CAMERA, planner("flat").plan(target).simulation)
+    many = photograph(scene(FLAT), CAMERA, planner("flat").plan(target).fidelity)
     plan = plan_photo(scene(FLAT, grey.contiguous()), CAMERA, target=target)
-    few = photograph(scene(FLAT, grey.contiguous()), CAMERA, plan.simulation)
+    few = photograph(scene(FLAT, grey.contiguous()), CAMERA, plan.fidelity)
     assert few.how["bands"] < many.how["bands"]
 
 
@@ -149,7 +149,7 @@ def test_what_is_promised_is_met(asked: int):
     view, known = scene(SLANTED), planner("slanted")
     plan = known.plan(parse_target(f"{asked}dB", None))
     full = photograph(view, CAMERA, known.facts.full).clean
-    error = photograph(view, CAMERA, plan.simulation).clean - full
+    error = photograph(view, CAMERA, plan.fidelity).clean - full
     assert decibels(float(error.square().mean().sqrt())) >= asked - 1
     assert plan.error_db >= asked
 
@@ -171,7 +171,7 @@ def test_what_is_promised_with_a_height_map_is_met(asked: int):
     found, view, relief = planner_with_map()
     how = functools.partial(photograph, view, CAMERA, height=relief)
     plan = found.plan(parse_target(f"{asked}dB", None))
-    difference = how(plan.simulation).clean - how(found.facts.full).clean
+    difference = how(plan.fidelity).clean - how(found.facts.full).clean
     assert -20 * difference.square().mean().sqrt().log10() > asked - 1
 
 
@@ -203,7 +203,7 @@ def test_an_accuracy_that_the_user_stands_in_the_way_of_is_answered_with_why():
     plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["exact lens"]}, parse_target("70dB", None))
     assert "70.0 dB cannot be had with exact lens" in plan.note and plan.error_db < 70
     everything = planner("slanted").facts.full.changed({"exact_lens": False})
-    assert measured(scene(SLANTED), CAMERA, vars(plan.simulation)) == pytest.approx(
+    assert measured(scene(SLANTED), CAMERA, vars(plan.fidelity)) == pytest.approx(
         measured(scene(SLANTED), CAMERA, vars(everything)), rel=1e-3
     )
     assert not plan_photo(scene(SLANTED), CAMERA, target=parse_target("45dB", None)).note
@@ -220,8 +220,8 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
     assert decibels(overall(row(plan, "saturation").error)) == pytest.approx(decibels(float(clipped)), abs=3)
     expected = decibels(float(kept_out.mean().sqrt()))
     assert decibels(overall(row(plan, "Bayer mosaic").error)) == pytest.approx(expected, abs=1)
-    assert plan.simulation.saturation and plan.simulation.mosaic
-    plain = plan_photo(scene(SLANTED), camera, {"without": ["Bayer mosaic", "saturation"]}).simulation
+    assert plan.fidelity.saturation and plan.fidelity.mosaic
+    plain = plan_photo(scene(SLANTED), camera, {"without": ["Bayer mosaic", "saturation"]}).fidelity
     image = photograph(scene(SLANTED), camera, plain).image
     assert float(image.max()) > 1 and float((image == 0).float().mean()) < 0.01
     assert row(plan_photo(scene(SLANTED), CAMERA), "Bayer mosaic").error is None
@@ -230,7 +230,7 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
 def test_what_the_user_insists_on_is_done_and_marked():
     overrule = {"layers": 3, "occlusion": None, "without": ["exact lens"]}
     plan = plan_photo(scene(SLANTED), CAMERA, overrule)
-    assert plan.simulation.layers == 3 and not plan.simulation.exact_lens
+    assert plan.fidelity.layers == 3 and not plan.fidelity.exact_lens
     assert {d.effect for d in plan.decisions if d.overruled} == {"depth layers", "exact lens"}
     with pytest.raises(InputError, match="effect 'exact lense' is not known"):
         plan_photo(scene(SLANTED), CAMERA, {"with_": ["exact lense"]})
@@ -302,17 +302,17 @@ def test_a_plan_is_remembered_and_damage_is_not_believed(monkeypatch: pytest.Mon
     first = plan_photo(scene(FLAT), CAMERA)
     count = len(photos)
     again = plan_photo(scene(FLAT), CAMERA)
-    assert count > 0 and len(photos) == count and again.simulation == first.simulation
+    assert count > 0 and len(photos) == count and again.fidelity == first.fidelity
     assert again.error_db == pytest.approx(first.error_db)
     (file,) = tmp_path.glob("*.json")
     file.write_text("{")
-    assert plan_photo(scene(FLAT), CAMERA).simulation == first.simulation and len(photos) == 2 * count
+    assert plan_photo(scene(FLAT), CAMERA).fidelity == first.fidelity and len(photos) == 2 * count
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]:
     """Calls that a photo makes: PSFs computed, convolutions, coverages blurred."""
-    from edofsim.expose import blurring, prepare
-    from edofsim.expose.methods import layered
+    from edofsim.capture import blurring, prepare
+    from edofsim.capture.methods import layered
 
     calls = {"psfs": 0, "convolutions": 0, "coverages": 0}
 
@@ -334,14 +334,14 @@ def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]
     monkeypatch.setattr(prepare, "psf_bank", bank)
     monkeypatch.setattr(layered, "add_convolved", convolved)
     monkeypatch.setattr(blurring.Blurring, "coverage", coverage)
-    photograph(view, CAMERA, plan.simulation)
+    photograph(view, CAMERA, plan.fidelity)
     return calls
 
 
 def test_one_depth_takes_one_convolution_a_group_and_no_coverage(monkeypatch: pytest.MonkeyPatch):
     plan = planner("flat").plan()
     calls = counted(monkeypatch, scene(FLAT), plan)
-    groups = 3 * plan.simulation.groups or len(BANDS)
+    groups = 3 * plan.fidelity.groups or len(BANDS)
     assert calls["coverages"] == 0 and calls["convolutions"] == groups
 
 
@@ -376,7 +376,7 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
         (without, 1),
         (known.plan(parse_target("full", None)), known.facts.full.pupil_parts),
     ):
-        assert photograph(scene(STEP, hidden=True), CAMERA, plan.simulation).how["pupil_parts"] == parts
+        assert photograph(scene(STEP, hidden=True), CAMERA, plan.fidelity).how["pupil_parts"] == parts
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in():
@@ -401,9 +401,9 @@ def test_parts_of_the_pupil_are_taken_on_request():
     """Through parts the photo changes where both sides of an edge are blurred; its light stays nearly all."""
     view = scene(STEP, hidden=True)
     plan = plan_photo(view, CAMERA, {"pupil_parts": 2})
-    four = photograph(view, CAMERA, plan.simulation)
-    one = photograph(view, CAMERA, replace(plan.simulation, pupil_parts=1))
-    assert plan.simulation.occlusion == "hidden" and four.how["pupil_parts"] == 2
+    four = photograph(view, CAMERA, plan.fidelity)
+    one = photograph(view, CAMERA, replace(plan.fidelity, pupil_parts=1))
+    assert plan.fidelity.occlusion == "hidden" and four.how["pupil_parts"] == 2
     assert not torch.equal(one.clean, four.clean)
     assert (one.clean - four.clean).abs().mean() < 0.05 * one.clean.mean()
     with pytest.raises(InputError, match="hidden"):

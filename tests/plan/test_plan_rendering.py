@@ -7,22 +7,22 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from edofsim.plan import EFFECTS, Simulation, simpler_recipe
+from edofsim.capture.fidelity import disperses
+from edofsim.plan import EFFECTS, Fidelity, simpler_recipe
 from edofsim.plan.scene import _in_photo
-from edofsim.plan.simulation import disperses
 from edofsim.plan.thumbnail import sketch, thumbnail
 from edofsim.recipe import load_scene
 
 
 def test_nothing_left_out_is_the_recipe_itself():
     recipe = load_scene("stilllife").recipe
-    assert simpler_recipe(recipe, Simulation()) is recipe
+    assert simpler_recipe(recipe, Fidelity()) is recipe
 
 
 def test_what_is_left_out_of_rendering_is_out_of_the_recipe():
     recipe = load_scene("stilllife").recipe
     bare = simpler_recipe(
-        recipe, Simulation(hidden_pass=False, bounces=2, samples=8, margin=16, glass_dispersion=False)
+        recipe, Fidelity(hidden_pass=False, bounces=2, samples=8, margin=16, glass_dispersion=False)
     )
     assert not bare.render.hidden and bare.render.max_depth == 2 and bare.render.samples == 8
     assert bare.frame.margin_px == 16 and not disperses(bare)
@@ -30,7 +30,7 @@ def test_what_is_left_out_of_rendering_is_out_of_the_recipe():
 
 def test_a_plan_never_renders_more_than_the_recipe_says():
     recipe = load_scene("wall").recipe
-    same = simpler_recipe(recipe, Simulation(bounces=9, samples=9999, margin=999))
+    same = simpler_recipe(recipe, Fidelity(bounces=9, samples=9999, margin=999))
     assert same.render == recipe.render and same.frame == recipe.frame
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
+from edofsim.capture.fidelity import full_fidelity
 from edofsim.optics import Camera
 from edofsim.plan.sample import sample_of
-from edofsim.plan.simulation import full_simulation
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
@@ -36,7 +36,7 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     )
     sample = sample_of(view, CAMERA)
     assert len({float(tile.inverse_depth.mean()) for tile in sample.tiles}) > 1
-    full = full_simulation(CAMERA, view).changed({"occlusion": "none", "window": 48})
+    full = full_fidelity(CAMERA, view).changed({"occlusion": "none", "window": 48})
     every = sample.photo(full.changed({"groups": 0, "colours": 0}))
     errors = [
         float((sample.photo(full.changed({"groups": groups, "colours": 0})) - every).square().sum())

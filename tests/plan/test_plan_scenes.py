@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from edofsim.expose import blurring, prepare
-from edofsim.expose.methods import layered
-from edofsim.expose.photo import Photo
+from edofsim.capture import blurring, prepare
+from edofsim.capture.methods import layered
+from edofsim.capture.photo import Photo
 from edofsim.optics import Camera
 from edofsim.pipeline import view_as_planned
 from edofsim.plan import Plan, look, parse_target, photograph, plan_photo, plan_scene
@@ -76,7 +76,7 @@ def run(name: str, cache: Path, calls: Counter, *, full: bool = False) -> tuple[
     plan = plan_scene(looked, CAMERA, target=target)
     calls.clear()
     view = view_as_planned(looked, plan, loaded.base, None if full else cache, "auto", None)
-    return plan, photograph(view, CAMERA, plan.simulation)
+    return plan, photograph(view, CAMERA, plan.fidelity)
 
 
 def called_for(plan: Plan) -> set[str]:
@@ -134,7 +134,7 @@ def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
     plan = plan_photo(view, camera, target=parse_target("50dB", None))
     calls.clear()
     # what parts of the pupil change has bands and layers of its own
-    photo = photograph(view, camera, plan.simulation.changed({"pupil_parts": 1}))
+    photo = photograph(view, camera, plan.fidelity.changed({"pupil_parts": 1}))
     return photo.how["bands"], calls["psfs"] // photo.how["layers"]
 
 

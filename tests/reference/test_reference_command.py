@@ -6,8 +6,8 @@ import json
 
 import pytest
 
+from edofsim.capture import read_image
 from edofsim.cli import app
-from edofsim.expose import read_image
 from edofsim.recipe import load_camera
 
 SCENE = """\

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.evaluate import occlusion
-from edofsim.evaluate.occlusion import Edge
+from edofsim.experiments import occlusion
+from edofsim.experiments.occlusion import Edge
 from edofsim.optics import focus_distance
 from edofsim.reference import clipped_pupils
 from edofsim.reference.pinhole import Crop

@@ -11,8 +11,8 @@ import pytest
 import torch
 from scipy import stats
 
+from benchmarks.packed import PackedScene, packed_images
 from edofsim.errors import InputError
-from edofsim.render.packed import PackedScene, packed_images
 from edofsim.render.rendering import render_model
 
 

@@ -161,7 +161,7 @@ def lens_scene(make):
 
 def thin_lens(mi, scene, settings, aperture, focus):
     """Mitsuba's own thin-lens camera, [band, y, x]."""
-    from edofsim.render.packed import PackedScene
+    from benchmarks.packed import PackedScene
 
     packed = PackedScene(
         mi,

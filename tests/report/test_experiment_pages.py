@@ -10,7 +10,7 @@ import torch
 from edofsim.commands import paper_all
 from edofsim.commands.base import Done
 from edofsim.errors import EdofsimError, InputError
-from edofsim.evaluate.planes import save_png
+from edofsim.experiments.planes import save_png
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page
 from edofsim.report.experiments_index import write_index
 

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 import torch
 
-from edofsim.evaluate import robustness, table
-from edofsim.evaluate.broadband import DEPTHS_M, Result
-from edofsim.evaluate.broadband import Row as BroadbandRow
-from edofsim.evaluate.chromatic import BANDS_M, Chromatic
-from edofsim.evaluate.photographs import Photographs, one
-from edofsim.evaluate.planes import RANDOM, Row, Shown, averages, save_png
+from edofsim.experiments import robustness, table
+from edofsim.experiments.broadband import DEPTHS_M, Result
+from edofsim.experiments.broadband import Row as BroadbandRow
+from edofsim.experiments.chromatic import BANDS_M, Chromatic
+from edofsim.experiments.photographs import Photographs, one
+from edofsim.experiments.planes import RANDOM, Row, Shown, averages, save_png
 from edofsim.report.broadband_page import broadband_page
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page

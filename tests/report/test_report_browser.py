@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from edofsim.evaluate.scores import score, score_by_depth
 from edofsim.report import ImageScore, Mtfs, PlanRow, Psfs, RunReport, write_report
+from edofsim.restore.scores import score, score_by_depth
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

@@ -14,7 +14,6 @@ import torch
 from skimage import data
 
 from edofsim.errors import InputError
-from edofsim.evaluate.scores import DepthScore, Score, score, score_by_depth
 from edofsim.report import (
     Column,
     Compare,
@@ -36,6 +35,7 @@ from edofsim.report import (
     write_page,
     write_report,
 )
+from edofsim.restore.scores import DepthScore, Score, score, score_by_depth
 
 VOID = {"meta", "img", "input", "source", "br", "link"}
 

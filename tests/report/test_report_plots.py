@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.evaluate.scores import DepthScore, Score
 from edofsim.report import ImageScore, Mtfs, Psfs, line_plot
 from edofsim.report.figures import depth_plot, score_plot, time_plot
 from edofsim.report.figures_optics import height_plot, mtf_plot, psf_plot
 from edofsim.report.plot import DARK, darken, metre_ticks, spread
+from edofsim.restore.scores import DepthScore, Score
 
 
 def scores(*psnr: float) -> dict[str, ImageScore]:

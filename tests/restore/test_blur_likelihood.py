@@ -8,8 +8,8 @@ import torch
 from skimage import data
 from torch import Tensor
 
-from edofsim.learn.imaging import photograph
-from edofsim.optics import Camera, psf_bank
+from edofsim.capture.planes import photograph
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.restore import blur_likelihood
 from edofsim.restore.blur_likelihood import (
     BLOCK,
@@ -24,14 +24,12 @@ from edofsim.restore.blur_likelihood import (
 from edofsim.restore.checkpoint import load_checkpoint, trained_camera
 from edofsim.restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
 
-COLOURS = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
-
 
 def _psfs(inverse_depths: list[float]) -> Tensor:
     """Of the learned mask that ships, [depth, 3, 48, 48]."""
     checkpoint = load_checkpoint("paper-dcnn")
     camera = Camera.from_recipe(trained_camera(checkpoint))
-    bank = psf_bank(camera, COLOURS, inverse_depths, window_px=48, height=checkpoint.height)
+    bank = psf_bank(camera, PAPER_COLOURS, inverse_depths, window_px=48, height=checkpoint.height)
     return bank.values.to(torch.float32)
 
 

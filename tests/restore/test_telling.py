@@ -11,9 +11,8 @@ import torch
 from torch import Tensor
 
 from edofsim.errors import InputError
-from edofsim.learn.system import COLOURS
 from edofsim.learn.trainer import train
-from edofsim.optics import Camera, psf_bank, response
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank, response
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.scene import Bands
 from edofsim.recipe.train import TrainRecipe
@@ -91,7 +90,7 @@ def test_what_it_is_told_for_three_lines_is_what_it_learned_with(trained: Checkp
     table = torch.eye(3, dtype=torch.float64)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("edofsim.restore.telling.response", lambda *_: table)
-        told = told_network(trained, camera, COLOURS)
+        told = told_network(trained, camera, PAPER_COLOURS)
     own = trained.network
     assert told is not own
     scale = float(own.filters.abs().max())  # the pupil is sampled more finely than in the training
@@ -102,7 +101,7 @@ def test_what_it_is_told_for_three_lines_is_what_it_learned_with(trained: Checkp
 
 
 def test_three_lines_and_other_networks_are_left_as_they_are(trained: Checkpoint) -> None:
-    lines = COLOURS.sort().values
+    lines = PAPER_COLOURS.sort().values
     assert told_network(trained, _camera(trained, "lines"), lines) is trained.network
     assert told_network(trained, _camera(trained, "lines"), BANDS) is trained.network  # none to be told
     plain = replace(trained, network=DCnn())

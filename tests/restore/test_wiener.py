@@ -8,13 +8,13 @@ import torch
 from skimage import data, restoration
 
 from edofsim.errors import InputError
-from edofsim.evaluate.scores import psnr
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera
 from edofsim.restore import restore, wiener
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.network import apply_network
 from edofsim.restore.restore import channel_psfs
+from edofsim.restore.scores import psnr
 
 
 def photograph(size: int = 128) -> torch.Tensor:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from edofsim.expose import read_image, write_image
+from edofsim.capture import read_image, write_image
 from edofsim.render import cache
 
 Run = Callable[..., tuple[int, str]]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ...capture.fidelity import disperses
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
-from ..simulation import disperses
 
 
 def absent(facts: Facts) -> str:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from ...capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ...optics.height import trained_pitch
 from ...optics.sampling import plan_sampling
 from ..effect import Effect, Level
 from ..facts import Facts
-from ..simulation import coarsest_pupil_um, pupil_is_free
 
 BETWEEN = 1.6
 """From this ratio of the coarsest to the finest pitch on, there is a level between them."""

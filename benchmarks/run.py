@@ -1,0 +1,41 @@
+"""All benchmarks behind one name: figures are ratios measured in one run, with medians."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from pathlib import Path
+
+from edofsim.errors import InputError
+
+BENCHES = {"optics": "optics", "render": "render", "expose": "photos", "learn": "learn"}
+"""Names as they are asked for, and their modules."""
+
+
+WRITE = ("expose",)
+"""Benchmarks that draw, and keep what they have finished, in a folder."""
+
+
+def run(
+    names: Sequence[str],
+    progress: Callable[[float, str], None] | None = None,
+    out: Path | None = None,
+) -> dict[str, float]:
+    """Figures of the named benchmarks, each under its own prefix; out: a folder for what they write.
+
+    Raises InputError for an unknown name.
+    """
+    unknown = [name for name in names if name not in BENCHES]
+    if unknown:
+        raise InputError(f"no benchmark {unknown[0]!r}; known: {', '.join(BENCHES)}")
+    found: dict[str, float] = {}
+    for index, name in enumerate(names):
+
+        def part(done: float, text: str, index: int = index, name: str = name) -> None:
+            if progress:
+                progress((index + done) / len(names), f"{name}: {text}")
+
+        bench = import_module(f".{BENCHES[name]}", __package__)
+        more = {"out": out} if name in WRITE else {}
+        found |= {f"{name}.{key}": value for key, value in bench.run(progress=part, **more).items()}
+    return found

@@ -1,0 +1,317 @@
+"""Broadband imaging: 31 bands through optics whose restoration was trained with three wavelengths.
+
+Akpinar et al., section "Broadband Imaging": every band of a spectral cube is convolved with the PSF at its
+own wavelength; the sensor's colours are the sums weighted with its spectral response, and so is the truth.
+The object is a plane at 0.5 m, 1 m and infinity.
+
+The paper's sensor has 31 bands, 420 to 720 nm. Bands that a cube lacks are left out of photo and truth
+alike, and the response is scaled so that those it has sum to 1 for each colour; the share left out is
+reported. The exposure is automatic: the 99.5th percentile of the truth is 0.9 of full scale. Read noise and
+height error are those of the paper's table.
+
+Trained weights know three wavelengths. Filters, of a Wiener deconvolution and of a filter bank, follow from
+the PSFs, and are told those of the response (`restore.telling`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..capture.sensor import automatic_exposure
+from ..capture.srgb import srgb_encode
+from ..errors import InputError
+from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
+from ..recipe.camera import CameraRecipe
+from ..restore.checkpoint import shipped_checkpoints
+from ..restore.scores import psnr
+from .chromatic import Chromatic, chromatic
+from .cubes import Cube
+from .drawing import write_csv
+from .kept import Kept, key_of
+from .planes import PROTOCOL, Shown, middle, noisy, save_png, through
+from .systems import (
+    READ_NOISE,
+    WITHOUT_TRAINING,
+    Contestant,
+    contestant,
+    described,
+    filtered,
+    made,
+    paper_test,
+)
+
+Progress = Callable[[float, str], None]
+DEPTHS_M = (0.5, 1.0, math.inf)
+CHANNELS = ("red", "green", "blue")
+SHOWN_PX = 300
+
+
+@dataclass(frozen=True)
+class Row:
+    """One cube by one system at one distance. photo_db, restored_db: whole, then red, green, blue; three_db:
+    of the same picture in the three wavelengths of the training; filter_db: of the photo restored by a Wiener
+    filter that knows the distance and the mask as it was made, which is what a linear restoration could do;
+    band_errors: root mean square of what the optics do to each band, over that of the band."""
+
+    system: str
+    cube: str
+    depth_m: float
+    photo_db: tuple[float, ...]
+    restored_db: tuple[float, ...]
+    three_db: float
+    filter_db: float
+    band_errors: tuple[float, ...]
+    shown: Shown
+
+
+@dataclass(frozen=True)
+class Result:
+    """left_out: share of each colour's response in bands that a cube lacks, by cube; bands_nm by cube."""
+
+    rows: tuple[Row, ...]
+    optics: dict[str, Chromatic]
+    bands_nm: dict[str, tuple[float, ...]]
+    left_out: dict[str, tuple[float, ...]]
+    problems: tuple[str, ...]
+    figures: dict[str, float]
+
+
+def sensor_bands_nm() -> np.ndarray:
+    """The bands of the paper's sensor: 31 from 420 to 720 nm."""
+    curves = response_curves(Camera.from_recipe(CameraRecipe(name="paper")))
+    assert curves is not None  # the default response is a table
+    return np.round(curves[0].numpy() * 1e9, 6)
+
+
+def run(
+    out: Path,
+    cubes: Sequence[Cube],
+    *,
+    problems: Sequence[str] = (),
+    systems: Sequence[str | Path] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Result:
+    """Measure every cube by every system, and write OUT/broadband.csv and OUT/broadband-bands.csv.
+
+    systems: as for the table. Finished ones are kept in OUT. Figures: psnr_db.SYSTEM.CUBE.DEPTH of the
+    restored (DEPTH is 0.5m, 1m or infinity), with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.DEPTH;
+    psnr_db.SYSTEM.CUBE.three.DEPTH with the three wavelengths of the training;
+    psnr_db.SYSTEM.CUBE.filter.DEPTH of a Wiener filter that knows distance and mask;
+    left_out_percent.CUBE.COLOUR; cubes_left_out. Raises InputError for cubes and systems that cannot be used.
+    """
+    if not cubes:
+        raise InputError("broadband: give a spectral cube (--data) or a rendered scene (--scene)")
+    names = list(systems or (*shipped_checkpoints(), *WITHOUT_TRAINING))
+    kept = Kept(out / "finished.jsonl")
+    rows: list[Row] = []
+    optics: dict[str, Chromatic] = {}
+    figures: dict[str, float] = {}
+    for number, name in enumerate(names):
+        for index, cube in enumerate(cubes):
+
+            def say(done: float, text: str, at: int = number * len(cubes) + index) -> None:
+                if progress:
+                    progress((at + done) / (len(names) * len(cubes)), text)
+
+            system, of_three = contestant(name, cube.wavelengths), contestant(name)
+            rows += judge(system, of_three, cube, out, kept, seed, say)
+            if system.name not in optics:
+                say(0.9, f"{system.name}: colours of its optics")
+                optics[system.name] = _optics(system, kept)
+    left_out = {cube.name: _left_out(cube.wavelengths) for cube in cubes}
+    for row in rows:
+        base, label = f"psnr_db.{row.system}.{row.cube}", label_of(row.depth_m)
+        figures[f"{base}.{label}"] = row.restored_db[0]
+        figures |= {f"{base}.{label}.{c}": v for c, v in zip(CHANNELS, row.restored_db[1:], strict=True)}
+        figures[f"{base}.photo.{label}"] = row.photo_db[0]
+        figures[f"{base}.three.{label}"] = row.three_db
+        figures[f"{base}.filter.{label}"] = row.filter_db
+    for cube, shares in left_out.items():
+        named = zip(CHANNELS, shares, strict=True)
+        figures |= {f"left_out_percent.{cube}.{c}": 100 * share for c, share in named}
+    figures["cubes_left_out"] = len(problems)
+    bands = {cube.name: tuple((cube.wavelengths * 1e9).tolist()) for cube in cubes}
+    _write(out, rows, bands)
+    return Result(tuple(rows), optics, bands, left_out, tuple(problems), figures)
+
+
+def judge(
+    system: Contestant,
+    of_three: Contestant,
+    cube: Cube,
+    out: Path,
+    kept: Kept,
+    seed: int,
+    progress: Progress,
+) -> list[Row]:
+    """A row for each of `DEPTHS_M`. of_three: the same system for photos in three wavelengths."""
+    fabrication = paper_test(seed)
+    keys = [
+        key_of(
+            protocol=PROTOCOL,
+            system=system.digest,
+            filter="known",
+            told="response",
+            cube=cube.sha256,
+            depth=depth,
+            read_noise=READ_NOISE,
+            fabrication=described(fabrication),
+            seed=seed,
+        )
+        for depth in DEPTHS_M
+    ]
+    shown = [
+        Shown(
+            *(
+                out / "pictures" / f"{name}.png"
+                for name in (cube.sha256[:16], f"{key}-sensor", f"{key}-output")
+            )
+        )
+        for key in keys
+    ]
+    ready = [
+        kept.get(key) is not None
+        and all(path.is_file() for path in (files.sharp, files.photo, files.restored))
+        for key, files in zip(keys, shown, strict=True)
+    ]
+    if not all(ready):
+        progress(0.0, f"{system.name}: {cube.name}, point spread functions")
+        camera = made(system.recipe, fabrication)
+        inverse = [1 / depth for depth in DEPTHS_M]
+        bank = psf_bank(camera, cube.wavelengths, inverse, height=system.height).values
+        three = psf_bank(camera, PAPER_COLOURS, inverse, height=system.height).values
+        weights = response(camera, cube.wavelengths).float()
+        for i, (key, files) in enumerate(zip(keys, shown, strict=True)):
+            if not ready[i]:
+                progress((1 + i) / 4, f"{system.name}: {cube.name}, {label_of(DEPTHS_M[i])}")
+                kept.put(key, _photographed(system, of_three, cube, bank[i], three[i], weights, files))
+    found = [kept.get(key) or {} for key in keys]
+    return [
+        Row(
+            system.name,
+            cube.name,
+            depth,
+            tuple(f["photo_db"]),
+            tuple(f["restored_db"]),
+            f["three_db"],
+            f["filter_db"],
+            tuple(f["band_errors"]),
+            files,
+        )
+        for depth, f, files in zip(DEPTHS_M, found, shown, strict=True)
+    ]
+
+
+def photographed(radiance: Tensor, psf: Tensor, weights: Tensor) -> tuple[Tensor, list[float]]:
+    """The noise-free colours [3, y, x] of a plane [band, y, x] through PSFs [band, w, w], weighted with the
+    response [3, band]; and what the optics do to each band: root mean square over the band's own."""
+    photo = radiance.new_zeros(3, *radiance.shape[1:])
+    errors = []
+    for band in range(len(radiance)):
+        seen = through(radiance[band : band + 1], psf[band : band + 1])[0]
+        photo += weights[:, band, None, None] * seen
+        size = float(radiance[band].square().mean().sqrt())
+        errors.append(float((seen - radiance[band]).square().mean().sqrt()) / size if size else 0.0)
+    return photo, errors
+
+
+def label_of(depth_m: float) -> str:
+    """A distance as figures name it."""
+    return "infinity" if math.isinf(depth_m) else f"{depth_m:g}m"
+
+
+def _photographed(
+    system: Contestant,
+    of_three: Contestant,
+    cube: Cube,
+    psf: Tensor,
+    three: Tensor,
+    weights: Tensor,
+    files: Shown,
+) -> dict[str, object]:
+    """What is kept of one photo, after its pictures are written."""
+    m = cube.margin
+    rows, columns = cube.radiance.shape[1:]
+    frame = (slice(None), slice(m, rows - m), slice(m, columns - m))
+    truth = torch.einsum("cb,byx->cyx", weights, cube.radiance)
+    exposure = automatic_exposure(truth[frame])
+    clean, errors = photographed(cube.radiance * exposure, psf, weights)
+    noise_key = cube.sha256
+    photo = noisy(clean[frame], READ_NOISE, noise_key)
+    lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, noise_key)
+    sharp = (truth * exposure)[frame]
+    with torch.inference_mode():
+        restored, from_lines = system.restore(photo), of_three.restore(lines)
+        known = torch.einsum("cb,byx->cyx", weights, psf)
+        linear = filtered(photo, known[None])
+    for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
+        save_png(path, srgb_encode(middle(image, SHOWN_PX)))
+    return {
+        "photo_db": _scores(photo, sharp),
+        "restored_db": _scores(restored, sharp),
+        "three_db": psnr(from_lines, sharp),
+        "filter_db": psnr(linear, sharp),
+        "band_errors": errors,
+    }
+
+
+def _optics(system: Contestant, kept: Kept) -> Chromatic:
+    """Its chromatic measures, kept too."""
+    key = key_of(protocol=PROTOCOL, optics=system.digest)
+    found = kept.get(key)
+    if found is None:
+        measured = chromatic(system)
+        kept.put(key, {field.name: getattr(measured, field.name).tolist() for field in fields(measured)})
+        return measured
+    return Chromatic(**{name: torch.tensor(values, dtype=torch.float64) for name, values in found.items()})
+
+
+def _scores(image: Tensor, truth: Tensor) -> list[float]:
+    """PSNR of all channels, then of each."""
+    return [psnr(image, truth), *(psnr(image[c : c + 1], truth[c : c + 1]) for c in range(3))]
+
+
+def _left_out(wavelengths: Tensor) -> tuple[float, ...]:
+    """Share of each colour's response that lies in bands of the sensor which a cube has not."""
+    curves = response_curves(Camera.from_recipe(CameraRecipe(name="paper")))
+    assert curves is not None
+    at, values = curves
+    low, high = float(wavelengths.min()) - 1e-12, float(wavelengths.max()) + 1e-12
+    outside = (at < low) | (at > high)
+    return tuple((values[:, outside].sum(1) / values.sum(1)).tolist())
+
+
+def _write(out: Path, rows: Sequence[Row], bands: dict[str, tuple[float, ...]]) -> None:
+    names = ("all", *CHANNELS)
+    header = (
+        "system",
+        "cube",
+        "depth",
+        *(f"photo_db_{n}" for n in names),
+        *(f"restored_db_{n}" for n in names),
+    )
+    write_csv(
+        out / "broadband.csv",
+        (*header, "three_wavelengths_db", "filter_db"),
+        (
+            (r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db, r.filter_db)
+            for r in rows
+        ),
+    )
+    write_csv(
+        out / "broadband-bands.csv",
+        ("system", "cube", "depth", "wavelength_nm", "relative_error"),
+        (
+            (r.system, r.cube, label_of(r.depth_m), nm, error)
+            for r in rows
+            for nm, error in zip(bands[r.cube], r.band_errors, strict=True)
+        ),
+    )

@@ -1,0 +1,298 @@
+"""What accuracy costs in time: a scene's photo at every target, with every effect left out, measured.
+
+Errors are those of the noise-free photo against the full fidelity, in sensor units, as PSNR; seconds are
+medians over repeats in which all cases take turns, so that what else the machine does meets them alike; or,
+by another clock, those of the processor. Effects that depth edges are not needed for are left out where the
+pupil is one part, and judged so. Every measurement is appended to a file as it comes in, and the same
+call goes on from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import statistics
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file
+from torch import Tensor
+
+from ..capture import Photo
+from ..capture.photo import PHOTOS
+from ..optics import Camera
+from ..optics import cache as psf_memory
+from ..plan import Fidelity, Planner, parse_target, photograph
+from ..plan.work import STAGES
+from ..record import machine, versions
+from ..render.view import View
+from .drawing import write_csv
+
+Progress = Callable[[float, str], None]
+
+TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
+FINE_DB = 60.0
+"""Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
+err the same, and take hours."""
+LINES = "measurements.jsonl"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
+    predicted_db, predicted_seconds: by the plan; one_part: simulated without parts of the pupil, and judged
+    against the full simulation without them."""
+
+    name: str
+    kind: str
+    fidelity: Fidelity
+    asked_db: float = math.inf
+    predicted_db: float = math.inf
+    predicted_seconds: float = 0.0
+    one_part: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage; pace: of
+    the machine meanwhile, where it was asked for."""
+
+    case: Case
+    measured_db: float
+    seconds: float
+    stages: Mapping[str, float] = field(default_factory=dict)
+    repeats: int = 1
+    pace: float = 0.0
+
+
+def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Case]:
+    """The sweep of targets, the default choice, each effect left out in turn, and everything in full."""
+    cases = []
+    for db in targets:
+        plan = planner.plan(parse_target(f"{db}dB", None))
+        cases.append(_case(f"{db} dB", "target", plan.fidelity, planner, float(db), plan.error_db))
+    chosen = planner.plan()
+    cases.append(
+        _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
+    )
+    parts = planner.estimates.by_name().get("pupil parts")
+    fixed = {"pupil parts": parts.full} if parts else {}
+    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None), fixed)
+    fine, its_own = finely.fidelity, 10 ** (-finely.error_db / 20)
+    for row in planner.estimates.rows:
+        stage = row.effect.stage
+        if row.full == 0 or stage in ("render", "sensor"):
+            continue
+        error = row.errors[0]
+        square = sum(e * e for e in error) / len(error)
+        # what a plan may not leave out because gathered bands would suffer more is left out of all bands
+        rest = fine if row.levels[0].allowed else fine.changed({"groups": 0, "colours": 0})
+        fidelity = rest.changed({**dict(row.levels[0].change), "hidden_pass": True})
+        # what the fine plan leaves out on its own is in the photo that is measured; with all bands little is
+        beside = its_own if rest == fine else 0.0
+        together = its_own if fidelity == fine else math.hypot(square**0.5, beside)
+        predicted = -20 * math.log10(together) if together > 0 else math.inf
+        # parts of the pupil cost a composite each, and change nothing in what other effects do; without
+        # occlusion or hidden surfaces there are none
+        one_part = fidelity.pupil_parts > 1 and fidelity.occlusion == "hidden"
+        if one_part:
+            fidelity = fidelity.changed({"pupil_parts": 1})
+        case = _case(row.effect.name, "without", fidelity, planner, math.inf, predicted)
+        cases.append(replace(case, one_part=one_part))
+    cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
+    return cases
+
+
+def _case(
+    name: str, kind: str, fidelity: Fidelity, planner: Planner, asked: float, predicted: float
+) -> Case:
+    seconds = planner.seconds_of(fidelity)
+    return Case(name, kind, fidelity, asked, predicted, sum(seconds[stage] for stage in STAGES))
+
+
+def measure(
+    view: View,
+    camera: Camera,
+    cases: list[Case],
+    folder: Path,
+    *,
+    height: Tensor | None = None,
+    repeats: int = 3,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    clock: Callable[[], float] = time.perf_counter,
+    pace: Callable[[], float] | None = None,
+) -> list[Row]:
+    """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
+
+    folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
+    pace: what tells how fast the machine is just then, asked before and after each case.
+    """
+    path = folder / LINES
+    identity = _identity(view, camera, height, clock)
+    _read(path, identity)
+    (case,) = [case for case in cases if case.kind == "full"]
+    how = (folder, height, device, clock, pace)
+    full = _reference(view, camera, case, *how)
+    whole = full
+    if any(case.one_part for case in cases):
+        alone = case.fidelity.changed({"pupil_parts": 1})
+        whole = _reference(view, camera, replace(case, name="full, one part", fidelity=alone), *how)
+    known = _read(path, identity)
+    todo = [
+        (repeat, case)
+        for repeat in range(repeats)
+        for case in cases
+        if repeat < (1 if case.kind == "full" else repeats) and repeat >= len(known.get(_key(case), []))
+    ]
+    for number, (_, case) in enumerate(todo):
+        if progress:
+            progress(number / len(todo), f"{case.kind} {case.name}")
+        photo, entry = _timed(view, camera, case, height, device, clock, pace)
+        entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
+        known.setdefault(_key(case), []).append(entry)
+        _append(path, entry)
+    return [_row(case, known[_key(case)]) for case in cases]
+
+
+def _timed(
+    view: View,
+    camera: Camera,
+    case: Case,
+    height: Tensor | None,
+    device: str,
+    clock: Callable[[], float],
+    pace: Callable[[], float] | None,
+) -> tuple[Photo, dict[str, Any]]:
+    psf_memory.forget()
+    before = pace() if pace else 0.0
+    started = clock()
+    photo = photograph(view, camera, case.fidelity, height=height, device=device, clock=clock)
+    entry = {"case": _key(case), "seconds": clock() - started, "stages": dict(photo.seconds)}
+    if pace:
+        entry["pace"] = (before + pace()) / 2
+    return photo, entry
+
+
+def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
+    stages = {
+        stage: statistics.median(entry["stages"].get(stage, 0.0) for entry in entries) for stage in STAGES
+    }
+    seconds = statistics.median(entry["seconds"] for entry in entries)
+    pace = statistics.median(entry.get("pace", 0.0) for entry in entries)
+    return Row(case, float(entries[0]["db"]), seconds, stages, len(entries), pace)
+
+
+def _reference(
+    view: View,
+    camera: Camera,
+    case: Case,
+    folder: Path,
+    height: Tensor | None,
+    device: str,
+    clock: Callable[[], float],
+    pace: Callable[[], float] | None,
+) -> Tensor:
+    """The full simulation's photo, kept in the folder: it takes longest of all."""
+    name = f"{case.name.replace(', ', '-').replace(' ', '-')}-{_identity(view, camera, height, clock)[:16]}"
+    path = folder / f"{name}.safetensors"
+    with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
+        return load_file(path)["photo"]
+    photo, entry = _timed(view, camera, case, height, device, clock, pace)
+    entry["db"] = math.inf
+    _append(folder / LINES, entry)
+    psf_memory.write_whole(path, {"photo": photo.clean.contiguous()}, {})
+    return photo.clean
+
+
+def _append(path: Path, entry: dict[str, Any]) -> None:
+    """A line more; one that was cut short stays alone."""
+    text = path.read_text(encoding="utf-8")
+    with path.open("a", encoding="utf-8") as file:
+        file.write(("" if text.endswith("\n") else "\n") + json.dumps(entry) + "\n")
+
+
+def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
+    """Measurements of the same view, camera, machine and versions; a half-written last line is left."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    if not lines or lines[0] != json.dumps({"identity": identity}):
+        path.write_text(json.dumps({"identity": identity}) + "\n", encoding="utf-8")
+        return found
+    for line in lines[1:]:
+        try:
+            entry = json.loads(line)
+            found.setdefault(entry["case"], []).append(entry)
+        except (ValueError, KeyError):
+            continue
+    return found
+
+
+def _identity(view: View, camera: Camera, height: Tensor | None, clock: Callable[[], float]) -> str:
+    digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
+    said = [machine(), versions(), PHOTOS, clock.__name__, torch.get_num_threads()]
+    digest.update(json.dumps(said, sort_keys=True).encode())
+    for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
+        digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _key(case: Case) -> str:
+    return f"{case.kind} {case.name} {hashlib.sha256(repr(case.fidelity).encode()).hexdigest()[:16]}"
+
+
+def _psnr(image: Tensor, truth: Tensor) -> float:
+    error = float((image - truth).double().square().mean())
+    return -10 * math.log10(error) if error > 0 else math.inf
+
+
+def pareto(rows: list[Row]) -> list[Row]:
+    """The rows that no other beats in both time and error, fastest first."""
+    front: list[Row] = []
+    for row in sorted(rows, key=lambda row: (row.seconds, -row.measured_db)):
+        if not front or row.measured_db > front[-1].measured_db:
+            front.append(row)
+    return front
+
+
+def figures(rows: list[Row]) -> dict[str, float]:
+    """Flat: measured and predicted PSNR and seconds of each case."""
+    found: dict[str, float] = {}
+    for row in rows:
+        name = f"{row.case.kind}.{row.case.name}".replace(" ", "_")
+        found[f"psnr_db.{name}"] = row.measured_db
+        found[f"seconds.{name}"] = row.seconds
+        found[f"predicted_db.{name}"] = row.case.predicted_db
+        found[f"predicted_seconds.{name}"] = row.case.predicted_seconds
+        found |= {f"seconds.{name}.{stage}": value for stage, value in row.stages.items()}
+    return found
+
+
+def write_table(path: Path, rows: list[Row]) -> Path:
+    """All rows as CSV."""
+    header = ("kind", "case", "asked_db", "measured_db", "predicted_db", "seconds", "predicted_seconds")
+    return write_csv(
+        path,
+        (*header, *(f"{stage}_seconds" for stage in STAGES), "repeats"),
+        (
+            (
+                row.case.kind,
+                row.case.name,
+                row.case.asked_db,
+                row.measured_db,
+                row.case.predicted_db,
+                row.seconds,
+                row.case.predicted_seconds,
+                *(row.stages.get(stage, 0.0) for stage in STAGES),
+                row.repeats,
+            )
+            for row in rows
+        ),
+    )

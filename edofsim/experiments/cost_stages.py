@@ -1,0 +1,215 @@
+"""What the stages before and after the photo cost: rendering's noise against its seconds, and how well each
+network restores the photo against its seconds."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from torch import Tensor
+
+from ..capture import Photo
+from ..capture.photo import PHOTOS
+from ..errors import InputError
+from ..optics import Camera
+from ..optics import cache as psf_memory
+from ..plan import parse_target, photograph, plan_photo
+from ..recipe import CameraRecipe, Loaded, SceneRecipe
+from ..record import machine, versions
+from ..render import View, render
+from ..render.fetch import run_of
+from ..restore import restore
+from ..restore.checkpoint import (
+    Checkpoint,
+    camera_with_mask,
+    load_checkpoint,
+    network_of,
+    shipped_checkpoints,
+)
+from ..restore.scores import psnr, within_scale
+from ..restore.telling import forget as forget_told
+from .drawing import write_csv
+from .kept import Kept, key_of
+
+Progress = Callable[[float, str], None]
+
+FEWEST_SAMPLES = 4
+DEPTHS = 9
+
+
+@dataclass(frozen=True)
+class Point:
+    """One way through a stage. stage: `render` or `restore`; value: noise of a pixel relative to the mean, or
+    PSNR against the all-in-focus image in dB; chosen: what `run` does by default."""
+
+    stage: str
+    name: str
+    value: float
+    seconds: float
+    chosen: bool = False
+
+    @property
+    def better(self) -> float:
+        """Larger is better, whatever the stage."""
+        return -self.value if self.stage == "render" else self.value
+
+
+def render_points(
+    recipe: SceneRecipe,
+    base: Path,
+    *,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> list[Point]:
+    """Renderings of a scene with more and more samples. They stay in the cache, and are not made twice; none
+    for a view that is read from files."""
+    if recipe.source is not None and recipe.source.kind != "mitsuba":
+        return []
+    most = recipe.render.samples
+    few = [2**k for k in range(int(math.log2(FEWEST_SAMPLES)), 20) if 2**k < most]
+    points = []
+    for number, samples in enumerate([*few, most]):
+        if progress:
+            progress(number / (len(few) + 1), f"rendering with {samples} samples")
+        settings = recipe.render.model_copy(update={"samples": samples})
+        variant = recipe.model_copy(update={"render": settings})
+        view = render(variant, base, cache=cache, device=device)
+        seconds = _render_seconds(variant, base, cache)
+        if seconds:
+            points.append(Point("render", f"{samples} samples", view.noise, seconds, samples == most))
+    return points
+
+
+def _render_seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> float:
+    """Seconds that a rendering took, from its entry in the cache; 0 where that does not say."""
+    run = run_of(recipe, base, cache)
+    return sum(run["seconds"].values()) if run and "seconds" in run else 0.0
+
+
+def restore_points(
+    view: View,
+    camera: Loaded[CameraRecipe],
+    folder: Path,
+    *,
+    repeats: int = 3,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> list[Point]:
+    """The photo restored by each shipped network that fits the camera, with its own mask, and by Wiener
+    deconvolution with each of these masks.
+
+    The networks take turns; the median of the repeats counts. folder: keeps what was measured.
+    """
+    own = network_of(camera)
+    default = own.path.resolve() if own else None
+    kept = Kept(folder / "restoration.jsonl")
+    rivals: list[tuple[str, Checkpoint | None, Checkpoint | None]] = [("Wiener", None, None)]
+    for name in shipped_checkpoints():
+        try:
+            checkpoint = load_checkpoint(name, camera.recipe)
+        except InputError:  # of another camera
+            continue
+        rivals.append((name, checkpoint, checkpoint))
+        if checkpoint.height is not None and checkpoint.path.resolve() != default:
+            rivals.append((f"Wiener, mask of {name}", checkpoint, None))
+    scores, photos = {}, {}
+    seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
+    for turn in range(repeats):
+        for number, (name, mask, network) in enumerate(rivals):
+            if progress:
+                progress((turn + number / len(rivals)) / repeats, f"restoring by {name}")
+            key = key_of(turn=turn, name=name, about=_about(view, camera, mask))
+            found = kept.get(key)
+            if found is None:
+                where = mask.path if mask else None
+                if where not in photos:
+                    photos[where] = _photo(view, camera, mask, device)
+                found = _restored(view, *photos[where], network)
+                kept.put(key, found)
+            seconds[name].append(found["seconds"])
+            scores[name] = found["psnr_db"]
+    chosen = {name for name, _, network in rivals if network and network.path.resolve() == default}
+    chosen = chosen or {"Wiener"}
+    return [
+        Point("restore", name, scores[name], statistics.median(seconds[name]), name in chosen)
+        for name, _, _ in rivals
+    ]
+
+
+def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:
+    return [
+        "within scale, told",  # how it was measured
+        PHOTOS,
+        camera.recipe.model_dump(mode="json"),
+        float(view.radiance.double().sum()),
+        [view.height, view.width],
+        None if mask is None else dict(mask.card),
+        machine(),
+        versions(),
+    ]
+
+
+def _photo(
+    view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None, device: str
+) -> tuple[Camera, Tensor | None, Photo]:
+    recipe = camera.recipe if mask is None else camera_with_mask(camera.recipe, mask)
+    optics, height = Camera.from_recipe(recipe, camera.base), None if mask is None else mask.height
+    plan = plan_photo(view, optics, target=parse_target(None, None), height=height)
+    return optics, height, photograph(view, optics, plan.fidelity, height=height, device=device)
+
+
+def _restored(
+    view: View, optics: Camera, height: Tensor | None, photo: Photo, network: Checkpoint | None
+) -> dict[str, float]:
+    low, high = (float(end) for end in view.inverse_depth.aminmax())
+    depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
+    psf_memory.forget()
+    forget_told()
+    started = time.perf_counter()
+    image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network, height=height)
+    return {
+        "seconds": time.perf_counter() - started,
+        "psnr_db": psnr(within_scale(image), within_scale(photo.ideal)),
+    }
+
+
+def front(points: Sequence[Point]) -> list[Point]:
+    """The points of a stage that no other beats in both time and quality, fastest first."""
+    best: list[Point] = []
+    for point in sorted(points, key=lambda point: (point.seconds, -point.better)):
+        if not best or point.better > best[-1].better:
+            best.append(point)
+    return best
+
+
+def figures(points: Sequence[Point]) -> dict[str, float]:
+    """Flat: noise or PSNR, and seconds, of each point."""
+    found: dict[str, float] = {}
+    for point in points:
+        name = point.name.replace(",", "").replace(" ", "_")
+        what = "render_noise.render" if point.stage == "render" else "psnr_db.restore"
+        found[f"{what}.{name}"] = point.value
+        found[f"seconds.{point.stage}.{name}"] = point.seconds
+    return found
+
+
+def write_table(path: Path, points: Sequence[Point]) -> Path:
+    """All points as CSV."""
+    header = ("stage", "name", "render_noise", "psnr_db", "seconds", "chosen")
+    rows = (
+        (
+            point.stage,
+            point.name,
+            point.value if point.stage == "render" else "",
+            point.value if point.stage == "restore" else "",
+            point.seconds,
+            int(point.chosen),
+        )
+        for point in points
+    )
+    return write_csv(path, header, rows)

@@ -1,0 +1,339 @@
+"""Ways to composite occlusion, judged by two slow references at depth edges of shipped scenes.
+
+One crop a scene, where most of the scene's hard depth edges are; three masks; focus in front of both surfaces
+of the edge, between them, and behind both. The paper's camera in the green of its three-colour model alone,
+so that the references take minutes.
+
+The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
+is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
+thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction.
+
+What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
+averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
+band along the edge, and goes where the pupil is taken in parts. The other ways know the visible surfaces
+alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from ..capture import SensorEffects, expose
+from ..capture.bands import chosen_bands
+from ..capture.crop import crop as cropped
+from ..capture.occlusion import OCCLUSIONS
+from ..capture.photograph import all_in_focus
+from ..capture.prepare import channel_weights
+from ..capture.sensor import automatic_exposure
+from ..errors import InputError
+from ..optics import Camera
+from ..optics.camera import focus_distance
+from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
+from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
+from ..recipe.masks import ClearMask, CubicMask
+from ..reference import Take, clipped_pupils, thin_lens
+from ..reference.pinhole import Crop
+from ..render.view import View
+from ..restore.scores import psnr
+from ..scene.model import SceneModel
+from .drawing import new_figure, save, without_grid, write_csv
+
+Progress = Callable[[float, str], None]
+
+SCENES = ("desk", "foliage", "bench")
+MASKS = ("clear", "cubic", "smooth")
+FOCI = ("front", "between", "behind")
+WINDOW = 64
+"""Side of the PSFs, and the margin around the crop twice."""
+SIZE = 64
+SAMPLES = 64
+GAPS = (0.25, 1.3)
+"""Depth edges of so many dioptres count: blurs are then no wider than the window."""
+GREEN = 1
+"""Index of the band that is used."""
+PARTS = 4
+"""Along each axis of the pupil."""
+WAYS = (*OCCLUSIONS, "parts")
+THIN_LENS = "thin-lens"
+"""Stands in place of a mask: the clear aperture, judged by rays."""
+LENS_SAMPLES = 1024
+"""A pixel, of the thin lens and of the view that is judged by it, which has other grain."""
+TOLERANCE_DB = 60.0
+"""Of the depth nodes of the compositors: their step is then no part of what is measured."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A crop, and the inverse depths in 1/m of what is in front and behind at its depth edges."""
+
+    where: Crop
+    near: float
+    far: float
+
+
+def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6, seed: int = 0) -> Tensor:
+    """White noise under a Gaussian of `width` samples, from 0 to `top` metres: [n, n], float32.
+
+    238 samples of 21 um and 1.135 um are those of the paper's mask (Fig. `MTF`).
+    """
+    noise = torch.randn(samples, samples, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    f = torch.fft.fftfreq(samples, dtype=torch.float64)
+    window = torch.exp(-2 * (math.pi * width) ** 2 * (f[:, None] ** 2 + f**2))
+    relief = torch.fft.ifft2(torch.fft.fft2(noise) * window).real
+    return ((relief - relief.min()) / (relief.max() - relief.min()) * top).float()
+
+
+def run(
+    folder: Path,
+    scenes: Sequence[str] = SCENES,
+    *,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> dict[str, float]:
+    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,parts}, {near,far}_dpt.{scene}.
+
+    The mask `thin-lens` is a clear aperture without aberrations against Mitsuba's thin lens, others stand
+    against clipped pupils; `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes
+    occlusion.csv and a picture a scene. References and finished scenes are kept in the folder, and gone on
+    from.
+    """
+    say = progress or (lambda fraction, text: None)
+    figures: dict[str, float] = {}
+    for number, scene in enumerate(scenes):
+
+        def tell(fraction: float, text: str, number: int = number, scene: str = scene) -> None:
+            say((number + fraction) / len(scenes), f"{scene}: {text}")
+
+        kept = folder / f"occlusion-{scene}.json"
+        if not kept.is_file():
+            found = of_scene(scene, folder, cache, device, tell)
+            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
+        figures |= json.loads(kept.read_text(encoding="utf-8"))
+    write_csv(folder / "occlusion.csv", ("scene", "mask", "focus", *WAYS), table(figures))
+    return figures
+
+
+def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
+    """Rows (scene, mask, focus, PSNR of each way to composite) of the figures."""
+    cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
+    return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in WAYS)) for case in cases]
+
+
+def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Progress) -> dict[str, float]:
+    """Figures of one scene, and its picture."""
+    from ..render import render
+    from ..scene import build_scene
+
+    loaded = load_scene(scene)
+    recipe = three_bands(loaded)
+    view = render(recipe, loaded.base, cache=cache, device=device, progress=lambda f, t: say(0.2 * f, t))
+    view = chosen_bands(view, [GREEN])
+    edge = busiest_edge(view)
+    model = build_scene(recipe, loaded.base)
+    takes = {
+        (mask, focus): take(mask, distance, view.pixel_angle)
+        for mask in MASKS
+        for focus, distance in focus_distances(edge).items()
+    }
+    truths = references(
+        folder / f"occlusion-{scene}.safetensors",
+        view,
+        model,
+        takes,
+        edge.where,
+        device,
+        lambda f, t: say(0.2 + 0.7 * f, t),
+    )
+    say(0.9, "compositing")
+    figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
+    shown: dict[tuple[str, str], dict[str, Tensor]] = {}
+    for (mask, focus), truth in zip(takes, truths, strict=True):
+        photos, factor = composites(view, edge.where, takes[mask, focus])
+        for way, photo in photos.items():
+            figures[f"psnr_db.{scene}.{mask}.{focus}.{way}"] = psnr(photo, truth * factor)
+        shown[mask, focus] = {"reference": truth * factor, **photos}
+    fine = render(
+        three_bands(loaded, LENS_SAMPLES),
+        loaded.base,
+        cache=cache,
+        device=device,
+        progress=lambda f, t: say(0.9, t),
+    )
+    for focus, distance in focus_distances(edge).items():
+        taken = take(THIN_LENS, distance, view.pixel_angle)
+        depth, where = recipe.render.max_depth, edge.where
+        truth = by_rays(model, fine, GREEN, where, taken.camera, depth, device, lambda f, t: say(0.95, t))
+        photos, factor = composites(chosen_bands(fine, [GREEN]), where, taken)
+        for way, photo in photos.items():
+            figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
+        shown[THIN_LENS, focus] = {"reference": truth * factor, **photos}
+    draw(shown, folder / f"occlusion-{scene}.png")
+    return figures
+
+
+def by_rays(
+    model: SceneModel,
+    view: View,
+    band: int,
+    where: Crop,
+    camera: Camera,
+    max_depth: int,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Tensor:
+    """A crop in one band of a view through the camera's lens without a mask, by rays: [channel, y, x]."""
+    wavelength = view.wavelengths[band : band + 1]
+    image = thin_lens(
+        model,
+        view,
+        where,
+        aperture_radius=camera.aperture_radius,
+        focus_distances=focus_distance(camera, wavelength).tolist(),
+        samples=LENS_SAMPLES,
+        max_depth=max_depth,
+        device=device,
+        progress=progress,
+    )
+    weights = channel_weights(camera, wavelength).to(image)
+    return torch.einsum("cb,byx->cyx", weights, image[band : band + 1])
+
+
+def references(
+    kept: Path,
+    view: View,
+    model: SceneModel,
+    takes: dict[tuple[str, str], Take],
+    where: Crop,
+    device: str,
+    progress: Progress,
+) -> list[Tensor]:
+    """The reference photo of each take, from the file if it holds those of this very view and crop."""
+    light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
+    said = json.dumps({"view": light, "where": vars(where), "takes": [".".join(take) for take in takes]})
+    if kept.is_file():
+        with safe_open(kept, "pt") as file:
+            if (file.metadata() or {}).get("of") == said:
+                return [file.get_tensor(".".join(take)) for take in takes]
+    truths = clipped_pupils(
+        view, model, list(takes.values()), where, window_px=WINDOW, device=device, progress=progress
+    )
+    photos = {".".join(take): truth.contiguous() for take, truth in zip(takes, truths, strict=True)}
+    save_file(photos, kept, {"of": said})
+    return truths
+
+
+def three_bands(loaded: Loaded[SceneRecipe], samples: int = SAMPLES) -> SceneRecipe:
+    """The scene at 482, 546.5 and 611 nm: a band for each colour, near those of the paper."""
+    bands = loaded.recipe.bands.model_copy(update={"start_nm": 482.0, "stop_nm": 611.0, "count": 3})
+    coarse = loaded.recipe.render.model_copy(update={"samples": samples})
+    return loaded.recipe.model_copy(update={"bands": bands, "render": coarse})
+
+
+def busiest_edge(view: View) -> Edge:
+    """The crop of `SIZE` pixels with the most depth edge in it, each pixel of edge counted by its jump of
+    inverse depth, on a raster of half its size. Raises InputError for a view without such edges."""
+    depth = view.crop_margin(view.mean_inverse_depth())
+    # two pixels apart: a pixel on an edge has a depth between those of its neighbours
+    pairs = ((depth[:-2, :-2], depth[2:, :-2]), (depth[:-2, :-2], depth[:-2, 2:]))
+    jumps = torch.stack([(a - b).abs() for a, b in pairs])
+    jumps = torch.where((jumps >= GAPS[0]) & (jumps <= GAPS[1]), jumps, torch.zeros_like(jumps))
+    best, most = (0, 0), -1.0
+    for top in range(0, view.height - SIZE + 1, SIZE // 2):
+        for left in range(0, view.width - SIZE + 1, SIZE // 2):
+            edge = float(jumps[:, top : top + SIZE, left : left + SIZE].sum())
+            if edge > most:
+                best, most = (top, left), edge
+    inside = (slice(best[0], best[0] + SIZE), slice(best[1], best[1] + SIZE))
+    near, far = (
+        torch.cat([which(a, b)[inside][jump[inside] > 0] for (a, b), jump in zip(pairs, jumps, strict=True)])
+        for which in (torch.maximum, torch.minimum)
+    )
+    if not near.numel():
+        raise InputError(f"the view has no depth edge between {GAPS[0]:g} and {GAPS[1]:g} dioptres")
+    return Edge(Crop(*best, SIZE, SIZE), float(near.median()), float(far.median()))
+
+
+def focus_distances(edge: Edge) -> dict[str, float]:
+    """Distances in metres a quarter of the gap in front of both surfaces, midway, and as far behind both."""
+    gap = edge.near - edge.far
+    places = {"front": edge.near + gap / 4, "between": edge.near - gap / 2, "behind": edge.far - gap / 4}
+    return {name: 1 / max(place, 0.05) for name, place in places.items()}
+
+
+def take(
+    mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
+) -> Take:
+    """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the
+    `THIN_LENS`: as that, it is then without aberrations."""
+    recipe = CameraRecipe(
+        name=f"paper-{mask}",
+        lens=Lens(aperture_radius_mm=aperture_mm, thickness="parabolic" if mask == THIN_LENS else "exact"),
+        focus=Focus(distance_m=distance),
+        mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
+        sensor=Sensor(read_noise=0.0),
+        psf=PsfSettings(window_px=window),
+    )
+    pixel = Camera.from_recipe(recipe).sensor_distance * pixel_angle * 1e6
+    sensor = recipe.sensor.model_copy(update={"pixel_um": pixel})
+    camera = Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}))
+    return Take(camera, smooth_relief() if mask == "smooth" else None)
+
+
+def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor], float]:
+    """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop.
+
+    The slow truth has no light beyond the PSFs' windows, so that the veil that it becomes is taken off.
+    """
+    window = taken.camera.recipe.psf.window_px
+    part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
+    part = part.to(dtype=torch.float32)
+    weights = channel_weights(taken.camera, part.wavelengths).float()
+    sharp = all_in_focus(part, weights)
+    factor = automatic_exposure(part.crop_margin(sharp))
+    photos = {}
+    for way in WAYS:
+        photo = expose(
+            part,
+            taken.camera,
+            height=taken.height,
+            method="layered",
+            tolerance_db=TOLERANCE_DB,
+            occlusion="hidden" if way == "parts" else way,
+            pupil_parts=PARTS if way == "parts" else 1,
+            exposure=factor,
+            effects=SensorEffects(),
+        )
+        veil = photo.lost * sharp.mean((1, 2)) * factor
+        photos[way] = photo.clean - veil[:, None, None]
+    return photos, factor
+
+
+def draw(shown: dict[tuple[str, str], dict[str, Tensor]], path: Path) -> Path:
+    """For each mask and focus the reference, and for each way the photo with its error below, times ten."""
+    figure, grid = new_figure(2 * len(shown), 1 + len(WAYS), width=1.3, height=1.3)
+    for number, ((mask, focus), images) in enumerate(shown.items()):
+        truth = images["reference"]
+        for column, (name, image) in enumerate(images.items()):
+            above, below = grid[2 * number][column], grid[2 * number + 1][column]
+            for axes in (above, below):
+                without_grid(axes)
+            above.imshow(image.clamp(0, 1).pow(1 / 2.2).permute(1, 2, 0).numpy(), interpolation="nearest")
+            above.set_title(name if column else f"{mask}, {focus}", fontsize=7)
+            if column:
+                error = (0.5 + 10 * (image - truth)).clamp(0, 1)
+                below.imshow(error.permute(1, 2, 0).numpy(), interpolation="nearest")
+                below.set_title(f"{psnr(image, truth):.1f} dB, error x 10", fontsize=6)
+            else:
+                below.set_visible(False)
+    return save(figure, path)

@@ -1,0 +1,224 @@
+"""Photographs as planes at one depth each, photographed and restored: what the paper's tests have in common.
+
+Protocol of Akpinar et al., section "Test Images": 8-bit values are intensities; red, green and blue are 611,
+543 and 482 nm; the mask is upsampled to 3 um (bicubic between its wraps) and made with height errors, one
+made mask a system. Where light comes from beyond a picture, its mirror image goes on. PSNR over all channels.
+
+Every finished picture is kept in the output folder; the same call goes on from there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from PIL import Image
+from torch import Tensor
+
+from ..capture.planes import photograph, surroundings
+from ..optics import PAPER_COLOURS, psf_bank
+from ..recipe.fabrication import Fabrication
+from ..restore.borders import mirrored
+from ..restore.scores import psnr
+from .drawing import write_csv
+from .kept import Kept, key_of
+from .photographs import Photograph
+from .systems import NEAREST_PER_M, Contestant, described, made
+
+Progress = Callable[[float, str], None]
+RANDOM = "random"
+PROTOCOL = 5
+"""Raised whenever the same inputs would give other figures: what was kept before is then measured again."""
+SHOWN_PX = 240
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One way to photograph: at a depth (inverse, 1/m; None for a random one a picture, uniform in inverse
+    depth over the paper's range), with a read noise relative to full scale, through a mask made so."""
+
+    label: str
+    inverse_depth: float | None
+    read_noise: float
+    fabrication: Fabrication
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Middles of a picture, of its photo and of what was restored from it, as PNG files, pixel for pixel."""
+
+    sharp: Path
+    photo: Path
+    restored: Path
+
+
+@dataclass(frozen=True)
+class Row:
+    """One picture by one system under one condition. inverse_depth in 1/m; PSNRs in dB."""
+
+    system: str
+    picture: str
+    condition: str
+    inverse_depth: float
+    photo_db: float
+    restored_db: float
+    shown: Shown | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    picture: Photograph
+    condition: Condition
+    inverse_depth: float
+    key: str
+
+
+def measure(
+    system: Contestant,
+    pictures: Sequence[Photograph],
+    conditions: Sequence[Condition],
+    out: Path,
+    *,
+    seed: int,
+    show: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
+    errors; show: names of pictures whose middles are written, too."""
+    kept = Kept(out / "finished.jsonl")
+    depths = random_depths(pictures, seed)
+    jobs = []
+    for condition in conditions:
+        for picture, depth in zip(pictures, depths, strict=True):
+            inverse = depth if condition.inverse_depth is None else condition.inverse_depth
+            key = key_of(
+                protocol=PROTOCOL,
+                system=system.digest,
+                picture=picture.sha256,
+                label=condition.label,
+                depth=f"{inverse:.9g}",
+                read_noise=condition.read_noise,
+                fabrication=described(condition.fabrication),
+                seed=seed,
+            )
+            jobs.append(Job(picture, condition, inverse, key))
+    rows: dict[str, Row] = {}
+    missing = [job for job in jobs if not _known(job, kept, system, out, show, rows)]
+    for fabrication in dict.fromkeys(described(job.condition.fabrication) for job in missing):
+        part = [job for job in missing if described(job.condition.fabrication) == fabrication]
+        # all depths, finished ones too: the sampling of the pupil follows from the whole set
+        whole = [job for job in jobs if described(job.condition.fabrication) == fabrication]
+        wanted = sorted({job.inverse_depth for job in whole})
+        camera = made(system.recipe, part[0].condition.fabrication)
+        bank = psf_bank(camera, PAPER_COLOURS, wanted, height=system.height)
+        for job in part:
+            if progress:
+                progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")
+            psf = bank.values[wanted.index(job.inverse_depth)]
+            rows[job.key] = _finish(job, system, psf, kept, out, show)
+    return [rows[job.key] for job in jobs]
+
+
+def random_depths(pictures: Sequence[Photograph], seed: int) -> list[float]:
+    """An inverse depth in 1/m for each picture, decided by the seed and its place in the folder: one that is
+    left out changes no other's."""
+    last = max(picture.place for picture in pictures)
+    generator = torch.Generator().manual_seed(seed * 1_000_003)
+    drawn = NEAREST_PER_M * torch.rand(last + 1, generator=generator)
+    return [float(drawn[picture.place]) for picture in pictures]
+
+
+def through(sharp: Tensor, psf: Tensor) -> Tensor:
+    """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it."""
+    before, after = surroundings(psf.shape[-1])
+    rows, columns = sharp.shape[-2:]
+    down = mirrored(-before, rows + before + after, rows)
+    across = mirrored(-before, columns + before + after, columns)
+    return photograph(sharp[:, down][:, :, across][None], psf[None])[0]
+
+
+def noisy(photo: Tensor, read_noise: float, key: str) -> Tensor:
+    """With read noise (Eq. `SensorImage`), decided by a text."""
+    seed = int.from_bytes(hashlib.sha256(key.encode()).digest()[:7], "big")
+    generator = torch.Generator().manual_seed(seed)
+    return photo + read_noise * torch.randn(photo.shape, generator=generator)
+
+
+def averages(rows: Sequence[Row]) -> dict[str, float]:
+    """Mean PSNR in dB: psnr_db.SYSTEM.CONDITION of what was restored, psnr_db.SYSTEM.photo.CONDITION."""
+    groups: dict[str, list[float]] = {}
+    for row in rows:
+        groups.setdefault(f"psnr_db.{row.system}.{row.condition}", []).append(row.restored_db)
+        groups.setdefault(f"psnr_db.{row.system}.photo.{row.condition}", []).append(row.photo_db)
+    return {name: sum(values) / len(values) for name, values in groups.items()}
+
+
+def write_rows(path: Path, rows: Sequence[Row], condition: str) -> Path:
+    """All rows as CSV; `condition` names that column. Returns the path."""
+    header = ("system", "picture", condition, "inverse_depth_per_m", "photo_db", "restored_db")
+    return write_csv(
+        path,
+        header,
+        ((r.system, r.picture, r.condition, r.inverse_depth, r.photo_db, r.restored_db) for r in rows),
+    )
+
+
+def middle(image: Tensor, size: int = SHOWN_PX) -> Tensor:
+    """The middle of an image [..., y, x], at most `size` pixels each way."""
+    top, left = (max(0, (n - size) // 2) for n in image.shape[-2:])
+    return image[..., top : top + size, left : left + size]
+
+
+def save_png(path: Path, image: Tensor) -> Path:
+    """An image [3, y, x] of values as people see them, 1 is white, as PNG. Written whole or not at all."""
+    pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    Image.fromarray(pixels, "RGB").save(temporary, "PNG", optimize=True)
+    temporary.replace(path)
+    return path
+
+
+def _shown(job: Job, out: Path) -> Shown:
+    folder = out / "pictures"
+    return Shown(
+        folder / f"{job.picture.sha256[:16]}-sharp.png",
+        folder / f"{job.key}-sensor.png",
+        folder / f"{job.key}-output.png",
+    )
+
+
+def _known(
+    job: Job, kept: Kept, system: Contestant, out: Path, show: Sequence[str], rows: dict[str, Row]
+) -> bool:
+    """Put the row of a job that was finished before into `rows`."""
+    found = kept.get(job.key)
+    files = _shown(job, out) if job.picture.name in show else None
+    if found is None or (files and not all(p.is_file() for p in (files.sharp, files.photo, files.restored))):
+        return False
+    rows[job.key] = _row(job, system, found["photo_db"], found["restored_db"], files)
+    return True
+
+
+def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str]) -> Row:
+    sharp = job.picture.values
+    # the same noise for all systems and strengths, so that they alone make the difference
+    photo = noisy(through(sharp, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
+    with torch.inference_mode():
+        restored = system.restore(photo)
+    files = _shown(job, out) if job.picture.name in show else None
+    if files:
+        for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
+            save_png(path, middle(image))
+    row = _row(job, system, psnr(photo, sharp), psnr(restored, sharp), files)
+    kept.put(job.key, {"photo_db": row.photo_db, "restored_db": row.restored_db})
+    return row
+
+
+def _row(job: Job, system: Contestant, photo_db: float, restored_db: float, files: Shown | None) -> Row:
+    name, label = job.picture.name, job.condition.label
+    return Row(system.name, name, label, job.inverse_depth, photo_db, restored_db, files)

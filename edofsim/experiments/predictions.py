@@ -1,0 +1,201 @@
+"""Are plans right? What they predict beside what is measured, over scenes and masks.
+
+For each scene and mask: every effect left out in turn, and the accuracies that are promised, against the full
+simulation. Counted are the effects that matter (measured below `MATTERS_DB`). Times are seconds of the
+processor, all on one thread, at the pace that the machine's rates were measured at: a machine that has other
+work at the same time does not fool them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from ..optics import Camera
+from ..optics.threads import one_thread
+from ..plan import (
+    Fidelity,
+    decibels,
+    overall,
+    photograph,
+    planner_of,
+    rates,
+    seen_in_thumbnails,
+    simpler_recipe,
+)
+from ..recipe import SceneRecipe, load_camera, load_scene
+from ..record import machine
+from ..render import View, render
+from ..restore.checkpoint import load_checkpoint
+from ..restore.scores import psnr
+from . import cost
+from .kept import Kept, key_of
+
+Progress = Callable[[float, str], None]
+
+SCENES = (
+    "wall",
+    "clouds",
+    "bench",
+    "charts",
+    "hallway",
+    "desk",
+    "stilllife",
+    "night",
+    "clutter",
+    "foliage",
+    "motorcycle",
+)
+MASKS = ("clear", "cubic", "learned")
+LEARNED = "paper-dcnn"
+TARGETS_DB = (30, 35, 40, 45, 50, 55)
+MATTERS_DB = 60.0
+QUICK = (160, 128, 16)
+"""Width, height and samples of the small versions: the middle of the frame, pixel for pixel."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scene and mask."""
+
+    scene: str
+    mask: str
+    rows: tuple[cost.Row, ...]
+
+
+def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> SceneRecipe:
+    """The middle of a scene's frame with few samples."""
+    width, height, samples = size
+    frame = {
+        "width_px": min(width, recipe.frame.width_px),
+        "height_px": min(height, recipe.frame.height_px),
+    }
+    return recipe.model_copy(
+        update={
+            "frame": recipe.frame.model_copy(update=frame),
+            "render": recipe.render.model_copy(update={"samples": min(samples, recipe.render.samples)}),
+        }
+    )
+
+
+def run(
+    folder: Path,
+    *,
+    scenes: Sequence[str] = SCENES,
+    masks: Sequence[str] = MASKS,
+    quick: bool = False,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> list[Outcome]:
+    """Measure every scene and mask, on one thread. folder: keeps what was measured, and is gone on from;
+    quick: the scenes' small versions."""
+    found = []
+    for number, (scene, mask) in enumerate((scene, mask) for scene in scenes for mask in masks):
+        if progress:
+            progress(number / (len(scenes) * len(masks)), f"{scene}, {mask}")
+        loaded = load_scene(scene)
+        recipe = small_version(loaded.recipe) if quick else loaded.recipe
+        view = render(recipe, loaded.base, cache=cache, device=device)
+        camera, height = camera_of(mask)
+        place = folder / f"{scene}-{mask}"
+        place.mkdir(parents=True, exist_ok=True)
+        with one_thread():
+            cases = cost.cases_of(planner_of(view, camera, height=height), TARGETS_DB)
+            rows = cost.measure(
+                view, camera, cases, place, height=height, repeats=1, clock=time.process_time, pace=rates.pace
+            )
+            usual = rates.rates()[rates.PACE][0]
+        paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
+        how = {"cache": cache, "device": device}
+        rendering = _rendering(recipe, loaded.base, view, camera, height, place, how)
+        found.append(Outcome(scene, mask, (*paced, *rendering)))
+    return found
+
+
+def _rendering(
+    recipe: SceneRecipe,
+    base: Path,
+    view: View,
+    camera: Camera,
+    height: Tensor | None,
+    place: Path,
+    how: Mapping[str, Any],
+) -> list[cost.Row]:
+    """Effects of rendering left out: predicted from thumbnails, measured on the photo of another rendering.
+
+    Seconds are not compared. None for a view that is not rendered here, or not with such effects. place:
+    keeps what was measured; how: cache and device of `render`.
+    """
+    changes = {}
+    planner = planner_of(view, camera, height=height)
+    shorter, plain = seen_in_thumbnails(replace(planner.facts, recipe=recipe), base, **how)
+    if 2 in shorter:
+        changes["interreflection"] = (Fidelity(bounces=2), shorter[2])
+    if plain:
+        changes["hero wavelengths"] = (Fidelity(glass_dispersion=False), plain)
+    kept, rows = Kept(place / "rendering.jsonl"), []
+    for name, (change, error) in changes.items():
+        key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
+        known = kept.get(key)
+        if known is None:
+            without = render(simpler_recipe(recipe, change), base, **how)
+            plan = planner.plan().fidelity
+            truth = photograph(view, camera, plan, height=height)
+            other = photograph(without, camera, plan, height=height, exposure=truth.exposure)
+            known = {"psnr_db": psnr(other.clean, truth.clean)}
+            kept.put(key, known)
+        case = cost.Case(name, "without", change, predicted_db=decibels(overall(error)))
+        rows.append(cost.Row(case, known["psnr_db"], 0.0))
+    return rows
+
+
+def camera_of(mask: str) -> tuple[Camera, Tensor | None]:
+    """The paper's camera with a mask of `MASKS`, and the height map that replaces the recipe's."""
+    loaded = load_camera("paper-cubic" if mask == "cubic" else "paper-clear")
+    height = load_checkpoint(LEARNED, loaded.recipe).height if mask == "learned" else None
+    return Camera.from_recipe(loaded.recipe, loaded.base), height
+
+
+def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
+    """How often plans were right, flat; shares are between 0 and 1."""
+    pairs = [
+        row
+        for outcome in outcomes
+        for row in outcome.rows
+        if row.case.kind == "without" and row.measured_db < MATTERS_DB
+    ]
+    targets = [row for outcome in outcomes for row in outcome.rows if row.case.kind == "target"]
+    timed = [row for outcome in outcomes for row in outcome.rows]
+    off = [row.case.predicted_db - row.measured_db for row in pairs]
+    missed = [row.case.asked_db - row.measured_db for row in targets]
+    ratios = [row.case.predicted_seconds / row.seconds for row in timed if row.seconds > 0]
+    return {
+        "pairs": float(len(pairs)),
+        "share.error_within_3_db": _share(abs(value) <= 3 for value in off),
+        "worst_optimism_db": max(off, default=math.nan),
+        "worst_pessimism_db": -min(off, default=math.nan),
+        "share.targets_met": _share(value <= 1 for value in missed),
+        "worst_target_missed_db": max(missed, default=math.nan),
+        "share.time_within_1.5": _share(1 / 1.5 <= ratio <= 1.5 for ratio in ratios),
+    }
+
+
+def saved(outcomes: Sequence[Outcome]) -> Mapping[str, float]:
+    """How many times as fast the default choice is as the full fidelity, by scene and mask."""
+    found = {}
+    for outcome in outcomes:
+        by_kind = {row.case.kind: row for row in outcome.rows}
+        found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind["chosen"].seconds
+    return found
+
+
+def _share(answers) -> float:
+    answers = list(answers)
+    return sum(answers) / len(answers) if answers else math.nan

@@ -1,0 +1,245 @@
+"""Ways to simulate a photo of a scene, from the paper's to ours, and the systems that take it.
+
+The paper (Akpinar et al., section "3D Scene") takes a picture with a depth a pixel, in steps of 1 mm. Its
+8-bit values are the intensities of three wavelengths, each depth's part is convolved with the PSF at that
+depth (Eq. `Forwardmodel`), and the sum is the photo (Eq. `SensorImage`): nothing hides anything. Ours has the
+linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges.
+In ours what lies behind is seen past an edge through one side of the pupil, as far as parts of it tell. The
+ways between change one thing at a time; all but the last two know only the surfaces that are seen.
+
+Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
+scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
+`direct_light`), becomes a veil: every surface gets its share of the picture's mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..capture import Photo, expose, ideal_image
+from ..capture.fidelity import Fidelity, full_fidelity, in_parts
+from ..capture.photograph import effects_of
+from ..capture.photographing import nodes_of, seen_in_parts
+from ..capture.prepare import channel_weights
+from ..capture.sensor import automatic_exposure, record
+from ..capture.srgb import srgb_encode
+from ..optics import PAPER_COLOURS, Camera
+from ..optics.fabrication import direct_part
+from ..recipe import CameraRecipe, Loaded
+from ..render.view import View
+from ..restore import restore
+from ..restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
+from ..restore.scores import within_scale
+
+PAPER_DB = 30.76
+"""The paper's PSNR of its one scene, an image of the TAU-Agent data set between 0.5 and 4.46 m."""
+DEPTH_STEP_M = 1e-3
+HEIGHT_ERROR_M = 30e-9
+LENS_ALONE = "lens_alone"
+FILTER_DEPTHS = 9
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
+    an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
+    hidden surfaces where it has any; parts: of the pupil along each axis, as far as diffraction lets them be
+    told apart."""
+
+    name: str
+    title: str
+    occlusion: str
+    flat: bool = False
+    encoded: bool = False
+    parts: int = 1
+
+
+PAPER, OURS = "paper", "parts"
+WAYS = (
+    Way(PAPER, "The paper's: 8-bit values as light, 3 wavelengths, 1 mm steps", "none", True, True),
+    Way("linear", "The same of linear light", "none", flat=True),
+    Way("none", "All bands, nothing hides", "none"),
+    Way("over", "Layers over each other", "over"),
+    Way("normalised", "The same, normalised", "normalised"),
+    Way("hidden", "All bands, hidden surfaces", ""),
+    Way(OURS, "Ours: the same through parts of the pupil", "", parts=4),
+)
+
+
+@dataclass(frozen=True)
+class System:
+    """What takes and restores photos. camera: with the system's mask; height: [n, n] in metres in place of
+    the mask of its recipe; checkpoint: the network, None where the photo is left as it is; designed: what a
+    Wiener filter takes the camera for, where the mask was made otherwise."""
+
+    name: str
+    camera: Camera
+    height: Tensor | None = None
+    checkpoint: Checkpoint | None = None
+    designed: Camera | None = None
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A photo, and the images to be judged against its ideal one, all [3, y, x]: `photo`, and of a system
+    with a network `restored` and `wiener`."""
+
+    photo: Photo
+    images: dict[str, Tensor]
+
+    @property
+    def truth(self) -> Tensor:
+        """The all-in-focus image as a sensor of full scale 1 can hold it."""
+        return within_scale(self.photo.ideal)
+
+
+def systems_of(camera: Loaded[CameraRecipe], networks: Sequence[str]) -> list[System]:
+    """The camera's lens alone, and with the mask of each network (checkpoint file or shipped name).
+
+    Raises InputError for a network that is damaged, unknown or of another camera.
+    """
+    lens = Camera.from_recipe(camera.recipe, camera.base).without_mask()
+    systems = [System(LENS_ALONE, lens)]
+    for name in networks:
+        checkpoint = load_checkpoint(name, camera.recipe)
+        optics = Camera.from_recipe(camera_with_mask(camera.recipe, checkpoint), camera.base)
+        systems.append(System(checkpoint.name, optics, checkpoint.height, checkpoint))
+    return systems
+
+
+def views_of(view: View, camera: Camera) -> dict[str, View]:
+    """The view that each way photographs, by the way's name."""
+    flat = {way.name: flattened(view, camera, encoded=way.encoded) for way in WAYS if way.flat}
+    return {way.name: flat.get(way.name, view) for way in WAYS}
+
+
+def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu") -> Taken:
+    """A photo of the way's own view (see `views_of`), and its restorations.
+
+    The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
+    """
+    camera = _of_three_lines(system.camera) if way.flat else system.camera
+    ideal = view.crop_margin(ideal_image(view, camera, 1.0))
+    wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
+    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
+    direct = direct_light(system.camera, view.wavelengths)
+    full = full_fidelity(camera, view)
+    light = veiled(view, direct)
+    photo = expose(
+        light,
+        camera,
+        occlusion=way.occlusion or full.occlusion,
+        exposure=exposure,
+        effects=effects_of(camera),
+        seed=seed,
+        height=system.height,
+        device=device,
+    )
+    parts = min(way.parts, full.pupil_parts)
+    if parts > 1:
+        photo = _through_parts(photo, light, camera, parts, seed, system.height, device)
+    photo = replace(photo, ideal=ideal * exposure)
+    images = {"photo": photo.image}
+    if system.checkpoint is not None:
+        nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
+        depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
+        images["restored"], _ = restore(
+            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint
+        )
+        # a filter knows the mask as designed, and the veil that its making leaves
+        taker = system.designed or system.camera
+        taker = _of_three_lines(taker) if way.flat else taker
+        level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
+        images["wiener"], _ = restore(
+            unveiled(photo.image, level), taker, view.wavelengths, depths, height=system.height
+        )
+    return Taken(photo, images)
+
+
+def _through_parts(
+    photo: Photo, view: View, camera: Camera, parts: int, seed: int, height: Tensor | None, device: str
+) -> Photo:
+    """The same photo with what changes where the pupil is composited in parts."""
+    coarse = in_parts(Fidelity(pupil_parts=parts))
+    light = view.to(device, torch.float32)
+    nodes = nodes_of(light, camera, coarse)
+    weights = channel_weights(camera, view.wavelengths)
+    change = seen_in_parts(light, camera, coarse, nodes, weights, height=height, device=device)
+    clean = photo.clean + photo.exposure * change
+    return replace(photo, clean=clean, image=record(clean, effects_of(camera), seed))
+
+
+def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
+    """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
+    [band], float64. 1 without a relief, and where the recipe says how the mask is made.
+    """
+    recipe = camera.recipe
+    if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
+        return torch.ones_like(wavelengths, dtype=torch.float64)
+    return direct_part(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
+
+
+def veiled(view: View, direct: Tensor) -> View:
+    """The view with the light that a made mask scatters, 1 - `direct` [band], spread evenly over it."""
+    part = direct.to(view.radiance)[:, None]
+    rows, columns = view.padded_shape
+    mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
+    return replace(view, radiance=view.radiance * part + mean * (1 - part) * view.coverage)
+
+
+def unveiled(photo: Tensor, direct: Tensor) -> Tensor:
+    """A photo [3, y, x] without the veil: `direct` [3, 1, 1] is the part of its light that is no veil."""
+    mean = photo.mean((-1, -2), keepdim=True)
+    return (photo - (1 - direct) * mean) / direct
+
+
+def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
+    """The view as a picture of the camera's three colours with one depth a pixel, in steps of 1 mm.
+
+    The picture is exposed as the camera would, and clipped at full scale. A pixel has the depth of the
+    surface that covers most of it. encoded: the picture's 8-bit sRGB values take the place of its light.
+    """
+    exposure = camera.recipe.sensor.exposure
+    picture = ideal_image(view, camera, None if exposure == "auto" else float(exposure)).clamp(0, 1)
+    if encoded:
+        picture = (srgb_encode(picture) * 255).round() / 255
+    pixels = picture[0].numel()
+    depth = quantised(_depth_of_most(view))
+    order = torch.argsort(PAPER_COLOURS)  # bands ascend
+    return replace(
+        view,
+        pixel=torch.arange(pixels),
+        coverage=torch.ones(pixels),
+        inverse_depth=depth.to(torch.float32),
+        radiance=picture.reshape(3, -1)[order].to(torch.float32),
+        hidden=torch.zeros(pixels, dtype=torch.bool),
+        wavelengths=PAPER_COLOURS[order],
+    )
+
+
+def quantised(inverse_depth: Tensor) -> Tensor:
+    """Inverse depths in 1/m of depths rounded to whole steps of 1 mm; infinity stays."""
+    steps = (inverse_depth.double().reciprocal() / DEPTH_STEP_M).round().clamp_min(1)
+    return torch.where(torch.isfinite(steps), 1 / (steps * DEPTH_STEP_M), 0.0)
+
+
+def _depth_of_most(view: View) -> Tensor:
+    """Inverse depth of the surface that covers most of each pixel (the nearest of equals), [pixel], 1/m."""
+    rows, columns = view.padded_shape
+    which = ~view.hidden
+    pixel, coverage = view.pixel[which], view.coverage[which]
+    empty = coverage.new_full((rows * columns,), -math.inf)
+    most = empty.scatter_reduce(0, pixel, coverage, "amax")
+    first = coverage == most[pixel]
+    return empty.scatter_reduce(0, pixel[first], view.inverse_depth[which][first], "amax").clamp_min(0)
+
+
+def _of_three_lines(camera: Camera) -> Camera:
+    """The same camera with a sensor whose colours are three wavelengths."""
+    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
+    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))

@@ -1,0 +1,161 @@
+"""PSFs and MTFs of a camera as a picture and as OpenEXR, and a picture of every kind of mask."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from torch import Tensor
+
+from ..capture.files import write_channels
+from ..optics import Camera, PsfBank, psf_bank
+from ..optics.grid import PupilGrid
+from ..optics.masks import catalogue, mask_amplitude
+from ..optics.mtf import mtf, strehl
+from ..optics.pupil import aperture
+from ..recipe.base import RecipeModel
+from ..recipe.camera import CameraRecipe
+from .drawing import DASHES, OKABE_ITO, new_figure, save, without_grid, write_csv
+
+COLOURS_NM = (611.0, 543.0, 482.0)
+DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
+PICTURE = 251
+"""Samples across the pupil in pictures of masks."""
+DARKEST = 1e-4
+"""PSFs are drawn as the square root of their values, black below this part of the peak."""
+
+
+def run(
+    camera: Camera,
+    out: Path,
+    *,
+    wavelengths_nm: Sequence[float] = COLOURS_NM,
+    depths_m: Sequence[float] = DEPTHS_M,
+) -> dict[str, float]:
+    """Write `psf.png`, `psf.exr`, `mtf.exr` and `psf.csv` into `out`; return the figures.
+
+    The EXR files hold a channel for each depth and wavelength, `0.5m.543nm`: the PSF as `psf_bank` gives
+    it, and the modulus of its two-dimensional transfer function, pixel included, frequency 0 in the middle.
+    Figures: rest_percent.DEPTH.WAVELENGTH, light outside the window; strehl.DEPTH.WAVELENGTH;
+    transmission_percent, light that the mask lets through.
+    """
+    wavelengths = torch.tensor(list(wavelengths_nm), dtype=torch.float64) * 1e-9
+    inverse_depths = torch.tensor([1 / depth for depth in depths_m], dtype=torch.float64)
+    bank = psf_bank(camera, wavelengths, inverse_depths)
+    ratios = strehl(camera, wavelengths, inverse_depths)
+    names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
+    _write_exr(out / "psf.exr", names, bank.values, camera, bank)
+    transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
+    _write_exr(out / "mtf.exr", names, transfer, camera, bank)
+    rows = [
+        (name, float(bank.rest[d, b]), float(ratios[d, b]), float(bank.values[d, b].max()))
+        for d, row in enumerate(names)
+        for b, name in enumerate(row)
+    ]
+    write_csv(out / "psf.csv", ("psf", "rest", "strehl", "peak_pixel"), rows)
+    _draw(camera, bank, list(wavelengths_nm), list(depths_m), out / "psf.png")
+    figures = {f"rest_percent.{name}": rest * 100 for name, rest, _, _ in rows}
+    figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows}
+    return figures | {"transmission_percent": bank.transmission * 100}
+
+
+def gallery(out: Path) -> Path:
+    """Write `masks.png`: every kind of mask with its defaults, its PSF near and far. Returns the path."""
+    entries = catalogue()
+    figure, axes = new_figure(len(entries), 4, width=1.9, height=1.9)
+    for row, entry in zip(axes, entries, strict=True):
+        camera = Camera.from_recipe(CameraRecipe(name="gallery", mask=entry.example))
+        draw_mask(row[0], camera, entry.example)
+        row[0].set_ylabel(entry.kind, fontsize=9)
+        bank = psf_bank(camera, [543e-9], [2.0, 1 / 1.3, 0.0], window_px=64)
+        for axis, image, depth in zip(
+            row[1:], bank.values[:, 0], ("0.5 m", "1.3 m", "infinity"), strict=True
+        ):
+            _picture(axis, image)
+            axis.set_title(depth, fontsize=7)
+    return save(figure, out / "masks.png")
+
+
+def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
+    """Draw a mask in its pupil, seen from the sensor: its relief in um, or what it lets through."""
+    grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
+    regions = aperture(camera, grid).regions
+    amplitude, light = mask_amplitude(mask, grid)
+    relief = sum(part * height for part, height in regions if height is not None)
+    without_grid(axis)
+    if isinstance(relief, Tensor) and float(relief.abs().max()) > 0:
+        shown = torch.where(light > 0.5, relief - relief[light > 0.5].min(), torch.nan)
+        image = axis.imshow((shown * 1e6).numpy(), cmap="viridis")
+        bar = axis.figure.colorbar(image, ax=axis, shrink=0.8)
+        bar.ax.tick_params(labelsize=6)
+        bar.ax.set_title("um", fontsize=6)
+    else:
+        axis.imshow(amplitude.numpy(), cmap="gray", vmin=0, vmax=1)
+
+
+def _draw(
+    camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths_m: list[float], path: Path
+) -> None:
+    columns = len(depths_m) + 1
+    figure, axes = new_figure(len(wavelengths_nm) + 1, columns, width=1.9, height=2.0)
+    for b, nm in enumerate(wavelengths_nm):
+        without_grid(axes[b][0])
+        axes[b][0].axis("off")
+        for d, depth in enumerate(depths_m):
+            axis = axes[b][d + 1]
+            _picture(axis, bank.values[d, b])
+            if b == 0:
+                axis.set_title(_metres(depth), fontsize=9)
+            if d == 0:
+                axis.set_ylabel(f"{nm:g} nm", fontsize=9)
+            axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
+    draw_mask(axes[0][0], camera, camera.recipe.mask)
+    axes[0][0].axis("on")
+    axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
+    half_width = bank.values.shape[-1] * camera.pixel * 0.5e3
+    axes[1][0].text(
+        0, 0.5, f"windows are\n{2 * half_width:.3g} mm wide,\nbrightness is the\nsquare root", fontsize=7
+    )
+    frequencies = torch.linspace(0, 0.5 / camera.pixel, 65, dtype=torch.float64)
+    middle = wavelengths_nm[len(wavelengths_nm) // 2]
+    for axis, direction in zip(axes[-1], (0, 90, 45, 135), strict=False):
+        curves = mtf(camera, middle * 1e-9, bank.inverse_depths, frequencies, angle_deg=direction)
+        for index, (depth, curve) in enumerate(zip(depths_m, curves, strict=True)):
+            colour, dash = OKABE_ITO[index % len(OKABE_ITO)], DASHES[index % len(DASHES)]
+            at = (frequencies * 1e-3).numpy()
+            axis.plot(at, curve.numpy(), dash, color=colour, linewidth=1, label=_metres(depth))
+        axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
+        axis.set(ylim=(0, 1), xlim=(0, float(frequencies[-1]) * 1e-3))
+        axis.set_xlabel("cycles/mm", fontsize=7)
+    axes[-1][0].legend(fontsize=5)
+    for axis in axes[-1][4:]:
+        axis.axis("off")
+    save(figure, path)
+
+
+def _picture(axis: Axes, psf: Tensor) -> None:
+    without_grid(axis)
+    shown = (psf / psf.max()).clamp_min(DARKEST).sqrt().numpy()
+    axis.imshow(shown, cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
+
+
+def _metres(depth: float) -> str:
+    return "infinity" if math.isinf(depth) else f"{depth:g}m"
+
+
+def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camera, bank: PsfBank) -> Path:
+    channels = {
+        name: np.ascontiguousarray(images[d, b].cpu().numpy(), dtype=np.float32)
+        for d, row in enumerate(names)
+        for b, name in enumerate(row)
+    }
+    header = {
+        "camera": camera.recipe.model_dump_json(),
+        "pixel_um": camera.pixel * 1e6,
+        "transmission": bank.transmission,
+    }
+    return write_channels(path, channels, header)

@@ -1,0 +1,124 @@
+"""The systems of the paper's comparisons: an aperture with what restores its photos."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..optics import PAPER_COLOURS, Camera, psf_bank
+from ..recipe.camera import CameraRecipe
+from ..recipe.fabrication import Fabrication
+from ..recipe.load import load_camera
+from ..restore.checkpoint import (
+    camera_with_mask,
+    comparison_checkpoints,
+    find_checkpoint,
+    load_checkpoint,
+    shipped_checkpoints,
+    trained_camera,
+)
+from ..restore.filter_bank import FilterBank
+from ..restore.network import apply_network
+from ..restore.restore import channel_psfs
+from ..restore.telling import told_network
+from ..restore.wiener import wiener
+
+READ_NOISE = 0.005
+NEAREST_PER_M = 2.0
+FILTER_DEPTHS = 9
+WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """A system. recipe: its camera, the mask as designed; height: [n, n] in metres or None for the mask of
+    the recipe; restore: [3, y, x] to [3, y, x]; digest: SHA-256 of what it consists of."""
+
+    name: str
+    recipe: CameraRecipe
+    height: Tensor | None
+    restore: Callable[[Tensor], Tensor]
+    digest: str
+
+
+def contestants(names: Sequence[str | Path] | None, *, every: bool = False) -> list[Contestant]:
+    """Systems by name or file; None for all that ship, with the clear and the cubic aperture, and with
+    `every` also those that were trained for comparison.
+
+    Raises InputError for what is neither, and for two systems of one name."""
+    trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
+    found = [contestant(name) for name in names or (*trained, *WITHOUT_TRAINING)]
+    known = [system.name for system in found]
+    twice = sorted({name for name in known if known.count(name) > 1})
+    if twice:
+        raise InputError(f"two systems are called {twice[0]!r}; evaluate them one at a time, in two --out")
+    return found
+
+
+def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contestant:
+    """A system from a checkpoint, or from a shipped camera by name with Wiener deconvolution.
+
+    wavelengths: [band] in metres, that the sensor adds up to its colours, as filters know them; None for the
+    three of the paper's training. Raises InputError for what is neither.
+    """
+    if str(source) in WITHOUT_TRAINING:
+        recipe = load_camera(source).recipe
+        camera = Camera.from_recipe(recipe)
+        stack = (
+            colour_psfs(camera) if wavelengths is None else channel_psfs(camera, wavelengths, filter_depths())
+        )
+        digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
+        name = f"{source}+wiener"
+        return Contestant(name, recipe, None, lambda photo: filtered(photo, stack), digest)
+    checkpoint = load_checkpoint(source)
+    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    recipe = recipe.model_copy(update={"psf": CameraRecipe(name="default").psf})
+    digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()
+    network = checkpoint.network
+    if wavelengths is not None:
+        network = told_network(checkpoint, Camera.from_recipe(recipe), wavelengths)
+    if isinstance(network, FilterBank):
+        network = network.in_mirrored_world()  # see `planes`
+    return Contestant(
+        checkpoint.name, recipe, checkpoint.height, lambda photo: apply_network(network, photo), digest
+    )
+
+
+def made(recipe: CameraRecipe, fabrication: Fabrication) -> Camera:
+    """The camera with its mask as it is made. Masks without relief have nothing to make."""
+    if hasattr(recipe.mask, "design_wavelength_nm"):
+        return Camera.from_recipe(recipe.model_copy(update={"fabrication": fabrication}))
+    return Camera.from_recipe(recipe)
+
+
+def paper_test(seed: int) -> Fabrication:
+    """A mask as the paper tests it: at 3 um, with a height error of 30 nm."""
+    return Fabrication(preset="paper-test", seed=seed)
+
+
+def colour_psfs(camera: Camera) -> Tensor:
+    """PSFs of the three colours over the depth range, [depth, 3, y, x], of the mask as designed: what a
+    filter knows."""
+    return psf_bank(camera, PAPER_COLOURS, filter_depths()).values
+
+
+def filter_depths() -> Tensor:
+    """Inverse depths in 1/m that a filter reckons with, float64."""
+    return torch.linspace(0, NEAREST_PER_M, FILTER_DEPTHS, dtype=torch.float64)
+
+
+def described(fabrication: Fabrication) -> str:
+    """A fabrication as text, for keys."""
+    return json.dumps(fabrication.model_dump(mode="json"), sort_keys=True)
+
+
+def filtered(photo: Tensor, stack: Tensor) -> Tensor:
+    """A photo [3, y, x] after Wiener deconvolution by PSFs [depth, 3, y, x], in [0, 1]."""
+    return wiener(photo, stack, READ_NOISE).clamp(0, 1)

@@ -1,0 +1,397 @@
+"""Hard pupils: point spread functions where the sampling, the relief or the grid is extreme.
+
+Bounds are of the PSF's values relative to its brightest; all light is the window's and the rest's together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..optics import Camera, PsfBank, defocus, material, psf_bank
+from ..optics.masks import catalogue
+from ..recipe.camera import CameraRecipe, Lens, PsfSettings
+from ..recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask, HeightMapMask
+from .case import Case, Finding, timed
+from .photos import distance
+from .views import MASKS, camera_with, free_height, uniform
+
+GREEN = torch.tensor([543e-9], dtype=torch.float64)
+SIDE = 25
+PRECISIONS = (torch.float64, torch.float32)
+
+
+def bank(
+    camera: Camera,
+    inverse_depth: float,
+    dtype: torch.dtype = torch.float64,
+    height: Tensor | None = None,
+    side: int = SIDE,
+) -> PsfBank:
+    """The PSF of one green wavelength at one depth."""
+    return psf_bank(camera, GREEN, [inverse_depth], window_px=side, height=height, dtype=dtype)
+
+
+def _name(dtype: torch.dtype) -> str:
+    return str(dtype).removeprefix("torch.")
+
+
+def whole(found: PsfBank) -> float:
+    """How far window and rest together are from all light, and how far below zero either reaches; NaN where
+    something is not finite."""
+    values, rest = found.values.double(), found.rest.double()
+    below = torch.stack([-values.min(), -rest.min()]).max().clamp_min(0)
+    return float((values.sum((-1, -2)) + rest - 1).abs().max() + below) + 0 * float(values.sum())
+
+
+def camera_of(
+    aperture_mm: float,
+    mask: AnyMask | None = None,
+    pupil_um: float | None = None,
+    oversampling: int = 1,
+    **glass: Any,
+) -> Camera:
+    """The paper's lens with another aperture and, if wanted, pupil sampling and what else its recipe says.
+
+    oversampling: 1 is right for blurs much wider than a pixel."""
+    psf = PsfSettings(window_px=SIDE, oversampling=oversampling, pupil_sampling_um=pupil_um or "auto")
+    lens = Lens(aperture_radius_mm=aperture_mm, **glass)
+    return Camera.from_recipe(CameraRecipe(name="hard", lens=lens, mask=mask or ClearMask(), psf=psf))
+
+
+def depth_of_psi(camera: Camera, psi: float) -> float:
+    """Inverse depth whose defocus at GREEN is psi: it is linear in 1/z."""
+    at_zero, at_one = (float(defocus(camera, GREEN, torch.tensor([d]))) for d in (0.0, 1.0))
+    return (psi - at_zero) / (at_one - at_zero)
+
+
+def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
+    def check() -> Iterator[Finding]:
+        camera = camera_of(2.5)
+        depth = depth_of_psi(camera, psi)
+        pair: list[PsfBank] = []
+
+        def energy() -> float:
+            pair.append(bank(camera, depth))
+            return whole(pair[0])
+
+        yield timed("energy, float64", 1e-6, energy)
+        yield timed(
+            "float32",
+            1e-4,
+            lambda: distance(bank(camera, depth, torch.float32).values.double(), pair[0].values),
+        )
+        yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
+        if psi > 500:
+            return  # a finer pupil would be larger than the largest that is computed
+        finer = camera_of(2.5, pupil_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
+        yield timed(
+            "against a finer pupil, float64",
+            0.02,
+            lambda: distance(pair[0].values, bank(finer, depth).values),
+        )
+
+    return check
+
+
+def _off_geometry(psi: float) -> float:
+    """Light in a window within the blur against that of an even disc, whose radius is r z_i times the defocus
+    in dioptres, psi lambda / (pi r^2)."""
+    camera = camera_of(2.5, thickness="parabolic")
+    dioptres = psi * float(GREEN) / (math.pi * camera.aperture_radius**2)
+    radius = camera.aperture_radius * camera.sensor_distance * dioptres
+    share = (SIDE * camera.pixel) ** 2 / (math.pi * radius**2)
+    return abs(float(bank(camera, depth_of_psi(camera, psi)).values.sum()) / share - 1)
+
+
+def _relief(change: Callable[[Tensor, Camera], Tensor], bound: float) -> Callable[[], Iterator[Finding]]:
+    """A free mask against the same mask after a change that light does not see."""
+
+    def check() -> Iterator[Finding]:
+        camera = camera_with(MASKS["free"])
+        height = free_height(camera)
+        other = change(height, camera)
+        truth = bank(camera, 0.3, height=height).values
+        yield timed("float64", bound, lambda: distance(bank(camera, 0.3, height=other).values, truth))
+        yield timed(
+            "float32",
+            max(bound, 1e-4),
+            lambda: distance(bank(camera, 0.3, torch.float32, other.float()).values.double(), truth),
+        )
+
+    return check
+
+
+def _wave(camera: Camera) -> float:
+    """Height of the mask's material that delays green light by a wave, in metres."""
+    relief = material(camera.recipe.mask.material)
+    return float(GREEN) / (float(relief.index(GREEN)) - 1)
+
+
+def _random_heights() -> Iterator[Finding]:
+    camera = camera_with(MASKS["free"])
+    height = uniform(*free_height(camera).shape, seed=5) * _wave(camera)
+    for dtype in PRECISIONS:
+        yield timed(
+            f"energy, {_name(dtype)}",
+            1e-4,
+            lambda dtype=dtype: whole(bank(camera, 0.3, dtype, height.to(dtype))),
+        )
+
+
+def _no_light() -> Iterator[Finding]:
+    def said() -> float:
+        try:
+            CodedMask(pattern=("00", "00"))
+        except ValueError as error:
+            return 0.0 if "no light" in str(error) else 1.0
+        return 1.0
+
+    yield timed("recipe, message", 0.0, said)
+
+
+def _one_sample() -> Iterator[Finding]:
+    camera = camera_with(HeightMapMask(pitch_um=1200.0))
+    flat = torch.full((1, 1), 3e-7, dtype=torch.float64)
+    truth = bank(camera_with(ClearMask()), 0.3).values
+    yield timed(
+        "against no mask, float64", 1e-3, lambda: distance(bank(camera, 0.3, height=flat).values, truth)
+    )
+
+
+def _windows() -> Iterator[Finding]:
+    camera = camera_with(CubicMask(alpha_rad=6.0))
+    truth = bank(camera, 0.3, side=33).values[0, 0]
+    for side in (1, 2, 24, 25, 32):
+        first = 16 - side // 2
+        part = truth[first : first + side, first : first + side]
+        yield timed(
+            f"window {side}, float64",
+            1e-6,
+            lambda side=side, part=part: distance(bank(camera, 0.3, side=side).values[0, 0], part),
+        )
+
+
+def _replicas() -> Iterator[Finding]:
+    """A pupil so coarse that copies of the PSF lie in the window."""
+    camera = camera_of(2.5, pupil_um=300.0)
+
+    def said() -> float:
+        try:
+            bank(camera, 0.0, side=257)
+        except InputError as error:
+            return 0.0 if "um" in str(error) else 1.0
+        return 1.0
+
+    yield timed("message", 0.0, said)
+
+
+def _mirrored() -> Iterator[Finding]:
+    """A mask upside down has its PSF upside down."""
+    camera = camera_with(MASKS["free"])
+    height = free_height(camera)
+    truth = bank(camera, 0.3, height=height).values
+    for name, axis in (("rows", -2), ("columns", -1)):
+        yield timed(
+            f"{name}, float64",
+            1e-6,
+            lambda axis=axis: distance(bank(camera, 0.3, height=height.flip(axis)).values.flip(axis), truth),
+        )
+
+
+def _both_sides_of_focus() -> Iterator[Finding]:
+    """A clear aperture with a parabolic lens cannot tell near from far."""
+    recipe = camera_with(ClearMask()).recipe
+    lens = recipe.lens.model_copy(update={"thickness": "parabolic"})
+    camera = Camera.from_recipe(recipe.model_copy(update={"lens": lens}))
+    for psi in (0.5, 1.2):
+        yield timed(
+            f"psi {psi:g}, float64",
+            1e-6,
+            lambda psi=psi: distance(
+                bank(camera, depth_of_psi(camera, psi)).values,
+                bank(camera, depth_of_psi(camera, -psi)).values,
+            ),
+        )
+
+
+def _extreme_distances() -> Iterator[Finding]:
+    for name, mask in MASKS.items():
+        camera = camera_with(mask)
+        height = free_height(camera)
+        for distance_m in (math.inf, 1e12, 1e9, 0.05):
+            for dtype in PRECISIONS:
+                made = partial(bank, camera, 1 / distance_m, dtype, height)
+                yield timed(f"{distance_m:g} m, {name}, {_name(dtype)}", 1e-4, lambda m=made: whole(m()))
+
+
+def _every_mask() -> Iterator[Finding]:
+    """All kinds of mask as they are by default, in focus and far out of it."""
+    for entry in catalogue():
+        camera = camera_of(2.5, entry.example, oversampling=4)
+        for depth in (0.7, 2.0):
+            found: list[PsfBank] = []
+
+            def energy(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+                found.append(bank(c, d))
+                return whole(found[0])
+
+            def single(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+                return distance(bank(c, d, torch.float32).values.double(), found[0].values)
+
+            yield timed(f"{entry.kind}, {depth:g} /m, float64", 1e-6, energy)
+            yield timed(f"{entry.kind}, {depth:g} /m, float32", 1e-4, single)
+
+
+def _pinhole() -> Iterator[Finding]:
+    """An aperture narrower than the paper's pupil sample: Airy's pattern, A / (lambda z_i)^2 [2 J1(x) / x]^2
+    times a pixel, x = 2 pi r rho / (lambda z_i). It is so wide that the window sees its top."""
+    camera = camera_of(0.01)
+    wave = float(GREEN) * camera.sensor_distance
+    at = (torch.arange(SIDE, dtype=torch.float64) - SIDE // 2) * camera.pixel
+    x = 2 * math.pi * camera.aperture_radius / wave * torch.hypot(at[:, None], at).clamp_min(1e-12)
+    top = math.pi * camera.aperture_radius**2 / wave**2 * camera.pixel**2
+    truth = top * (2 * torch.special.bessel_j1(x) / x).square()
+    for dtype in PRECISIONS:
+        made = partial(bank, camera, 0.5, dtype)
+        yield timed(f"{_name(dtype)}", 1e-3, lambda m=made: distance(m().values[0, 0].double(), truth))
+
+
+def _grids() -> Iterator[Finding]:
+    """128 and 129 samples across the pupil against 500."""
+    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=2.4), 0.3).values
+    for samples in (128, 129):
+        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=1200 / samples), 0.3)
+        yield timed(f"{samples} samples, float64", 2e-3, lambda m=made: distance(m().values, truth))
+
+
+CASES: tuple[Case, ...] = (
+    Case(
+        "psi 100",
+        "pupil",
+        "twice the paper's defocus",
+        "aliased phase",
+        "all light, as with a finer pupil",
+        _strong_defocus(100.0),
+    ),
+    Case(
+        "psi 1000",
+        "pupil",
+        "twenty times the paper's defocus",
+        "aliased phase",
+        "all light",
+        _strong_defocus(1000.0),
+    ),
+    Case(
+        "hundreds of waves",
+        "pupil",
+        "a plate 500 waves thick below the relief",
+        "phase beyond single precision",
+        "the relief's own PSF",
+        _relief(lambda h, c: h + 500 * _wave(c), 1e-6),
+    ),
+    Case(
+        "a millimetre thick",
+        "pupil",
+        "a plate of 1000 waves and a fraction",
+        "phase beyond single precision",
+        "the relief's own PSF",
+        _relief(lambda h, c: h + 1000.37 * _wave(c), 1e-6),
+    ),
+    Case(
+        "wrapped",
+        "pupil",
+        "heights modulo one wave at 543 nm",
+        "steps of the map smoothed into ramps",
+        "the unwrapped PSF",
+        _relief(lambda h, c: h - torch.floor(h / _wave(c)) * _wave(c), 1e-6),
+    ),
+    Case(
+        "below zero",
+        "pupil",
+        "heights all negative",
+        "fractional powers, clipping",
+        "the PSF of the shifted map",
+        _relief(lambda h, c: h - 7 * _wave(c), 1e-6),
+    ),
+    Case(
+        "random heights",
+        "pupil",
+        "each sample of its own height",
+        "light beyond the window lost",
+        "all light",
+        _random_heights,
+    ),
+    Case(
+        "no open cell",
+        "pupil",
+        "a mask that lets nothing through",
+        "0 / 0 in the energy",
+        "one message",
+        _no_light,
+    ),
+    Case(
+        "one sample",
+        "pupil",
+        "a height map of 1 x 1",
+        "an axis of length 1",
+        "as without a mask",
+        _one_sample,
+    ),
+    Case(
+        "windows odd and even",
+        "pupil",
+        "windows of 1 to 33 pixels",
+        "half a pixel",
+        "cut from one PSF",
+        _windows,
+    ),
+    Case(
+        "replicas",
+        "pupil",
+        "a pupil sampled every 300 um",
+        "copies of the PSF in the window",
+        "one message with both numbers",
+        _replicas,
+    ),
+    Case("mirrored", "pupil", "a mask upside down", "an axis exchanged", "its PSF upside down", _mirrored),
+    Case("both sides of focus", "pupil", "psi and -psi", "a sign", "the same PSF", _both_sides_of_focus),
+    Case(
+        "extreme distances",
+        "pupil",
+        "infinity, 1e12, 1e9 and 0.05 m",
+        "1/z lost",
+        "all light",
+        _extreme_distances,
+    ),
+    Case(
+        "every kind of mask",
+        "pupil",
+        "all masks of the catalogue, in focus and far out of it",
+        "fractional powers, hard edges",
+        "all light, float32 as float64",
+        _every_mask,
+    ),
+    Case(
+        "a pupil of one sample",
+        "pupil",
+        "an aperture of 20 um",
+        "a grid of one sample",
+        "Airy's pattern",
+        _pinhole,
+    ),
+    Case(
+        "grids odd and even",
+        "pupil",
+        "128 and 129 samples across the pupil",
+        "half a sample",
+        "the PSF of a finer grid",
+        _grids,
+    ),
+)

@@ -1,0 +1,344 @@
+"""Hard inputs of restoration: filters, networks, losses and scores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import torch
+from torch import Tensor
+
+from ..restore import wiener
+from ..restore.checkpoint import load_checkpoint
+from ..restore.losses import gradient_prior, restoration_loss
+from ..restore.network import apply_network, build_network
+from ..restore.scores import psnr, score
+from .case import Case, Finding, timed
+from .photos import distance
+from .views import uniform
+
+KINDS = ("dcnn", "local-unet", "filter-bank")
+PRECISIONS = (torch.float64, torch.float32)
+LAMPS = (60.0, 1e4, 1e8, 1e12)  # times full scale
+
+
+def _name(dtype: torch.dtype) -> str:
+    return str(dtype).removeprefix("torch.")
+
+
+def box(side: int, window: int = 15) -> Tensor:
+    """A square blur [3, y, x]: its transfer function has zeros."""
+    psf = torch.zeros(3, window, window, dtype=torch.float64)
+    first = window // 2 - side // 2
+    psf[:, first : first + side, first : first + side] = 1 / side**2
+    return psf
+
+
+def _beyond(image: Tensor, low: float, high: float) -> float:
+    """How far an image leaves a range; NaN where it is not finite."""
+    if not bool(torch.isfinite(image).all()):
+        return float("nan")
+    return float(torch.stack([low - image.min(), image.max() - high]).max().clamp_min(0))
+
+
+def blurred(rows: int, columns: int, noise: float) -> tuple[Tensor, Tensor]:
+    """A picture whose power falls as its frequency squared, and its photo through `box(5)` with noise:
+    [3, y, x] each. Around the frame lie its mirror images, as the filter assumes."""
+    generator = torch.Generator().manual_seed(8)
+    frequency = torch.fft.fftfreq(rows, dtype=torch.float64)[:, None].square()
+    frequency = (frequency + torch.fft.rfftfreq(columns, dtype=torch.float64).square()).sqrt()
+    white = torch.fft.rfft2(torch.randn(3, rows, columns, dtype=torch.float64, generator=generator))
+    sharp = torch.fft.irfft2(white / frequency.clamp_min(1 / max(rows, columns)), s=(rows, columns))
+    sharp = 0.5 + 0.15 * sharp / sharp.std()
+    around = sharp
+    for axis in (-2, -1):
+        first, last = around.narrow(axis, 0, 2), around.narrow(axis, around.shape[axis] - 2, 2)
+        around = torch.cat([first.flip(axis), around, last.flip(axis)], axis)
+    photo = torch.nn.functional.avg_pool2d(around[None], 5, 1)[0]
+    return sharp, photo + noise * torch.randn(photo.shape, dtype=torch.float64, generator=generator)
+
+
+def _deblurred(noise: float) -> Callable[[], Iterator[Finding]]:
+    """The filter lowers the error of a photo whose blur passes nothing at some frequencies."""
+
+    def check() -> Iterator[Finding]:
+        sharp, photo = blurred(96, 97, noise)
+        before = float((photo - sharp).square().mean())
+        for dtype in PRECISIONS:
+
+            def left(dtype: torch.dtype = dtype) -> float:
+                restored = wiener(photo.to(dtype), box(5).to(dtype), noise).double()
+                return float((restored - sharp).square().mean()) / before
+
+            yield timed(f"Wiener, {_name(dtype)}, error left", 1.0, left)
+
+    return check
+
+
+def _filtered(make: Callable[[], Tensor], low: float, high: float) -> Callable[[], Iterator[Finding]]:
+    """A photo through the Wiener filter of a box blur stays within a range, in both precisions alike."""
+
+    def check() -> Iterator[Finding]:
+        image = make()
+        truth = wiener(image, box(5), 0.005)
+        yield timed("Wiener, float64", 0.0, lambda: _beyond(truth, low, high))
+        yield timed(
+            "Wiener, float32",
+            1e-4,
+            lambda: distance(wiener(image.float(), box(5).float(), 0.005).double(), truth),
+        )
+
+    return check
+
+
+def _networks(make: Callable[[], Tensor]) -> Callable[[], Iterator[Finding]]:
+    """A photo through both untrained networks: in [0, 1], float32 as float64, bfloat16 near both."""
+
+    def check() -> Iterator[Finding]:
+        image = make().float()
+        for kind in KINDS:
+            torch.manual_seed(0)
+            network = build_network(kind).eval()
+            with torch.inference_mode():
+                single = apply_network(network, image)
+                yield timed(f"{kind}, float32", 1e-6, lambda single=single: _beyond(single, 0.0, 1.0))
+                with torch.autocast("cpu", torch.bfloat16):
+                    mixed = apply_network(network, image)
+                yield timed(
+                    f"{kind}, mixed",
+                    0.05,
+                    lambda a=mixed, b=single: float((a.double() - b.double()).abs().max()),
+                )
+                exact = apply_network(network.double(), image.double())
+                yield timed(
+                    f"{kind}, float32 against float64",
+                    1e-4,
+                    lambda a=single, b=exact: float((a.double() - b).abs().max()),
+                )
+
+    return check
+
+
+def _lamp_far_away() -> Iterator[Finding]:
+    """Shipped networks: a lamp changes nothing beyond the reach of the network."""
+    _, photo = blurred(64, 448, 0.005)
+    photo = photo.float()
+    for checkpoint in map(load_checkpoint, ("paper-dcnn", "paper-bank")):
+        network = checkpoint.network
+        beyond = (..., slice(8 + network.radius + network.multiple, None))
+        with torch.inference_mode():
+            alone = apply_network(network, photo)
+            for brightness in LAMPS:
+                lit = photo.clone()
+                lit[:, 32, 8] = brightness
+                found = apply_network(network, lit)
+                name = f"{checkpoint.name}, {brightness:g}"
+                yield timed(name, 0.0, lambda found=found: _beyond(found, 0.0, 1.0))
+                yield timed(
+                    f"{name}, far away",
+                    1e-4,
+                    lambda a=found[beyond], b=alone[beyond]: float((a - b).abs().max()),
+                )
+
+
+def _batch_of_one() -> Iterator[Finding]:
+    """Training statistics of a single image, and of a single pixel."""
+    for kind in KINDS:
+        for rows, columns in ((16, 16), (8, 8)):
+
+            def slope(kind: str = kind, rows: int = rows, columns: int = columns) -> float:
+                torch.manual_seed(0)
+                network = build_network(kind).train()
+                photo = uniform(1, 3, rows, columns).float()
+                network(photo).square().mean().backward()
+                grads = torch.cat([p.grad.reshape(-1) for p in network.parameters() if p.grad is not None])
+                return 0.0 if bool(torch.isfinite(grads).all()) else math.nan
+
+            yield timed(f"{kind}, {rows} x {columns}, gradient", 0.0, slope)
+
+
+def _loss(make: Callable[[], tuple[Tensor, Tensor]]) -> Callable[[], Iterator[Finding]]:
+    """The loss and its slope are finite, and float32 is as float64."""
+
+    def check() -> Iterator[Finding]:
+        found = []
+        for dtype in PRECISIONS:
+            restored, sharp = (image.clone().to(dtype) for image in make())
+            restored.requires_grad_()
+            loss = restoration_loss(restored, sharp)
+            loss.backward()
+            found.append((loss.detach().double()[None], restored.grad.double()))
+        for name, position in (("value", 0), ("gradient", 1)):
+            yield timed(f"{name}, float32", 1e-4, lambda k=position: distance(found[1][k], found[0][k]))
+
+    return check
+
+
+def _prior_of_constant() -> Iterator[Finding]:
+    for dtype in PRECISIONS:
+        flat = torch.full((1, 3, 8, 8), 0.4, dtype=dtype, requires_grad=True)
+
+        def slope(flat: Tensor = flat) -> float:
+            value = gradient_prior(flat, flat.detach())
+            value.backward()
+            return float(value.detach().abs()) + 0 * float(flat.grad.sum())
+
+        yield timed(f"value and gradient, {_name(dtype)}", 1e-3, slope)
+
+
+def _equal_images() -> Iterator[Finding]:
+    image = uniform(3, 12, 12)
+    yield timed("PSNR", 0.0, lambda: 0.0 if psnr(image, image) == math.inf else 1.0)
+    yield timed("SSIM", 1e-12, lambda: abs(score(image, image).ssim - 1))
+    flat = torch.full((3, 12, 12), 0.5, dtype=torch.float64)
+    yield timed("SSIM of constants", 1e-12, lambda: abs(score(flat, flat).ssim - 1))
+
+
+def _black_against_white() -> Iterator[Finding]:
+    black, white = torch.zeros(3, 12, 12), torch.ones(3, 12, 12)
+    yield timed("PSNR", 1e-6, lambda: abs(psnr(black, white)))
+
+
+def _ones(*shape: int) -> Tensor:
+    return torch.ones(*shape, dtype=torch.float64)
+
+
+CASES: tuple[Case, ...] = (
+    Case(
+        "zeros of the MTF",
+        "restoration",
+        "a box blur passes nothing at some frequencies",
+        "division by 0",
+        "less error than the photo",
+        _deblurred(0.005),
+    ),
+    Case(
+        "zeros of the MTF, no noise",
+        "restoration",
+        "the filter becomes the inverse",
+        "division by 0",
+        "less error than the photo",
+        _deblurred(0.0),
+    ),
+    Case(
+        "constant photo",
+        "restoration",
+        "no contrast to fit",
+        "0 / 0 in the spectrum",
+        "as it was",
+        _filtered(lambda: 0.4 * _ones(3, 32, 33), 0.4 - 1e-6, 0.4 + 1e-6),
+    ),
+    Case(
+        "black photo",
+        "restoration",
+        "no light",
+        "0 / 0 in the spectrum",
+        "black",
+        _filtered(lambda: 0 * _ones(3, 32, 33), 0.0, 0.0),
+    ),
+    Case(
+        "photo smaller than the PSF",
+        "restoration",
+        "7 x 5 and a window of 15",
+        "wrap-around",
+        "finite, within ten times full scale",
+        _filtered(lambda: uniform(3, 7, 5), -10.0, 10.0),
+    ),
+    Case(
+        "one lamp in a photo",
+        "restoration",
+        "1e4 on black",
+        "ringing",
+        "finite, within ten times the lamp",
+        _filtered(lambda: torch.nn.functional.pad(1e4 * _ones(3, 1, 1), (15, 16, 15, 16)), -1e5, 1e5),
+    ),
+    Case(
+        "saturated photo",
+        "restoration",
+        "all at full scale",
+        "a clamp without slope",
+        "in [0, 1]",
+        _networks(lambda: _ones(3, 24, 25)),
+    ),
+    Case(
+        "beyond full scale",
+        "restoration",
+        "a photo of 1e3",
+        "overflow in half precision",
+        "in [0, 1]",
+        _networks(lambda: 1e3 * _ones(3, 16, 16)),
+    ),
+    Case(
+        "a lamp far away",
+        "restoration",
+        "up to 1e12 in one pixel",
+        "rounding of the lamp all over the photo",
+        "as without it",
+        _lamp_far_away,
+    ),
+    Case(
+        "dark photo",
+        "restoration",
+        "all at 0",
+        "batch statistics of nothing",
+        "in [0, 1]",
+        _networks(lambda: 0 * _ones(3, 24, 25)),
+    ),
+    Case(
+        "photo of one pixel",
+        "restoration",
+        "1 x 1",
+        "an axis of length 1",
+        "in [0, 1]",
+        _networks(lambda: uniform(3, 1, 1)),
+    ),
+    Case(
+        "photo of one row",
+        "restoration",
+        "1 x 31",
+        "an axis of length 1",
+        "in [0, 1]",
+        _networks(lambda: uniform(3, 1, 31)),
+    ),
+    Case(
+        "batch of one",
+        "restoration",
+        "batch normalisation over a single image",
+        "variance 0",
+        "finite slopes",
+        _batch_of_one,
+    ),
+    Case(
+        "loss of equal images",
+        "restoration",
+        "nothing to improve",
+        "the slope of |0|",
+        "finite slopes",
+        _loss(lambda: (uniform(1, 3, 9, 9),) * 2),
+    ),
+    Case(
+        "loss of constants",
+        "restoration",
+        "no gradients in either image",
+        "|g|^gamma at 0",
+        "finite slopes",
+        _loss(lambda: (0.3 * _ones(1, 3, 9, 9), 0.7 * _ones(1, 3, 9, 9))),
+    ),
+    Case(
+        "prior of a constant",
+        "restoration",
+        "|g|^gamma at 0 for gamma below 1",
+        "an infinite slope",
+        "0, finite slope",
+        _prior_of_constant,
+    ),
+    Case("equal images", "restoration", "an error of 0", "log of 0", "infinite PSNR, SSIM 1", _equal_images),
+    Case(
+        "black against white",
+        "restoration",
+        "the largest error",
+        "a negative PSNR",
+        "0 dB",
+        _black_against_white,
+    ),
+)

@@ -1,0 +1,151 @@
+"""What is done to views before they are photographed: checks, crops, resampling, depth nodes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from edofsim.capture.checks import check_pixel_angle, check_view, check_window
+from edofsim.capture.crop import crop, with_margin
+from edofsim.capture.kernels import DEFOCUS_STEP, StreamedKernels, depth_nodes
+from edofsim.capture.resample import resampled
+from edofsim.errors import InputError
+
+
+def plain(bench, rows=20, columns=24, margin=4):
+    return bench.flat_view(bench.texture(2, rows, columns), 0.5, margin)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("inverse_depth", float("nan"), "depth is NaN"),
+        ("inverse_depth", -0.1, "negative"),
+        ("inverse_depth", float("inf"), "zero"),
+        ("radiance", float("nan"), "radiance is NaN"),
+        ("coverage", 1.5, "coverage"),
+    ],
+)
+def test_bad_values_are_refused_and_their_pixels_named(bench, field, value, says):
+    view = plain(bench)
+    bad = getattr(view, field).clone()
+    bad[..., 24 * 6 + 9] = value  # row 6 and column 9 of the padded frame: (2, 5) in the frame
+    with pytest.raises(InputError) as caught:
+        check_view(replace(view, **{field: bad}))
+    assert says in str(caught.value)
+    assert "(2, 5)" in str(caught.value)
+
+
+def test_all_that_is_wrong_is_said_at_once(bench):
+    view = plain(bench)
+    with pytest.raises(InputError) as caught:
+        check_view(replace(view, inverse_depth=-view.inverse_depth, radiance=view.radiance * float("nan")))
+    assert len(caught.value.problems) == 2
+    assert "and 475 more" in caught.value.problems[0]
+
+
+def test_a_sound_view_passes(bench):
+    view = plain(bench)
+    check_view(view)
+    check_pixel_angle(view, view.pixel_angle * 1.0005)
+    check_window(view, 20)
+
+
+def test_other_pixel_angle_is_refused_with_both(bench):
+    with pytest.raises(InputError, match=r"0\.16 mrad.*0\.2 mrad"):
+        check_pixel_angle(plain(bench), 2e-4)
+
+
+def test_blur_wider_than_the_image_is_refused(bench):
+    with pytest.raises(InputError, match="21 pixels is wider than the image of 24 x 20"):
+        check_window(plain(bench), 21)
+
+
+def test_crop_shows_the_same_pixels(bench):
+    sheets = [
+        (torch.rand(20, 24).double().round(), torch.full((20, 24), 2.0).double(), bench.texture(2, 20, 24)),
+        (torch.ones(20, 24).double(), torch.full((20, 24), 0.5).double(), bench.texture(2, 20, 24, 1)),
+    ]
+    view = bench.stacked_view(sheets, 4)
+    part = crop(view, 3, 5, 6, 7, 2)
+    assert (part.height, part.width, part.margin) == (6, 7, 2)
+    whole = view.crop_margin(view.all_in_focus())
+    assert torch.equal(part.crop_margin(part.all_in_focus()), whole[:, 3:9, 5:12])
+    assert torch.equal(part.all_in_focus(), whole[:, 1:11, 3:14])
+    assert int(part.hidden.sum()) == int(sheets[0][0][5:15, 7:18].sum())
+
+
+def test_margin_is_widened_by_repeating_the_border(bench):
+    view = plain(bench)
+    wide = with_margin(view, 7)
+    expected = torch.nn.functional.pad(view.all_in_focus()[None], (3, 3, 3, 3), mode="replicate")[0]
+    assert torch.equal(wide.all_in_focus(), expected)
+    assert with_margin(view, 3) is view
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.8, 1.25, 2.0, 2.6])
+def test_resampling_keeps_constants_energy_and_places(bench, ratio):
+    """Radiance is per solid angle: a constant stays one; light times pixel area is kept; a spot stays put."""
+    view = bench.flat_view(torch.ones(2, 40, 44, dtype=torch.float64), 0.5, 4)
+    other = resampled(view, view.pixel_angle / ratio)
+    assert abs(other.height - 32 * ratio) <= 0.5
+    assert abs(other.width - 36 * ratio) <= 0.5
+    assert torch.allclose(other.all_in_focus(), torch.ones(2, *other.padded_shape, dtype=torch.float64))
+    image = torch.zeros(1, 40, 44, dtype=torch.float64)
+    image[0, 12, 30] = 1
+    spot = resampled(bench.flat_view(image, 0.5, 4), 1.6e-4 / ratio).all_in_focus()[0]
+    assert abs(spot.sum().item() / ratio**2 - 1) < 1e-9
+    rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 - n / 2 for n in spot.shape)
+    # a square on a grid that it does not fit into is known to a quarter of a pixel
+    assert abs((spot.sum(1) @ rows).item() / spot.sum().item() - (12.5 - 20) * ratio) <= 0.25
+    assert abs((spot.sum(0) @ columns).item() / spot.sum().item() - (30.5 - 22) * ratio) <= 0.25
+
+
+def test_resampled_fragments_stay_sorted(bench):
+    sheets = [
+        (torch.rand(20, 24).double().round(), torch.full((20, 24), 2.0).double(), bench.texture(2, 20, 24)),
+        (torch.ones(20, 24).double(), torch.full((20, 24), 0.5).double(), bench.texture(2, 20, 24, 1)),
+    ]
+    view = resampled(bench.stacked_view(sheets, 4), 1.6e-4 / 0.7)
+    assert (view.pixel.diff() >= 0).all()
+    same = view.pixel.diff() == 0
+    assert (view.inverse_depth.diff()[same] <= 0).all()
+    visible = torch.zeros(view.padded_shape[0] * view.padded_shape[1], dtype=torch.float64)
+    visible.index_add_(0, view.pixel[~view.hidden], view.coverage[~view.hidden])
+    assert torch.allclose(visible, torch.ones_like(visible))
+
+
+def test_depth_nodes():
+    """Exactly the scene's depths where they are few; else steps that the defocus asks for, ends included."""
+    few = torch.tensor([0.5, 2.0, 0.5, 0.0], dtype=torch.float32)
+    assert depth_nodes(few, 3, 40.0).tolist() == [0.0, 0.5, 2.0]
+    many = torch.linspace(0, 2, 5000, dtype=torch.float64)
+    assert torch.allclose(depth_nodes(many, 5, 40.0), torch.linspace(0, 2, 5, dtype=torch.float64))
+    automatic = depth_nodes(many, "auto", 40.0)
+    assert (automatic[0], automatic[-1]) == (0, 2)
+    assert 0.9 * DEFOCUS_STEP < 40.0 * float(automatic.diff().max()) <= DEFOCUS_STEP
+    assert depth_nodes(many, 1, 40.0).tolist() == [1.0]
+
+
+@pytest.mark.parametrize("layers", [0, -3, 2.5, "many"])
+def test_bad_layers_are_refused(layers):
+    with pytest.raises(InputError, match="at least 1"):
+        depth_nodes(torch.tensor([0.5, 1.0]), layers, 40.0)
+
+
+def test_streamed_kernels_are_those_held(bench):
+    nodes = torch.linspace(0, 2, 7, dtype=torch.float64)
+    held = bench.kernels(nodes, 3, 9)
+    calls = []
+
+    def compute(depths):
+        calls.append(depths.numel())
+        return bench.gaussian_psfs(depths, 3, 9)
+
+    streamed = StreamedKernels(compute, nodes, held.wavelengths, 9, ahead=3)
+    for k in range(7):
+        assert torch.equal(streamed.layer(k), held.layer(k))
+        assert torch.allclose(streamed.rest(k), held.rest(k))
+    assert calls == [3, 3, 1]

@@ -1,0 +1,191 @@
+"""What accuracy costs is measured once, gone on from, and drawn."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from edofsim.experiments import cost, predictions
+from edofsim.optics import Camera
+from edofsim.plan import Fidelity, planner_of, rates, remember
+from edofsim.recipe import CameraRecipe
+from edofsim.recipe.camera import Lens, PsfSettings
+from edofsim.render.view import View
+from edofsim.report.cost_chart import cost_plot
+
+CAMERA = Camera.from_recipe(
+    CameraRecipe(name="test", lens=Lens(aperture_radius_mm=1.0), psf=PsfSettings(window_px=32))
+)
+SIDE, MARGIN = 40, 16
+RATES = {
+    "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
+    "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
+    "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
+    "parts": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
+    "sensor": (1e-3, 2e-8, 1e-8, 2e-9, 1e-8),
+    "pace": (9e-3,),
+}
+
+
+@pytest.fixture
+def view(monkeypatch: pytest.MonkeyPatch, tmp_path) -> View:
+    """A slanted surface of random colours, and rates that need no measuring."""
+    monkeypatch.setitem(rates._known, rates._name(), RATES)
+    monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
+    side = SIDE + 2 * MARGIN
+    draw = torch.Generator().manual_seed(1)
+    return View(
+        height=SIDE,
+        width=SIDE,
+        margin=MARGIN,
+        pixel=torch.arange(side * side),
+        coverage=torch.ones(side * side),
+        inverse_depth=torch.linspace(0, 2, side).repeat(side),
+        radiance=torch.rand(5, side * side, generator=draw),
+        hidden=torch.zeros(side * side, dtype=torch.bool),
+        wavelengths=torch.linspace(420e-9, 720e-9, 5, dtype=torch.float64),
+        pixel_angle=CAMERA.pixel_angle,
+    )
+
+
+def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest.MonkeyPatch, tmp_path):
+    cases = cost.cases_of(planner_of(view, CAMERA), targets=(30, 50))
+    taken = []
+    whole = cost.photograph
+    monkeypatch.setattr(cost, "photograph", lambda *a, **k: taken.append(a) or whole(*a, **k))
+    rows = cost.measure(view, CAMERA, cases, tmp_path, repeats=2)
+    by_name = {row.case.name: row for row in rows}
+    assert by_name["full"].measured_db == math.inf and by_name["full"].repeats == 1
+    assert by_name["50 dB"].measured_db >= 49 and by_name["30 dB"].measured_db >= 29
+    assert by_name["exact lens"].case.kind == "without" and by_name["exact lens"].measured_db < 60
+    count = len(taken)
+    assert count == 2 * (len(cases) - 1) + 1
+
+    # the last measurement was being written when the process died
+    file = tmp_path / cost.LINES
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(lines[:-1]) + "\n" + lines[-1][:20])
+    again = cost.measure(view, CAMERA, cases, tmp_path, repeats=2)
+    assert len(taken) == count + 1
+    assert [row.measured_db for row in again] == [row.measured_db for row in rows]
+
+    table = list(csv.DictReader(cost.write_table(tmp_path / "cost.csv", rows).open()))
+    assert [line["case"] for line in table] == [case.name for case in cases]
+    assert cost_plot(rows, "test").save(tmp_path / "cost.png").stat().st_size > 10_000
+
+
+def test_effects_that_edges_do_not_need_are_measured_without_parts_of_the_pupil(view: View, tmp_path):
+    """Against the full simulation without them too: a difference of parts would drown other effects."""
+    side = SIDE + 2 * MARGIN
+    front = torch.arange(side * side) % side < side // 2
+    behind = torch.nonzero(front).squeeze(1)
+    pixel = torch.cat([view.pixel, behind])
+    order = torch.argsort(pixel * 2 + (torch.arange(len(pixel)) >= side * side))
+    depth = torch.cat([2.0 * front, torch.zeros(len(behind))])[order]
+    light = torch.cat([view.radiance, view.radiance[:, behind].flip(1)], 1)[:, order]
+    step = replace(
+        view,
+        pixel=pixel[order],
+        coverage=torch.ones(len(pixel)),
+        inverse_depth=depth,
+        radiance=light,
+        hidden=order >= side * side,
+    )
+    cases = {case.name: case for case in cost.cases_of(planner_of(step, CAMERA), targets=())}
+    assert cases["full"].fidelity.pupil_parts > 1 == cases["exact lens"].fidelity.pupil_parts
+    assert cases["exact lens"].one_part and not cases["pupil parts"].one_part
+    rows = {
+        row.case.name: row for row in cost.measure(step, CAMERA, list(cases.values()), tmp_path, repeats=1)
+    }
+    for name in ("exact lens", "pupil parts", "hidden surfaces"):
+        assert rows[name].measured_db == pytest.approx(rows[name].case.predicted_db, abs=3), name
+    assert rows["full"].stages["parts"] > 0 == rows["exact lens"].stages["parts"]
+
+
+def test_another_view_is_not_mixed_with_what_was_measured(view: View, tmp_path):
+    cases = [
+        cost.Case("few", "target", Fidelity(layers=2, occlusion="none"), 30.0),
+        cost.Case("full", "full", Fidelity(layers=4, occlusion="none")),
+    ]
+    first = cost.measure(view, CAMERA, cases, tmp_path, repeats=1)
+    other = view.to(dtype=torch.float32)
+    brighter = View(**{**vars(other), "radiance": other.radiance.flip(1)})
+    second = cost.measure(brighter, CAMERA, cases, tmp_path, repeats=1)
+    assert first[0].measured_db != second[0].measured_db
+
+
+def test_the_front_holds_what_nothing_beats():
+    def row(seconds: float, db: float) -> cost.Row:
+        return cost.Row(cost.Case("", "target", Fidelity()), db, seconds)
+
+    front = cost.pareto([row(3, 50), row(1, 30), row(2, 25), row(2, 40), row(4, 45)])
+    assert [(each.seconds, each.measured_db) for each in front] == [(1, 30), (2, 40), (3, 50)]
+
+
+def test_shares_are_counted_over_effects_that_matter():
+    def row(kind: str, measured: float, predicted: float, asked: float = math.inf) -> cost.Row:
+        return cost.Row(cost.Case("", kind, Fidelity(), asked, predicted, 1.0), measured, 2.0)
+
+    rows = (
+        row("without", 40, 42),
+        row("without", 40, 45),
+        row("without", 70, 50),
+        row("target", 39.5, 41, 40),
+    )
+    found = predictions.figures([predictions.Outcome("a", "b", rows)])
+    assert found["pairs"] == 2 and found["share.error_within_3_db"] == 0.5
+    assert found["worst_optimism_db"] == 5 and found["share.targets_met"] == 1
+    assert found["share.time_within_1.5"] == 0
+
+
+@pytest.mark.slow
+def test_predictions_hold_on_a_small_scene(tmp_path):
+    """The middle of a photograph with measured depth, through the cubic mask: nothing needs rendering."""
+    found = predictions.figures(predictions.run(tmp_path, scenes=["motorcycle"], masks=["cubic"], quick=True))
+    assert found["pairs"] >= 5
+    assert found["share.error_within_3_db"] >= 0.9
+    assert found["worst_optimism_db"] <= 6
+    assert found["share.targets_met"] == 1
+
+
+def test_the_pace_of_the_machine_is_kept_beside_each_time(view: View, tmp_path):
+    cases = [
+        cost.Case("few", "target", Fidelity(layers=2, occlusion="none"), 30.0),
+        cost.Case("full", "full", Fidelity(layers=4, occlusion="none")),
+    ]
+    ticks = iter(range(10_000))
+    paces = iter([1.0, 3.0, 5.0, 7.0])
+    how = {"repeats": 1, "clock": lambda: float(next(ticks)), "pace": lambda: next(paces)}
+    rows = cost.measure(view, CAMERA, cases, tmp_path, **how)
+    assert {row.case.name: row.pace for row in rows} == {"full": 2.0, "few": 6.0}
+    assert all(row.seconds == sum(row.stages.values()) + 2 for row in rows)  # two more looks at the clock
+
+
+def test_effects_of_rendering_are_measured_on_another_rendering(view: View, monkeypatch, tmp_path):
+    """Direct light alone is a tenth darker here, so the photo is: linear optics."""
+    from dataclasses import replace
+
+    from edofsim.plan import photograph
+    from edofsim.recipe import load_scene
+
+    rendered = []
+
+    def darker(recipe, base, **how):
+        rendered.append(recipe.render.max_depth)
+        return replace(view, radiance=0.9 * view.radiance)
+
+    monkeypatch.setattr(predictions, "render", darker)
+    monkeypatch.setattr(predictions, "seen_in_thumbnails", lambda *_, **__: ({2: (0.1, 0.1, 0.1)}, ()))
+    desk = load_scene("desk")
+    (row,) = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    fidelity = planner_of(view, CAMERA).plan().fidelity
+    clean = photograph(view, CAMERA, fidelity).clean
+    assert row.case.name == "interreflection" and rendered == [2]
+    assert row.case.predicted_db == pytest.approx(20)
+    assert row.measured_db == pytest.approx(-10 * math.log10(float((0.1 * clean).square().mean())), abs=0.1)
+    again = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    assert again == [row] and rendered == [2]

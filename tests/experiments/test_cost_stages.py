@@ -1,0 +1,118 @@
+"""What rendering and restoring cost: measured once, and drawn with the front and the choice."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+import torch
+
+from edofsim.experiments import cost, cost_stages
+from edofsim.experiments.cost_stages import Point, front
+from edofsim.plan import Fidelity, rates, remember
+from edofsim.recipe import Loaded, load_camera, load_scene
+from edofsim.recipe.camera import PsfSettings
+from edofsim.render.view import View
+from edofsim.report.cost_page import cost_page, stage_plot
+
+RATES = {
+    "prepare": (1e-3,) + (1e-8,) * 5,
+    "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
+    "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
+    "parts": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
+    "sensor": (1e-3,) + (1e-8,) * 4,
+    "pace": (9e-3,),
+}
+
+
+@pytest.fixture
+def view(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> View:
+    """Random colours in one plane, and rates that need no measuring."""
+    monkeypatch.setitem(rates._known, rates._name(), RATES)
+    monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
+    side = 40 + 2 * 16
+    draw = torch.Generator().manual_seed(1)
+    coarse = torch.rand(31, 9, 9, generator=draw)
+    radiance = torch.nn.functional.interpolate(coarse[None], (side, side), mode="bilinear")[0].flatten(1)
+    return View(
+        height=40,
+        width=40,
+        margin=16,
+        pixel=torch.arange(side * side),
+        coverage=torch.ones(side * side),
+        inverse_depth=torch.full((side * side,), 1.25),
+        radiance=radiance,
+        hidden=torch.zeros(side * side, dtype=torch.bool),
+        wavelengths=torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64),
+        pixel_angle=6e-6 / 36.8975e-3,
+    )
+
+
+def camera(name: str) -> Loaded:
+    loaded = load_camera(name)
+    recipe = loaded.recipe.model_copy(update={"psf": PsfSettings(window_px=32)})
+    return Loaded(recipe, loaded.path, loaded.text)
+
+
+def test_restoring_is_measured_once_and_the_default_is_marked(
+    view: View, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    taken = []
+    whole = cost_stages.restore
+    monkeypatch.setattr(cost_stages, "restore", lambda *a, **k: taken.append(a) or whole(*a, **k))
+    points = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
+    assert len(taken) == 2 * len(points) and len({point.name for point in points}) == len(points)
+    assert [point.name for point in points if point.chosen] == ["Wiener"]
+    assert all(point.seconds > 0 and math.isfinite(point.value) for point in points)
+    again = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
+    assert again == points and len(taken) == 2 * len(points)
+
+
+def test_a_camera_with_a_network_of_its_own_is_restored_by_it(view: View, tmp_path: Path):
+    points = cost_stages.restore_points(view, camera("paper-learned"), tmp_path, repeats=1)
+    (chosen,) = [point for point in points if point.chosen]
+    assert "Wiener" not in chosen.name and any("Wiener" in point.name for point in points)
+
+
+def test_rendering_with_more_samples_is_told_with_its_noise(monkeypatch: pytest.MonkeyPatch, view: View):
+    """Without the renderer: noise falls with the root of the samples, seconds rise with them."""
+    from dataclasses import replace
+
+    def rendered(recipe, base, **how):
+        return replace(view, noise=recipe.render.samples**-0.5)
+
+    monkeypatch.setattr(cost_stages, "render", rendered)
+    monkeypatch.setattr(cost_stages, "_render_seconds", lambda recipe, *_: float(recipe.render.samples))
+    scene = load_scene("wall")
+    points = cost_stages.render_points(scene.recipe, scene.base)
+    assert [point.seconds for point in points] == [4, 8, 16, 32, 64]
+    assert front(points) == points and [point.chosen for point in points] == [False] * 4 + [True]
+    photo = load_scene("motorcycle")
+    assert cost_stages.render_points(photo.recipe, photo.base) == []
+
+
+def test_all_stages_are_drawn_and_written(tmp_path: Path):
+    points = [
+        Point("render", "4 samples", 0.5, 1.0),
+        Point("render", "8 samples", 0.35, 2.0, True),
+        Point("restore", "Wiener", 24.0, 0.5),
+        Point("restore", "slow", 23.0, 0.8),
+        Point("restore", "good", 28.0, 1.0, True),
+    ]
+    assert [point.name for point in front(points[2:])] == ["Wiener", "good"]
+    found = cost_stages.figures(points)
+    assert found["render_noise.render.8_samples"] == 0.35 and found["psnr_db.restore.good"] == 28.0
+    lines = list(csv.DictReader(cost_stages.write_table(tmp_path / "stages.csv", points).open()))
+    assert [line["chosen"] for line in lines] == ["0", "1", "0", "0", "1"]
+    rows = [
+        cost.Row(cost.Case("30 dB", "target", Fidelity(), 30.0, 31.0, 0.1), 32.0, 0.1),
+        cost.Row(cost.Case("chosen", "chosen", Fidelity(), 50.0, 51.0, 0.2), 52.0, 0.2),
+        cost.Row(cost.Case("full", "full", Fidelity()), math.inf, 3.0),
+    ]
+    page = cost_page(tmp_path / "cost.html", "test", rows, points, {"times_faster.chosen": 15.0})
+    text = page.read_text(encoding="utf-8")
+    assert all(word in text for word in ("Rendering", "Restoration", "good", "15.0"))
+    assert stage_plot(points[:2]).save(tmp_path / "render.png").stat().st_size > 5_000
+    assert stage_plot(points[2:]).save(tmp_path / "restore.png").stat().st_size > 5_000

@@ -1,0 +1,59 @@
+"""PSNR and SSIM against their definitions and scikit-image."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from skimage import data
+from skimage.metrics import peak_signal_noise_ratio
+
+from edofsim.errors import InputError
+from edofsim.restore.scores import psnr, score, score_by_depth
+
+
+def pair() -> tuple[torch.Tensor, torch.Tensor]:
+    truth = torch.from_numpy(data.coffee()[:60, :80] / 255.0).permute(2, 0, 1)
+    return truth + 0.05 * torch.randn(truth.shape, generator=torch.Generator().manual_seed(0)), truth
+
+
+def test_psnr_is_scikit_images():
+    image, truth = pair()
+    expected = peak_signal_noise_ratio(truth.numpy(), image.numpy(), data_range=1.0)
+    assert psnr(image, truth) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_constant_offset_has_its_closed_form():
+    """An error of 0.1 everywhere is 20 dB."""
+    assert psnr(torch.full((3, 4, 4), 0.6), torch.full((3, 4, 4), 0.5)) == pytest.approx(20.0, abs=1e-5)
+
+
+def test_equal_images_score_infinity_and_one():
+    _, truth = pair()
+    equal = score(truth, truth)
+    assert equal.psnr_db == math.inf and equal.ssim == pytest.approx(1.0)
+
+
+def test_depth_ranges_share_out_all_pixels_and_infinity_belongs_to_the_last():
+    image, truth = pair()
+    inverse_depth = torch.zeros(60, 80)
+    inverse_depth[:, :40] = 2.0
+    inverse_depth[:, 40:60] = 1.0
+    scores = score_by_depth(image, truth, inverse_depth)
+    assert [(s.near_m, s.far_m, s.score.pixels) for s in scores] == [
+        (0.0, 0.6, 2400),
+        (0.85, 1.15, 1200),
+        (3.0, math.inf, 1200),
+    ]
+    total = sum(s.score.pixels * 10 ** (-s.score.psnr_db / 10) for s in scores) / (60 * 80)
+    assert -10 * math.log10(total) == pytest.approx(psnr(image, truth), abs=1e-9)
+
+
+def test_an_image_smaller_than_the_ssim_window_has_no_ssim():
+    assert math.isnan(score(torch.zeros(3, 5, 40), torch.ones(3, 5, 40)).ssim)
+
+
+def test_different_shapes_are_refused():
+    with pytest.raises(InputError, match="cannot be compared"):
+        psnr(torch.zeros(3, 4, 4), torch.zeros(3, 4, 5))
