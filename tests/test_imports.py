@@ -14,6 +14,7 @@ import edofsim
 PACKAGE = Path(edofsim.__file__).parent
 
 MAY_IMPORT: dict[str, set[str]] = {
+    "core": set(),
     "recipe": set(),
     "scene": {"recipe"},
     "render": {"recipe", "scene"},
@@ -30,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"}
 MAY_IMPORT["commands"] = {*MAY_IMPORT, "pipeline", "console"}
-COMMON = {"errors", "record"}
+COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
 MITSUBA_ROOMS = {"render", "reference", "experiments", "stability"}
 ONLY_IN = {"mitsuba": MITSUBA_ROOMS, "drjit": MITSUBA_ROOMS}

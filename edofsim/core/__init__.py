@@ -1,0 +1,1 @@
+"""What every room uses: it knows nothing of any of them."""

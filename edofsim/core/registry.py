@@ -1,0 +1,62 @@
+"""Kinds of things that people add: by one line in this package, or by an entry point of another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar
+
+from ..errors import InputError
+
+T = TypeVar("T")
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """Things of one kind by name, in the order they were added; imported when they are first asked for.
+
+    group: of the entry points that other packages add, such as `edofsim.masks`; kind: what one of them is
+    called in messages; own: this package's, name to `module:attribute`. A name of this package cannot be
+    taken by another one.
+    """
+
+    def __init__(self, group: str, kind: str, own: Mapping[str, str]) -> None:
+        self.group = group
+        self.kind = kind
+        self._own = dict(own)
+        self._loaded: dict[str, T] = {}
+
+    @cached_property
+    def _places(self) -> dict[str, str]:
+        added = {point.name: point.value for point in entry_points(group=self.group)}
+        return self._own | {name: value for name, value in added.items() if name not in self._own}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._places
+
+    def __getitem__(self, name: str) -> T:
+        """The thing of that name. Raises InputError for an unknown name, or one that cannot be imported."""
+        if name not in self._loaded:
+            if name not in self._places:
+                near = get_close_matches(name, self._places, 1)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise InputError(f"no {self.kind} {name!r}{hint} Known: {', '.join(self._places)}")
+            module, _, attribute = self._places[name].partition(":")
+            try:
+                self._loaded[name] = getattr(import_module(module), attribute)
+            except (ImportError, AttributeError) as error:
+                if name in self._own:
+                    raise
+                raise InputError(
+                    f"the {self.kind} {name!r} of another package cannot be loaded from "
+                    f"{self._places[name]} ({error}): mend or remove that package"
+                ) from error
+        return self._loaded[name]
