@@ -72,7 +72,7 @@ def step_seconds(setup: Setup) -> tuple[float, float]:
         system(draw_batch(setup, 0, workers)).loss.backward()
 
     def optics() -> None:
-        captured = draw.scenes.photograph(system.optics, system.mask())
+        captured = draw.scenes.photograph(system.optics.with_height(system.mask()))
         torch.autograd.backward((captured.clean, captured.lost), (captured.ideal, captured.lost.detach()))
 
     return _median_seconds(whole, setup.device), _median_seconds(optics, setup.device)

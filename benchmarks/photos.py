@@ -53,14 +53,6 @@ BLOCK = 48
 MEMORY_DEPTHS = (16, 64, BRUTE_DEPTHS)
 
 
-@dataclass(frozen=True)
-class Setting:
-    """A camera, and the height map that takes the place of its mask, if any."""
-
-    camera: Camera
-    height: Tensor | None = None
-
-
 def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, float]:
     """Figures, by scene (desk, hallway) and mask (clear, cubic, smooth), without occlusion on either side:
 
@@ -112,11 +104,11 @@ def _kept(path: Path | None, measure: Callable[[], dict[str, float]]) -> dict[st
     return figures
 
 
-def settings() -> dict[str, Setting]:
+def cameras() -> dict[str, Camera]:
     """The cameras that are compared: clear aperture, cubic mask, a random smooth relief."""
     clear = Camera.from_recipe(load_camera("paper-clear").recipe)
     cubic = Camera.from_recipe(load_camera("paper-cubic").recipe)
-    return {"clear": Setting(clear), "cubic": Setting(cubic), "smooth": Setting(clear, smooth_relief())}
+    return {"clear": clear, "cubic": cubic, "smooth": clear.with_height(smooth_relief())}
 
 
 def rendered(scene: str, progress: Progress) -> View:
@@ -133,17 +125,15 @@ def rendered(scene: str, progress: Progress) -> View:
 def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dict[str, float]:
     """Low rank against brute force for one mask and one scene; kept: a file for what is half done."""
     view = rendered(scene, lambda f, text: say(0.0, text))
-    setting = settings()[mask]
+    camera = cameras()[mask]
     figures = {
         f"unoccluded.{kind}.{scene}.{mask}" + (f".{tolerance}" if tolerance else ""): value
-        for (kind, tolerance), value in against_brute(view, setting, say, kept=kept).items()
+        for (kind, tolerance), value in against_brute(view, camera, say, kept=kept).items()
     }
     say(0.9, "with occlusion")
 
     def photo() -> None:
-        expose(
-            view, setting.camera, method="low_rank", occlusion="hidden", height=setting.height, exposure=1.0
-        )
+        expose(view, camera, method="low_rank", occlusion="hidden", exposure=1.0)
 
     photo()
     figures[f"occluded.seconds.{scene}.{mask}"] = min(_timed(photo)[1] for _ in range(2))
@@ -155,7 +145,7 @@ def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dic
 
 def against_brute(
     view: View,
-    setting: Setting,
+    camera: Camera,
     say: Progress,
     depths: int = BRUTE_DEPTHS,
     kept: Path | None = None,
@@ -164,22 +154,22 @@ def against_brute(
     `_by_brute_force`."""
     which = seen(view)
     depth = view.inverse_depth[which]
-    weights = channel_weights(setting.camera, view.wavelengths)
+    weights = channel_weights(camera, view.wavelengths)
     nodes = torch.linspace(float(depth.min()), float(depth.max()), depths, dtype=torch.float64)
     exposure = automatic_exposure(view.crop_margin(all_in_focus(view, weights.float())))
-    truth, figures = _by_brute_force(view, setting, weights, nodes, say, kept)
+    truth, figures = _by_brute_force(view, camera, weights, nodes, say, kept)
     truth = truth * exposure
     brute_seconds, brute_psf_seconds = figures["seconds_brute", ""], figures["seconds_brute_psfs", ""]
-    grid = Grid(*view.padded_shape, view.margin, setting.camera.recipe.psf.window_px)
+    grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
     shortest = float(view.wavelengths.min())
     groups = [joint_groups(weights.float()), band_groups(weights.float())]
     for tolerance in TOLERANCES:
         name = f"{tolerance:.0f}db"
         say(0.85, f"low rank at {tolerance:.0f} dB")
         few = choose_nodes(
-            depth, view.coverage[which], setting.camera, shortest, "low_rank", "auto", tolerance
+            depth, view.coverage[which], camera, shortest, "low_rank", "auto", tolerance
         )
-        psfs, psf_seconds = _timed(lambda few=few: _bank(setting, view.wavelengths, few))
+        psfs, psf_seconds = _timed(lambda few=few: _bank(camera, view.wavelengths, few))
         kernels = HeldKernels(psfs, few, view.wavelengths)
         factors, factor_seconds = _timed(lambda k=kernels, t=tolerance: factorise(k, groups, t))
         blur = blur_with(factors, weights.float())
@@ -214,14 +204,14 @@ class _SomeNodes(Light):
 
 
 def _by_brute_force(
-    view: View, setting: Setting, weights: Tensor, nodes: Tensor, say: Progress, kept: Path | None
+    view: View, camera: Camera, weights: Tensor, nodes: Tensor, say: Progress, kept: Path | None
 ) -> tuple[Tensor, dict[tuple[str, str], float]]:
     """The unexposed photo in float64, [channel, y, x], and what it took.
 
     Block by block of depths; kept: file from which an interrupted photo is gone on with.
     """
     light = light_of(view.to(dtype=torch.float64), nodes, seen(view))
-    grid = Grid(*view.padded_shape, view.margin, setting.camera.recipe.psf.window_px)
+    grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
     state: dict[str, Any] = {"photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
     if kept is not None and kept.is_file():
         state = torch.load(kept, weights_only=True)
@@ -229,7 +219,7 @@ def _by_brute_force(
         block = range(state["done"], min(state["done"] + BLOCK, nodes.numel()))
         say(0.05 + 0.8 * block.start / nodes.numel(), f"brute force, {block.start} of {nodes.numel()} depths")
         some = nodes[block.start : block.stop]
-        psfs, psf_seconds = _timed(lambda some=some: _bank(setting, view.wavelengths, some))
+        psfs, psf_seconds = _timed(lambda some=some: _bank(camera, view.wavelengths, some))
         kernels = StreamedKernels(
             lambda one, psfs=psfs, some=some: psfs[torch.searchsorted(some, one)].double(),
             nodes,
@@ -259,10 +249,10 @@ def _by_brute_force(
 
 def growth(say: Progress) -> dict[str, float]:
     """How the time of a photo grows, each quantity alone: depth nodes, bands, pixels, tolerance."""
-    camera = settings()["cubic"].camera
+    camera = cameras()["cubic"]
     view = synthetic_view(256, 31)
     nodes = torch.linspace(0, 2, 129, dtype=torch.float64)
-    psfs = _bank(Setting(camera), view.wavelengths, nodes)
+    psfs = _bank(Camera(camera), view.wavelengths, nodes)
 
     def seconds(view: View, step: int = 4, tolerance: float = 50.0, bands: int = 31) -> tuple[float, int]:
         groups = torch.tensor_split(torch.arange(31), bands)
@@ -306,7 +296,7 @@ def memory_of_a_photo(depths: int) -> float:
 
     To be called in a process of its own.
     """
-    camera = settings()["clear"].camera
+    camera = cameras()["clear"]
     view = synthetic_view(1024, 31, camera.pixel_angle)
     expose(view, camera, method="low_rank", layers=depths, occlusion="hidden")
     return peak_memory_mib()
@@ -359,12 +349,12 @@ def plot(figures: dict[str, float], path: Path) -> Path:
     return save(figure, path)
 
 
-def _bank(setting: Setting, wavelengths: Tensor, nodes: Tensor) -> Tensor:
+def _bank(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> Tensor:
     """PSFs computed anew: a bank that is at hand already would take no time."""
     from edofsim.optics import cache
 
     cache.forget()
-    return psf_bank(setting.camera, wavelengths, nodes, height=setting.height).values
+    return psf_bank(camera, wavelengths, nodes).values
 
 
 def _timed(work: Callable[[], Any]) -> tuple[Any, float]:

@@ -90,19 +90,17 @@ def run(
     """
     watch = Stopwatch()
     compute = torch_device(device)
-    checkpoint, recipe = choose_network(network, camera)
-    optics = Camera.from_recipe(recipe, camera.base)
-    height = None if checkpoint is None else checkpoint.height
+    checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
     with watch.stage("plan", progress, 0.0):
-        looked = look(scene.recipe, scene.base, optics, height=height, cache=cache, device=device)
+        looked = look(scene.recipe, scene.base, optics, cache=cache, device=device)
         plan = plan_scene(
             looked, optics, overrule=overrule, target=target, progress=_part(progress, 0.0, 0.2)
         )
     with watch.stage("render", progress, 0.2):
         view = view_as_planned(looked, plan, scene.base, cache, device, _part(progress, 0.2, 0.7))
     with watch.stage("expose", progress, 0.72):
-        photo = photograph(view, optics, plan.fidelity, height=height, seed=seed, device=compute)
+        photo = photograph(view, optics, plan.fidelity, seed=seed, device=compute)
     with watch.stage("lens alone", progress, 0.82):
         lens_alone = photograph(
             view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure
@@ -113,7 +111,7 @@ def run(
     wiener = None
     if checkpoint is not None:
         with watch.stage("wiener", progress, 0.94):
-            wiener, _ = restore(photo.image, optics, view.wavelengths, depths, height=height)
+            wiener, _ = restore(photo.image, optics, view.wavelengths, depths)
     with watch.stage("score", progress, 0.96):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
         images = {
@@ -148,17 +146,17 @@ def run(
 
 def choose_network(
     network: str | Path | None, camera: Loaded[CameraRecipe]
-) -> tuple[Checkpoint | None, CameraRecipe]:
+) -> tuple[Checkpoint | None, Camera]:
     """What restores (None: Wiener deconvolution), and the camera with the mask that it was trained with.
 
     network: see `run`. Raises InputError for a checkpoint that is damaged or of another camera.
     """
     if network == WIENER:
-        return None, camera.recipe
-    if network is None:
-        return network_of(camera), camera.recipe
-    checkpoint = load_checkpoint(network, camera.recipe)
-    return checkpoint, camera_with_mask(camera.recipe, checkpoint)
+        return None, Camera.from_recipe(camera.recipe, camera.base)
+    checkpoint = network_of(camera) if network is None else load_checkpoint(network, camera.recipe)
+    if checkpoint is None:
+        return None, Camera.from_recipe(camera.recipe, camera.base)
+    return checkpoint, camera_with_mask(camera.recipe, checkpoint, camera.base)
 
 
 def figures(result: Run) -> dict[str, float]:

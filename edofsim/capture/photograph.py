@@ -53,7 +53,6 @@ def expose(
     exposure: float | None = None,
     effects: SensorEffects | None = None,
     seed: int = 0,
-    height: Tensor | None = None,
     window_px: int | None = None,
     resample: bool = False,
     cache: Path | None = None,
@@ -72,7 +71,6 @@ def expose(
     pupil_parts^2 times the cost at edges; tolerance_db: PSNR against the layered photo that
     `low_rank` keeps; exposure: factor from radiance to full scale, None for the camera's (which may be
     automatic, see `automatic_exposure`); effects: of the sensor, None for the camera's; seed: of its noise;
-    height: [n, n] height map of the mask in metres in place of the recipe's, gradients reach it;
     window_px: side of the PSFs, None for the camera's; resample: accept a view of another pixel angle;
     cache: a folder for PSFs that outlive the process.
 
@@ -100,10 +98,10 @@ def expose(
         tolerance_db,
     )
     if method == "auto":
-        trained = height is not None and height.requires_grad
+        trained = camera.height_map is not None and camera.height_map.requires_grad
         method = "constant" if nodes.numel() == 1 else "layered" if trained else "low_rank"
     kernels = kernels_of(
-        camera, views[0].wavelengths, nodes, window, height=height, cache=cache, dtype=dtype, device=device
+        camera, views[0].wavelengths, nodes, window, cache=cache, dtype=dtype, device=device
     )
     watch.lap("psf", 0.4)
     parts = None
@@ -115,7 +113,6 @@ def expose(
             nodes,
             window,
             pupil_parts,
-            height=height,
             dtype=dtype,
             device=device,
         )

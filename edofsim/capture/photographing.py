@@ -36,7 +36,6 @@ def photograph(
     *,
     exposure: float | None = None,
     seed: int = 0,
-    height: Tensor | None = None,
     nodes: Tensor | None = None,
     spectrum: Tensor | None = None,
     device: torch.device | str = "cpu",
@@ -46,7 +45,7 @@ def photograph(
 ) -> Photo:
     """Photograph a view, simulating what `fidelity` says and nothing else.
 
-    exposure, seed, height, device, cache, progress: as for `expose`. nodes: [node] ascending inverse depths
+    exposure, seed, device, cache, progress: as for `expose`. nodes: [node] ascending inverse depths
     in 1/m, and spectrum: [band], the light that groups of bands are weighted by, in place of the view's own:
     for a part of a view. clock: what the stages are timed by. The ideal image and the exposure always have
     all bands.
@@ -73,7 +72,7 @@ def photograph(
     simpler = simpler_camera(camera, fidelity)
     watch.lap("prepare", 0.05)
     kernels = kernels_of(
-        simpler, gathering.wavelengths, nodes, window, height=height, cache=cache, device=device
+        simpler, gathering.wavelengths, nodes, window, cache=cache, device=device
     )
     if fidelity.groups:
         kernels = gathered_kernels(kernels, gathering)
@@ -94,7 +93,7 @@ def photograph(
     if parts > 1:
         coarse = in_parts(fidelity)
         photo = photo + seen_in_parts(
-            view, camera, coarse, some_nodes(nodes, coarse), weights, spectrum, height, device
+            view, camera, coarse, some_nodes(nodes, coarse), weights, spectrum, device
         )
         watch.lap("parts", 0.9)
     clean = photo * factor
@@ -121,7 +120,6 @@ def seen_in_parts(
     nodes: Tensor,
     weights: Tensor,
     spectrum: Tensor | None = None,
-    height: Tensor | None = None,
     device: torch.device | str = "cpu",
 ) -> Tensor:
     """What changes in a photo where the pupil is composited in parts, [channel, y, x] of the frame.
@@ -133,7 +131,7 @@ def seen_in_parts(
     reach = window // 2 if fidelity.margin is None else min(fidelity.margin, window // 2)
     light = with_margin(with_part_of_margin(gathered_view(view, gathering), reach), window // 2)
     simpler = simpler_camera(camera, fidelity)
-    how = {"height": height, "device": device}
+    how = {"device": device}
     kernels = kernels_of(simpler, gathering.wavelengths, nodes, window, **how)
     across = fidelity.pupil_parts
     parts = kernels_of_parts(simpler, gathering.wavelengths, nodes, window, across, **how)

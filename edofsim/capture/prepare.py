@@ -54,7 +54,6 @@ def kernels_of(
     nodes: Tensor,
     window: int,
     *,
-    height: Tensor | None = None,
     cache: Path | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
@@ -67,14 +66,13 @@ def kernels_of(
             wavelengths,
             depths,
             window_px=window,
-            height=height,
             cache=cache,
             dtype=dtype,
             device=device,
         ).values
 
-    trained = height is not None and height.requires_grad
-    key = None if trained else bank_key(camera, *_on_cpu(wavelengths, nodes), window, height, None, dtype)
+    trained = camera.height_map is not None and camera.height_map.requires_grad
+    key = None if trained else bank_key(camera, *_on_cpu(wavelengths, nodes), window, None, dtype)
     size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
     if size <= HELD_BYTES or trained:
         return HeldKernels(compute(nodes), nodes, wavelengths, key, cache)
@@ -88,14 +86,13 @@ def kernels_of_parts(
     window: int,
     across: int,
     *,
-    height: Tensor | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Kernels]:
     """`kernels_of` shared out among `across` x `across` parts of the pupil, each held in memory for its turn
     and nowhere else."""
     for values in psf_parts(
-        camera, wavelengths, nodes, across, window_px=window, height=height, dtype=dtype, device=device
+        camera, wavelengths, nodes, across, window_px=window, dtype=dtype, device=device
     ):
         yield HeldKernels(values, nodes, wavelengths)
 

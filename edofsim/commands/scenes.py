@@ -96,14 +96,12 @@ def _cost_of(result: Any, folder: Path, progress: Progress) -> list[Any]:
     from ..experiments import cost
     from ..plan import planner_of
 
-    height = result.checkpoint.height if result.checkpoint else None
-    planner = planner_of(result.view, result.optics, height=height)
+    planner = planner_of(result.view, result.optics)
     return cost.measure(
         result.view,
         result.optics,
         cost.cases_of(planner),
         folder,
-        height=height,
         repeats=1,
         progress=progress,
     )

@@ -184,10 +184,10 @@ def judge(
     ]
     if not all(ready):
         progress(0.0, f"{system.name}: {cube.name}, point spread functions")
-        camera = made(system.recipe, fabrication)
+        camera = made(system.camera, fabrication)
         inverse = [1 / depth for depth in DEPTHS_M]
-        bank = psf_bank(camera, cube.wavelengths, inverse, height=system.height).values
-        three = psf_bank(camera, PAPER_COLOURS, inverse, height=system.height).values
+        bank = psf_bank(camera, cube.wavelengths, inverse).values
+        three = psf_bank(camera, PAPER_COLOURS, inverse).values
         weights = response(camera, cube.wavelengths).float()
         for i, (key, files) in enumerate(zip(keys, shown, strict=True)):
             if not ready[i]:

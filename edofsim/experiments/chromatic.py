@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..optics import PAPER_COLOURS, Camera, focus_distance, psf_bank
+from ..optics import PAPER_COLOURS, focus_distance, psf_bank
 from .systems import NEAREST_PER_M, Contestant
 
 DEPTHS_M = (0.5, 1.0, math.inf)
@@ -41,10 +41,10 @@ class Chromatic:
 
 def chromatic(system: Contestant) -> Chromatic:
     """Measure a system's camera."""
-    camera = Camera.from_recipe(system.recipe)
+    camera = system.camera
     inverse = [1 / depth for depth in DEPTHS_M]
-    values = psf_bank(camera, BANDS_M, inverse, height=system.height).values.double()
-    colours = psf_bank(camera, PAPER_COLOURS, inverse, height=system.height).values.double()
+    values = psf_bank(camera, BANDS_M, inverse).values.double()
+    colours = psf_bank(camera, PAPER_COLOURS, inverse).values.double()
     nearest = (BANDS_M[:, None] - torch.as_tensor(PAPER_COLOURS, dtype=torch.float64)[None]).abs().argmin(1)
     known = colours[:, nearest]
     depths = torch.linspace(0, NEAREST_PER_M, MAP_DEPTHS, dtype=torch.float64)
@@ -52,7 +52,7 @@ def chromatic(system: Contestant) -> Chromatic:
     return Chromatic(
         BANDS_M,
         (values - known).flatten(2).norm(dim=2) / known.flatten(2).norm(dim=2),
-        rms_transfer(psf_bank(camera, BANDS_M, depths, height=system.height).values),
+        rms_transfer(psf_bank(camera, BANDS_M, depths).values),
         rms_transfer(psf_bank(lens, BANDS_M, depths).values),
         depths,
         1 / focus_distance(camera, BANDS_M),

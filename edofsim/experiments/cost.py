@@ -123,7 +123,6 @@ def measure(
     cases: list[Case],
     folder: Path,
     *,
-    height: Tensor | None = None,
     repeats: int = 3,
     device: str = "cpu",
     progress: Progress | None = None,
@@ -136,10 +135,10 @@ def measure(
     pace: what tells how fast the machine is just then, asked before and after each case.
     """
     path = folder / LINES
-    identity = _identity(view, camera, height, clock)
+    identity = _identity(view, camera, clock)
     _read(path, identity)
     (case,) = [case for case in cases if case.kind == "full"]
-    how = (folder, height, device, clock, pace)
+    how = (folder, device, clock, pace)
     full = _reference(view, camera, case, *how)
     whole = full
     if any(case.one_part for case in cases):
@@ -155,7 +154,7 @@ def measure(
     for number, (_, case) in enumerate(todo):
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
-        photo, entry = _timed(view, camera, case, height, device, clock, pace)
+        photo, entry = _timed(view, camera, case, device, clock, pace)
         entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
         known.setdefault(_key(case), []).append(entry)
         _append(path, entry)
@@ -166,7 +165,6 @@ def _timed(
     view: View,
     camera: Camera,
     case: Case,
-    height: Tensor | None,
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
@@ -174,7 +172,7 @@ def _timed(
     psf_memory.forget()
     before = pace() if pace else 0.0
     started = clock()
-    photo = photograph(view, camera, case.fidelity, height=height, device=device, clock=clock)
+    photo = photograph(view, camera, case.fidelity, device=device, clock=clock)
     entry = {"case": _key(case), "seconds": clock() - started, "stages": dict(photo.seconds)}
     if pace:
         entry["pace"] = (before + pace()) / 2
@@ -195,17 +193,16 @@ def _reference(
     camera: Camera,
     case: Case,
     folder: Path,
-    height: Tensor | None,
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
 ) -> Tensor:
     """The full simulation's photo, kept in the folder: it takes longest of all."""
-    name = f"{case.name.replace(', ', '-').replace(' ', '-')}-{_identity(view, camera, height, clock)[:16]}"
+    name = f"{case.name.replace(', ', '-').replace(' ', '-')}-{_identity(view, camera, clock)[:16]}"
     path = folder / f"{name}.safetensors"
     with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
         return load_file(path)["photo"]
-    photo, entry = _timed(view, camera, case, height, device, clock, pace)
+    photo, entry = _timed(view, camera, case, device, clock, pace)
     entry["db"] = math.inf
     _append(folder / LINES, entry)
     psf_memory.write_whole(path, {"photo": photo.clean.contiguous()}, {})
@@ -235,10 +232,11 @@ def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
     return found
 
 
-def _identity(view: View, camera: Camera, height: Tensor | None, clock: Callable[[], float]) -> str:
+def _identity(view: View, camera: Camera, clock: Callable[[], float]) -> str:
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
     said = [machine(), versions(), PHOTOS, clock.__name__, torch.get_num_threads()]
     digest.update(json.dumps(said, sort_keys=True).encode())
+    height = camera.height_map
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
     return digest.hexdigest()

@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from torch import Tensor
-
 from ..capture import Photo
 from ..capture.photo import PHOTOS
 from ..errors import InputError
@@ -156,22 +154,22 @@ def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) ->
 
 def _photo(
     view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None, device: str
-) -> tuple[Camera, Tensor | None, Photo]:
-    recipe = camera.recipe if mask is None else camera_with_mask(camera.recipe, mask)
-    optics, height = Camera.from_recipe(recipe, camera.base), None if mask is None else mask.height
-    plan = plan_photo(view, optics, target=parse_target(None, None), height=height)
-    return optics, height, photograph(view, optics, plan.fidelity, height=height, device=device)
+) -> tuple[Camera, Photo]:
+    if mask is None:
+        optics = Camera.from_recipe(camera.recipe, camera.base)
+    else:
+        optics = camera_with_mask(camera.recipe, mask, camera.base)
+    plan = plan_photo(view, optics, target=parse_target(None, None))
+    return optics, photograph(view, optics, plan.fidelity, device=device)
 
 
-def _restored(
-    view: View, optics: Camera, height: Tensor | None, photo: Photo, network: Checkpoint | None
-) -> dict[str, float]:
+def _restored(view: View, optics: Camera, photo: Photo, network: Checkpoint | None) -> dict[str, float]:
     low, high = (float(end) for end in view.inverse_depth.aminmax())
     depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
     psf_memory.forget()
     forget_told()
     started = time.perf_counter()
-    image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network, height=height)
+    image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network)
     return {
         "seconds": time.perf_counter() - started,
         "psnr_db": psnr(within_scale(image), within_scale(photo.ideal)),

@@ -41,7 +41,7 @@ from ..optics.camera import focus_distance
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
 from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
 from ..recipe.masks import ClearMask, CubicMask
-from ..reference import Take, clipped_pupils, thin_lens
+from ..reference import clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
 from ..render.view import View
 from ..restore.scores import psnr
@@ -173,7 +173,7 @@ def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Pro
     for focus, distance in focus_distances(edge).items():
         taken = take(THIN_LENS, distance, view.pixel_angle)
         depth, where = recipe.render.max_depth, edge.where
-        truth = by_rays(model, fine, GREEN, where, taken.camera, depth, device, lambda f, t: say(0.95, t))
+        truth = by_rays(model, fine, GREEN, where, taken, depth, device, lambda f, t: say(0.95, t))
         photos, factor = composites(chosen_bands(fine, [GREEN]), where, taken)
         for way, photo in photos.items():
             figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
@@ -213,7 +213,7 @@ def references(
     kept: Path,
     view: View,
     model: SceneModel,
-    takes: dict[tuple[str, str], Take],
+    takes: dict[tuple[str, str], Camera],
     where: Crop,
     device: str,
     progress: Progress,
@@ -273,7 +273,7 @@ def focus_distances(edge: Edge) -> dict[str, float]:
 
 def take(
     mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
-) -> Take:
+) -> Camera:
     """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the
     `THIN_LENS`: as that, it is then without aberrations."""
     recipe = CameraRecipe(
@@ -287,26 +287,25 @@ def take(
     pixel = Camera.from_recipe(recipe).sensor_distance * pixel_angle * 1e6
     sensor = recipe.sensor.model_copy(update={"pixel_um": pixel})
     camera = Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}))
-    return Take(camera, smooth_relief() if mask == "smooth" else None)
+    return camera.with_height(smooth_relief()) if mask == "smooth" else camera
 
 
-def composites(view: View, where: Crop, taken: Take) -> tuple[dict[str, Tensor], float]:
+def composites(view: View, where: Crop, camera: Camera) -> tuple[dict[str, Tensor], float]:
     """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop.
 
     The slow truth has no light beyond the PSFs' windows, so that the veil that it becomes is taken off.
     """
-    window = taken.camera.recipe.psf.window_px
+    window = camera.recipe.psf.window_px
     part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
     part = part.to(dtype=torch.float32)
-    weights = channel_weights(taken.camera, part.wavelengths).float()
+    weights = channel_weights(camera, part.wavelengths).float()
     sharp = all_in_focus(part, weights)
     factor = automatic_exposure(part.crop_margin(sharp))
     photos = {}
     for way in WAYS:
         photo = expose(
             part,
-            taken.camera,
-            height=taken.height,
+            camera,
             method="layered",
             tolerance_db=TOLERANCE_DB,
             occlusion="hidden" if way == "parts" else way,

@@ -113,8 +113,8 @@ def measure(
         # all depths, finished ones too: the sampling of the pupil follows from the whole set
         whole = [job for job in jobs if described(job.condition.fabrication) == fabrication]
         wanted = sorted({job.inverse_depth for job in whole})
-        camera = made(system.recipe, part[0].condition.fabrication)
-        bank = psf_bank(camera, PAPER_COLOURS, wanted, height=system.height)
+        camera = made(system.camera, part[0].condition.fabrication)
+        bank = psf_bank(camera, PAPER_COLOURS, wanted)
         for job in part:
             if progress:
                 progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")

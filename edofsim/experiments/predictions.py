@@ -15,8 +15,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor
-
 from ..optics import Camera
 from ..optics.threads import one_thread
 from ..plan import (
@@ -103,18 +101,18 @@ def run(
         loaded = load_scene(scene)
         recipe = small_version(loaded.recipe) if quick else loaded.recipe
         view = render(recipe, loaded.base, cache=cache, device=device)
-        camera, height = camera_of(mask)
+        camera = camera_of(mask)
         place = folder / f"{scene}-{mask}"
         place.mkdir(parents=True, exist_ok=True)
         with one_thread():
-            cases = cost.cases_of(planner_of(view, camera, height=height), TARGETS_DB)
+            cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
             rows = cost.measure(
-                view, camera, cases, place, height=height, repeats=1, clock=time.process_time, pace=rates.pace
+                view, camera, cases, place, repeats=1, clock=time.process_time, pace=rates.pace
             )
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
         how = {"cache": cache, "device": device}
-        rendering = _rendering(recipe, loaded.base, view, camera, height, place, how)
+        rendering = _rendering(recipe, loaded.base, view, camera, place, how)
         found.append(Outcome(scene, mask, (*paced, *rendering)))
     return found
 
@@ -124,7 +122,6 @@ def _rendering(
     base: Path,
     view: View,
     camera: Camera,
-    height: Tensor | None,
     place: Path,
     how: Mapping[str, Any],
 ) -> list[cost.Row]:
@@ -134,7 +131,7 @@ def _rendering(
     keeps what was measured; how: cache and device of `render`.
     """
     changes = {}
-    planner = planner_of(view, camera, height=height)
+    planner = planner_of(view, camera)
     shorter, plain = seen_in_thumbnails(replace(planner.facts, recipe=recipe), base, **how)
     if 2 in shorter:
         changes["interreflection"] = (Fidelity(bounces=2), shorter[2])
@@ -147,8 +144,8 @@ def _rendering(
         if known is None:
             without = render(simpler_recipe(recipe, change), base, **how)
             plan = planner.plan().fidelity
-            truth = photograph(view, camera, plan, height=height)
-            other = photograph(without, camera, plan, height=height, exposure=truth.exposure)
+            truth = photograph(view, camera, plan)
+            other = photograph(without, camera, plan, exposure=truth.exposure)
             known = {"psnr_db": psnr(other.clean, truth.clean)}
             kept.put(key, known)
         case = cost.Case(name, "without", change, predicted_db=decibels(overall(error)))
@@ -156,11 +153,11 @@ def _rendering(
     return rows
 
 
-def camera_of(mask: str) -> tuple[Camera, Tensor | None]:
-    """The paper's camera with a mask of `MASKS`, and the height map that replaces the recipe's."""
+def camera_of(mask: str) -> Camera:
+    """The paper's camera with a mask of `MASKS`."""
     loaded = load_camera("paper-cubic" if mask == "cubic" else "paper-clear")
-    height = load_checkpoint(LEARNED, loaded.recipe).height if mask == "learned" else None
-    return Camera.from_recipe(loaded.recipe, loaded.base), height
+    camera = Camera.from_recipe(loaded.recipe, loaded.base)
+    return camera.with_height(load_checkpoint(LEARNED, loaded.recipe).height) if mask == "learned" else camera
 
 
 def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:

@@ -73,13 +73,12 @@ WAYS = (
 
 @dataclass(frozen=True)
 class System:
-    """What takes and restores photos. camera: with the system's mask; height: [n, n] in metres in place of
-    the mask of its recipe; checkpoint: the network, None where the photo is left as it is; designed: what a
-    Wiener filter takes the camera for, where the mask was made otherwise."""
+    """What takes and restores photos. camera: with the system's mask; checkpoint: the network, None where the
+    photo is left as it is; designed: what a Wiener filter takes the camera for, where the mask was made
+    otherwise."""
 
     name: str
     camera: Camera
-    height: Tensor | None = None
     checkpoint: Checkpoint | None = None
     designed: Camera | None = None
 
@@ -107,8 +106,8 @@ def systems_of(camera: Loaded[CameraRecipe], networks: Sequence[str]) -> list[Sy
     systems = [System(LENS_ALONE, lens)]
     for name in networks:
         checkpoint = load_checkpoint(name, camera.recipe)
-        optics = Camera.from_recipe(camera_with_mask(camera.recipe, checkpoint), camera.base)
-        systems.append(System(checkpoint.name, optics, checkpoint.height, checkpoint))
+        optics = camera_with_mask(camera.recipe, checkpoint, camera.base)
+        systems.append(System(checkpoint.name, optics, checkpoint))
     return systems
 
 
@@ -137,12 +136,11 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         exposure=exposure,
         effects=effects_of(camera),
         seed=seed,
-        height=system.height,
         device=device,
     )
     parts = min(way.parts, full.pupil_parts)
     if parts > 1:
-        photo = _through_parts(photo, light, camera, parts, seed, system.height, device)
+        photo = _through_parts(photo, light, camera, parts, seed, device)
     photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
@@ -156,20 +154,20 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         taker = _of_three_lines(taker) if way.flat else taker
         level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
         images["wiener"], _ = restore(
-            unveiled(photo.image, level), taker, view.wavelengths, depths, height=system.height
+            unveiled(photo.image, level), taker, view.wavelengths, depths
         )
     return Taken(photo, images)
 
 
 def _through_parts(
-    photo: Photo, view: View, camera: Camera, parts: int, seed: int, height: Tensor | None, device: str
+    photo: Photo, view: View, camera: Camera, parts: int, seed: int, device: str
 ) -> Photo:
     """The same photo with what changes where the pupil is composited in parts."""
     coarse = in_parts(Fidelity(pupil_parts=parts))
     light = view.to(device, torch.float32)
     nodes = nodes_of(light, camera, coarse)
     weights = channel_weights(camera, view.wavelengths)
-    change = seen_in_parts(light, camera, coarse, nodes, weights, height=height, device=device)
+    change = seen_in_parts(light, camera, coarse, nodes, weights, device=device)
     clean = photo.clean + photo.exposure * change
     return replace(photo, clean=clean, image=record(clean, effects_of(camera), seed))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -38,12 +38,11 @@ WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
 
 @dataclass(frozen=True)
 class Contestant:
-    """A system. recipe: its camera, the mask as designed; height: [n, n] in metres or None for the mask of
-    the recipe; restore: [3, y, x] to [3, y, x]; digest: SHA-256 of what it consists of."""
+    """A system. camera: with the mask as designed; restore: [3, y, x] to [3, y, x]; digest: SHA-256 of what
+    it consists of."""
 
     name: str
-    recipe: CameraRecipe
-    height: Tensor | None
+    camera: Camera
     restore: Callable[[Tensor], Tensor]
     digest: str
 
@@ -76,26 +75,24 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
         )
         digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
         name = f"{source}+wiener"
-        return Contestant(name, recipe, None, lambda photo: filtered(photo, stack), digest)
+        return Contestant(name, camera, lambda photo: filtered(photo, stack), digest)
     checkpoint = load_checkpoint(source)
-    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
-    recipe = recipe.model_copy(update={"psf": CameraRecipe(name="default").psf})
+    recipe = trained_camera(checkpoint).model_copy(update={"psf": CameraRecipe(name="default").psf})
+    camera = camera_with_mask(recipe, checkpoint)
     digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()
     network = checkpoint.network
     if wavelengths is not None:
-        network = told_network(checkpoint, Camera.from_recipe(recipe), wavelengths)
+        network = told_network(checkpoint, camera, wavelengths)
     if isinstance(network, FilterBank):
         network = network.in_mirrored_world()  # see `planes`
-    return Contestant(
-        checkpoint.name, recipe, checkpoint.height, lambda photo: apply_network(network, photo), digest
-    )
+    return Contestant(checkpoint.name, camera, lambda photo: apply_network(network, photo), digest)
 
 
-def made(recipe: CameraRecipe, fabrication: Fabrication) -> Camera:
+def made(camera: Camera, fabrication: Fabrication) -> Camera:
     """The camera with its mask as it is made. Masks without relief have nothing to make."""
-    if hasattr(recipe.mask, "design_wavelength_nm"):
-        return Camera.from_recipe(recipe.model_copy(update={"fabrication": fabrication}))
-    return Camera.from_recipe(recipe)
+    if not hasattr(camera.recipe.mask, "design_wavelength_nm"):
+        return camera
+    return replace(camera, recipe=camera.recipe.model_copy(update={"fabrication": fabrication}))
 
 
 def paper_test(seed: int) -> Fabrication:

@@ -61,10 +61,11 @@ def design(
             group["lr"] = RATE_RAD * rate_factor(step / steps, "cosine", 0.0, 0.01)
         generator = generator_of(seed, DESIGN, step + 1, 0)
         depths, filters = _depths(low, high, groups, generator)
-        psf = optics.mean_psfs(depths, mask(), height_noise)
+        made = optics.with_height(mask())
+        psf = made.mean_psfs(depths, height_noise)
         if response:
             shift = float(torch.rand(1, generator=generator))
-            psf = torch.cat([psf, optics.mean_response_psfs(depths, mask(), height_noise, shift)])
+            psf = torch.cat([psf, made.mean_response_psfs(depths, height_noise, shift)])
             filters *= 2
         left = error(psf, filters).mean(1)
         relative = left.log().mean()

@@ -32,10 +32,10 @@ class Edges:
     mean: Tensor | None = None
     saturates: bool = False
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+    def photograph(self, optics: Optics) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
         sharp, cover = self.sharp.to(optics.device), self.cover.to(optics.device)
-        psf = optics.psfs(self.inverse_depths, height) if self.psf is None else self.psf
+        psf = optics.psfs(self.inverse_depths) if self.psf is None else self.psf
         far = torch.arange(len(sharp)) - 1
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first

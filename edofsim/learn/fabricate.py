@@ -18,7 +18,6 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from ..errors import EdofsimError, InputError
-from ..optics import Camera
 from ..optics.fabrication import make
 from ..optics.grid import PupilGrid
 from ..optics.height import natural_samples, surface
@@ -49,11 +48,11 @@ def device(
     """
     if checkpoint.height is None:
         raise InputError(f"{checkpoint.name}: this checkpoint's mask has no relief to be made")
-    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
-    camera = Camera.from_recipe(recipe)
+    camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    camera = camera.with_height(checkpoint.height.double())
     grid = PupilGrid(natural_samples(camera, pitch_um * 1e-6), pitch_um * 1e-6, camera.aperture_radius)
     fabrication = Fabrication(pitch_um=pitch_um, height_limit_um=limit_um, levels=levels)
-    upsampled = surface(camera, grid, checkpoint.height.double())
+    upsampled = surface(camera, grid)
     assert upsampled is not None
     height = make(upsampled.detach(), fabrication, camera.mask_material, 0)
     level_height = limit_um * 1e-6 / (levels - 1)

@@ -23,39 +23,40 @@ WAVELENGTHS = 8
 
 @dataclass(frozen=True)
 class Optics:
-    """What is fixed about the camera: its PSFs are `window` pixels wide; without a mask that has a relief
-    `height` stays None."""
+    """The camera, whose mask may learn; its PSFs are `window` pixels wide."""
 
     camera: Camera
     window: int
     device: torch.device
 
-    def psfs(self, inverse_depths: Tensor, height: Tensor | None) -> Tensor:
+    def with_height(self, height: Tensor | None) -> Optics:
+        """The same with the height map [n, n] in metres of a step; None for a mask without relief."""
+        return replace(self, camera=self.camera.with_height(height))
+
+    def psfs(self, inverse_depths: Tensor) -> Tensor:
         """PSFs of the three colours, float32 [depth, band, window, window], inverse depths [depth] in 1/m."""
         bank = psf_bank(
             self.camera,
             PAPER_COLOURS,
             inverse_depths,
             window_px=self.window,
-            height=height,
             device=self.device,
         )
         return bank.values.to(torch.float32)
 
-    def mean_psfs(self, inverse_depths: Tensor, height: Tensor, height_noise: float) -> Tensor:
-        """The same for a height map [n, n] in metres whose samples err, see `optics.mean_psfs`."""
+    def mean_psfs(self, inverse_depths: Tensor, height_noise: float) -> Tensor:
+        """The same for a height map whose samples err, see `optics.mean_psfs`."""
         return mean_psfs(
             self.camera,
             PAPER_COLOURS,
             inverse_depths,
             height_noise,
             window_px=self.window,
-            height=height,
             device=self.device,
         )
 
     def mean_response_psfs(
-        self, inverse_depths: Tensor, height: Tensor, height_noise: float, shift: float = 0.0
+        self, inverse_depths: Tensor, height_noise: float, shift: float = 0.0
     ) -> Tensor:
         """`mean_psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window].
 
@@ -75,7 +76,6 @@ class Optics:
             inverse_depths,
             height_noise,
             window_px=self.window,
-            height=height,
             device=self.device,
         )
         return torch.einsum("cb,dbyx->dcyx", weights.to(psf), psf)
@@ -88,7 +88,7 @@ class Optics:
 
         def sampled(pitch: float | str) -> Camera:
             psf = recipe.psf.model_copy(update={"pupil_sampling_um": pitch})
-            return Camera.from_recipe(recipe.model_copy(update={"psf": psf}), self.camera.base)
+            return replace(self.camera, recipe=recipe.model_copy(update={"psf": psf}))
 
         coarsest = coarsest_pitch(sampled("auto"), wavelengths, inverse_depths, self.window) * 1e6
         return self.camera if fixed <= coarsest else sampled(coarsest)
@@ -115,8 +115,8 @@ def captured(
 class Scenes(Protocol):
     """A batch that can be photographed."""
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
-        """The photo without noise, by the made mask `height` [n, n]."""
+    def photograph(self, optics: Optics) -> Captured:
+        """The photo without noise, by the mask as it is made."""
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         """The same scenes with the PSFs of an earlier photo, where they can be used again."""
@@ -135,10 +135,10 @@ class Planes:
     mean: Tensor | None = None
     saturates: bool = False
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+    def photograph(self, optics: Optics) -> Captured:
         """Each colour sees one wavelength, as in the paper."""
         sharp = self.sharp.to(optics.device)
-        psf = optics.psfs(self.inverse_depths, height) if self.psf is None else self.psf
+        psf = optics.psfs(self.inverse_depths) if self.psf is None else self.psf
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
@@ -219,7 +219,7 @@ class System(nn.Module):
         """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication."""
         if height is not None and self.height_noise > 0:
             height = height + self.height_noise * _normal(height, draw.generator)
-        return draw.scenes.photograph(self.optics, height)
+        return draw.scenes.photograph(self.optics.with_height(height))
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
         """[batch, 3, y, x] to the same, float32. A filter is computed from the designed mask."""
@@ -236,11 +236,8 @@ class System(nn.Module):
             depths = network.middles(self.depth_range)
             with torch.no_grad():
                 height = self.mask()
-                psf = (
-                    self.optics.psfs(depths, None)
-                    if height is None
-                    else self.optics.mean_psfs(depths, height, self.height_noise)
-                )
+                optics = self.optics.with_height(height)
+                psf = optics.psfs(depths) if height is None else optics.mean_psfs(depths, self.height_noise)
                 network.teach(local_filters(psf, network.support, network.groups), psf)
 
     def settle(self) -> None:
@@ -251,7 +248,7 @@ class System(nn.Module):
 
     def _filter_psfs(self, height: Tensor | None) -> Tensor:
         depths = torch.linspace(*self.depth_range, self.network.depths, dtype=torch.float64)
-        return self.optics.psfs(depths, height)
+        return self.optics.with_height(height).psfs(depths)
 
 
 def _noisy(clean: Tensor, draw: Draw) -> Tensor:

@@ -32,7 +32,7 @@ class ViewParts:
     exposures: tuple[float, ...]
     table: Views
 
-    def photograph(self, optics: Optics, height: Tensor | None) -> Captured:
+    def photograph(self, optics: Optics) -> Captured:
         """With layers, occlusion and hidden surfaces."""
         camera = _camera(optics.camera, self.table.bands)
         photos = [
@@ -42,7 +42,6 @@ class ViewParts:
                 method="layered",
                 layers=self.table.layers,
                 occlusion=self.table.occlusion,
-                height=height,
                 window_px=optics.window,
                 device=optics.device,
             )

@@ -1,9 +1,10 @@
 """Optics: glass, lens, masks, pupil, point spread functions, sensor. Knows nothing of scenes."""
 
+from .bank import PsfBank
 from .camera import Camera, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
 from .parts import psf_parts
-from .psf import PsfBank, mean_psfs, psf_bank
+from .psf import mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, add_noise, response, response_curves
 

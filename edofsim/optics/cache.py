@@ -11,7 +11,6 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import torch
 from filelock import FileLock
@@ -19,16 +18,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from .bank import PsfBank
 from .camera import Camera
 from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
 from .sampling import Sampling
 
-if TYPE_CHECKING:
-    from .psf import PsfBank
-
 LOG = logging.getLogger(__name__)
 
-VERSION = 3
+VERSION = 4
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 MEMORY_BYTES = 512 << 20
 """Largest sum of banks kept in memory; those used longest ago go first."""
@@ -41,18 +38,19 @@ def key(
     wavelengths: Tensor,
     inverse_depths: Tensor,
     window_px: int,
-    height: Tensor | None,
     seed: int | None,
     dtype: torch.dtype,
 ) -> str:
-    """SHA-256 of everything that a bank depends on, the content of a height map's file included."""
+    """SHA-256 of everything that a bank depends on: glasses by their indices, not by their names, and height
+    maps by their content."""
     recipe = camera.recipe.model_dump(mode="json", include={"lens", "focus", "mask", "fabrication", "psf"})
-    materials = [camera.glass.name, camera.mask_material.name]
+    materials = [each.formula for each in (camera.glass, camera.mask_material)]
     said = {"version": VERSION, "recipe": recipe, "materials": materials, "pixel": camera.pixel}
     said |= {"window": window_px, "seed": seed}
     digest = hashlib.sha256(json.dumps({**said, "dtype": str(dtype)}, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):
         digest.update(axis.numpy().tobytes() + b"|")
+    height = camera.height_map
     if height is not None:
         digest.update(str(height.dtype).encode() + height.detach().cpu().contiguous().numpy().tobytes())
     file = getattr(camera.recipe.mask, "file", None)
@@ -128,8 +126,6 @@ def write_whole(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, s
 
 
 def _read(path: Path) -> PsfBank | None:
-    from .psf import PsfBank
-
     if not path.is_file():
         return None
     try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -15,13 +15,14 @@ from ..recipe.masks import ClearMask, HeightMapMask
 from .materials import Material, material
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A camera recipe with its materials resolved and its sensor in place. Lengths are in metres.
 
     sensor_distance is z_i, from the lens plane to the sensor. mask_material is what the recipe's mask is made
     of, or, where it only blocks light, what a height map given in its place is. base is the folder that files
-    named in the recipe are relative to.
+    named in the recipe are relative to. height_map: [n, n] in metres, the mask as designed in place of the
+    recipe's; None for the recipe's own (see `with_height`).
     """
 
     recipe: CameraRecipe
@@ -33,6 +34,7 @@ class Camera:
     pixel: float
     read_noise: float
     base: Path
+    height_map: Tensor | None = None
 
     @classmethod
     def from_recipe(cls, recipe: CameraRecipe, base: Path | None = None) -> Camera:
@@ -78,10 +80,32 @@ class Camera:
         """Tangent of the angle that one pixel sees, on the axis."""
         return self.pixel / self.sensor_distance
 
+    def with_height(self, height: Tensor | None) -> Camera:
+        """The same camera whose mask has the height map `height` [n, n] in metres in place of the recipe's;
+        gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
+        height map too, else they just cover the pupil. None for the recipe's own mask.
+
+        Raises InputError for a map that is not square and real, or holds values that are not finite.
+        """
+        if height is not None:
+            _check_height(height)
+        return replace(self, height_map=height)
+
     def without_mask(self) -> Camera:
         """The same lens and sensor with a clear aperture."""
         recipe = self.recipe.model_copy(update={"mask": ClearMask(), "fabrication": None})
         return Camera.from_recipe(recipe, self.base)
+
+
+def _check_height(height: Tensor) -> None:
+    if not isinstance(height, Tensor):
+        raise InputError(f"a height map is a torch tensor [n, n] in metres, not {type(height).__name__}")
+    if height.ndim != 2 or height.shape[0] != height.shape[1] or not height.is_floating_point():
+        raise InputError(
+            f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}"
+        )
+    if not bool(torch.isfinite(height.detach()).all()):
+        raise InputError("the height map holds values that are NaN or infinite; give metres")
 
 
 def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:

@@ -69,10 +69,13 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
 
 
 def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
-    """The recipe's free height map (metres, float64) and its pitch [m]; None where the mask has a formula.
+    """The camera's height map, or the recipe's free one (float64), in metres, and its pitch [m]; None where
+    the mask has a formula.
 
     Raises InputError for a map that is larger than the pupil, does not cover it, or states another pitch.
     """
+    if camera.height_map is not None:
+        return camera.height_map, given_pitch(camera)
     mask = camera.recipe.mask
     if not isinstance(mask, HeightMapMask):
         return None
@@ -111,12 +114,14 @@ def check_size(camera: Camera, samples: int, pitch: float) -> None:
         )
 
 
-def trained_pitch(camera: Camera, samples: int) -> float:
-    """Pitch [m] of a height map [samples, samples] that is given in place of the recipe's mask.
+def given_pitch(camera: Camera) -> float | None:
+    """Pitch [m] of the camera's height map, given in place of the recipe's mask; None where none is given.
 
     That of the recipe's own map if it has one, else the one at which the samples just cover the pupil.
     """
-    mask = camera.recipe.mask
+    if camera.height_map is None:
+        return None
+    mask, samples = camera.recipe.mask, camera.height_map.shape[-1]
     if not isinstance(mask, HeightMapMask):
         return 2 * camera.aperture_radius / samples
     check_size(camera, samples, mask.pitch_um * 1e-6)
@@ -129,15 +134,13 @@ def design_phase_to_height(camera: Camera, phase: Tensor | float) -> Tensor | fl
     return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))
 
 
-def surface(
-    camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None
-) -> Tensor | None:
+def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor | None:
     """Height of the mask as it was made, on the grid of the pupil [samples, samples], metres.
 
-    height: [n, n] in metres in place of the recipe's mask; gradients reach it. seed: of the fabrication error
-    in place of the recipe's. None for masks that only block light.
+    Gradients reach the camera's height map. seed: of the fabrication error in place of the recipe's. None for
+    masks that only block light.
     """
-    given = designed_map(camera) if height is None else (height, trained_pitch(camera, height.shape[-1]))
+    given = designed_map(camera)
     fabrication = camera.recipe.fabrication
     stage = grid
     if fabrication is not None:

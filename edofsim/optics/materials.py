@@ -33,6 +33,11 @@ class Material:
     sellmeier: tuple[tuple[float, float], ...] = ()
     cauchy: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
+    @property
+    def formula(self) -> tuple[object, ...]:
+        """What the index follows from, whatever the material is called."""
+        return self.sellmeier, self.cauchy, self.shortest, self.longest
+
     def index(self, wavelengths: Tensor | float) -> Tensor:
         """Refractive index, float64, same shape as `wavelengths` [m]. Raises InputError outside the range."""
         if isinstance(wavelengths, float) and self.shortest <= wavelengths <= self.longest:

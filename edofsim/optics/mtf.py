@@ -10,7 +10,6 @@ from torch import Tensor
 
 from .camera import Camera, defocus
 from .grid import PupilGrid, disc_coverage
-from .height import trained_pitch
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
 
@@ -32,7 +31,6 @@ def otf(
     *,
     angle_deg: float = 0.0,
     with_pixel: bool = False,
-    height: Tensor | None = None,
     seed: int | None = None,
 ) -> Tensor:
     """Optical transfer function along one direction, complex128 [depth, frequency], 1 at frequency 0.
@@ -41,13 +39,13 @@ def otf(
     counter-clockwise from the right. The Fourier transform of the whole PSF (Goodman, Introduction to Fourier
     Optics, section 6.3: the autocorrelation of the pupil function), sampled at the rate of the pupil's own
     bandwidth, so that it is free of the sensor's aliasing. with_pixel: times the transform of a square pixel.
-    height, seed: as in `psf_bank`. Raises InputError as `psf_bank` does.
+    seed: as in `psf_bank`. Raises InputError as `psf_bank` does.
     """
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     frequencies = torch.as_tensor(frequencies, dtype=torch.float64).flatten()
     across = frequencies * math.cos(math.radians(angle_deg))
     up = frequencies * math.sin(math.radians(angle_deg))
-    images, step, _ = _intensities(camera, wavelength, inverse_depths, height, seed)
+    images, step, _ = _intensities(camera, wavelength, inverse_depths, seed)
     count = images.shape[-1]
     position = (torch.arange(count, dtype=torch.float64) - count // 2) * step
     along_x = _wave(-across[None, :] * position[:, None])
@@ -85,7 +83,6 @@ def strehl(
     inverse_depths: Tensor | Sequence[float],
     *,
     on_axis: bool = False,
-    height: Tensor | None = None,
     seed: int | None = None,
 ) -> Tensor:
     """Peak of each PSF over that of the same amplitude without aberration, float64 [depth, band].
@@ -96,7 +93,7 @@ def strehl(
     ratios = []
     for wavelength in torch.as_tensor(wavelengths, dtype=torch.float64).flatten().tolist():
         padding = 2 if on_axis else 4  # between samples of the coarser grid a peak could be missed
-        images, _, opening = _intensities(camera, wavelength, inverse_depths, height, seed, padding)
+        images, _, opening = _intensities(camera, wavelength, inverse_depths, seed, padding)
         middle = images.shape[-1] // 2
         peaks = images[:, middle, middle] if on_axis else images.amax((-1, -2))
         ratios.append(peaks / float(sum(part for part, _ in opening.regions).sum()) ** 2)
@@ -119,18 +116,16 @@ def _intensities(
     camera: Camera,
     wavelength: float,
     inverse_depths: Tensor,
-    height: Tensor | None,
     seed: int | None,
     padding: int = 2,
 ) -> tuple[Tensor, float, Aperture]:
     """|F|^2 [depth, y, x] over a whole replica period in upright orientation, its step [m], and the pupil."""
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
-    pitch = None if height is None else trained_pitch(camera, height.shape[-1])
-    grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px, pitch).grid
+    grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px).grid
     if grid.samples < FEWEST_SAMPLES:
         pitch = 2 * camera.aperture_radius / (FEWEST_SAMPLES - 2)
         grid = PupilGrid(FEWEST_SAMPLES, pitch, camera.aperture_radius)
-    opening = aperture(camera, grid, height, seed)
+    opening = aperture(camera, grid, seed)
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
     whole = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)

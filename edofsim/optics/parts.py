@@ -22,7 +22,6 @@ from torch import Tensor
 from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid
-from .height import trained_pitch
 from .propagation import Part, Wave, propagate, shared_energies
 from .psf import axes_of, wave_at
 from .pupil import aperture
@@ -45,7 +44,6 @@ def psf_parts(
     across: int,
     *,
     window_px: int | None = None,
-    height: Tensor | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Tensor]:
@@ -53,15 +51,15 @@ def psf_parts(
 
     across: parts along each axis; there are at most across^2, those outside the aperture or behind an
     opaque mask being joined to others. Their sum is `psf_bank(...).values`. Other arguments as there;
-    gradients reach `height`. Raises InputError as there, and for a number of parts out of range.
+    gradients reach the camera's height map. Raises InputError as there, and for a number of parts out of
+    range.
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(f"{across} parts across the pupil: give a whole number from 1 to {MOST_PARTS}")
-    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths, relief=height is not None)
+    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
-    pitch = None if height is None else trained_pitch(camera, height.shape[-1])
-    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
-    opening = aperture(camera, sampling.grid, height, None)
+    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
+    opening = aperture(camera, sampling.grid)
     where = torch.device(device)
     waves = [
         wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -12,37 +12,18 @@ from torch import Tensor
 
 from ..errors import InputError
 from . import cache as bank_cache
+from .bank import PsfBank
 from .camera import Camera, defocus
 from .fabrication import direct_part
-from .height import trained_pitch
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
-from .sampling import Sampling, plan_sampling
+from .sampling import plan_sampling
 from .threads import in_threads
 from .transform import SensorWindow, make_bases
 
 LARGEST_BYTES = 8 << 30
 """Largest bank that is computed; beyond it the work is refused before it is begun."""
-
-
-@dataclass(frozen=True)
-class PsfBank:
-    """PSFs in upright-picture orientation, row 0 the top, ready to be convolved with the upright picture.
-
-    values: [depth, band, y, x], energy that lands in each pixel as a fraction of the light that the mask
-    lets through, the centre pixel at index n // 2. rest: [depth, band], the fraction that lands outside the
-    window, so that values.sum((-1, -2)) + rest = 1. transmission: the light that the mask lets through as a
-    fraction of what the open aperture would. wavelengths: [band], metres; inverse_depths: [depth], 1/m;
-    both float64.
-    """
-
-    values: Tensor
-    rest: Tensor
-    wavelengths: Tensor
-    inverse_depths: Tensor
-    transmission: float
-    sampling: Sampling
 
 
 @own_precision
@@ -52,7 +33,6 @@ def psf_bank(
     inverse_depths: Tensor | Sequence[float],
     *,
     window_px: int | None = None,
-    height: Tensor | None = None,
     seed: int | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
@@ -61,34 +41,31 @@ def psf_bank(
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with the exact lens of Eq. `spherical`, on an oversampled
-    grid of the sensor that is summed over each pixel. window_px: width of the window in place of the
-    recipe's. height: [n, n] in metres in place of the recipe's mask, differentiable. seed: of the
-    fabrication error in place of the recipe's. cache: a folder for banks that outlive the process; those
-    without a trainable height are kept in memory in any case.
+    grid of the sensor that is summed over each pixel. Differentiable by the camera's height map. window_px:
+    width of the window in place of the recipe's. seed: of the fabrication error in place of the recipe's.
+    cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
+    any case.
 
     Beside the bank itself the work takes a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
     """
-    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths, relief=height is not None)
+    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
     if dtype not in (torch.float32, torch.float64):
         raise InputError(f"PSFs are computed in float32 or float64, not {dtype}")
-    if height is not None:
-        _check_height(height)
-    trainable = height is not None and height.requires_grad and torch.is_grad_enabled()
+    trainable = carries_gradients(camera)
     key = None
     if not trainable:
-        key = bank_cache.key(camera, wavelengths, inverse_depths, pixels, height, seed, dtype)
+        key = bank_cache.key(camera, wavelengths, inverse_depths, pixels, seed, dtype)
         known = bank_cache.find(key, cache)
         if known is not None:
             return _moved(known, device)
     shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
     _check_size(shape, dtype)
-    pitch = None if height is None else trained_pitch(camera, height.shape[-1])
-    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels, pitch)
-    opening = aperture(camera, sampling.grid, height, seed)
+    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
+    opening = aperture(camera, sampling.grid, seed)
     where = torch.device(device)
 
     def wave_of(band: int) -> Wave:
@@ -120,16 +97,15 @@ def mean_psfs(
     height_noise: float,
     *,
     window_px: int,
-    height: Tensor | None = None,
     device: torch.device | str = "cpu",
 ) -> Tensor:
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
-    camera: with a `height-map` mask, and height as for `psf_bank`, which raises the same; height_noise:
-    standard deviation in metres. What the errors leave in order is the designed PSF (`direct_part`); the
-    light that they scatter spreads evenly over the period of the sampled mask.
+    camera: with a `height-map` mask; height_noise: standard deviation in metres. What the errors leave in
+    order is the designed PSF (`direct_part`); the light that they scatter spreads evenly over the period of
+    the sampled mask. Raises as `psf_bank`.
     """
-    bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, height=height, device=device)
+    bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device)
     direct = direct_part(wavelengths, height_noise, camera.mask_material)
     pitch = camera.recipe.mask.pitch_um * 1e-6
     period = wavelengths * camera.sensor_distance / pitch / camera.pixel
@@ -158,6 +134,12 @@ def wave_at(
     )
 
 
+def carries_gradients(camera: Camera) -> bool:
+    """Whether gradients must reach the camera's height map: its PSFs are not to be kept then."""
+    height = camera.height_map
+    return height is not None and height.requires_grad and torch.is_grad_enabled()
+
+
 def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:
     """Bands, and where they are fewer than the threads, parts of their depths: enough pieces to share out."""
     parts = min(depths, math.ceil(torch.get_num_threads() / bands))
@@ -169,7 +151,6 @@ def axes_of(
     camera: Camera,
     wavelengths: Tensor | Sequence[float],
     inverse_depths: Tensor | Sequence[float],
-    relief: bool,
 ) -> tuple[Tensor, Tensor]:
     """Wavelengths and inverse depths as float64 [n]; refuses what cannot be one, or has no glass data."""
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64, device="cpu").flatten().detach()
@@ -181,7 +162,7 @@ def axes_of(
         problems.append(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
-    relief = relief or hasattr(camera.recipe.mask, "material")
+    relief = camera.height_map is not None or hasattr(camera.recipe.mask, "material")
     for material in (camera.glass, camera.mask_material) if relief else (camera.glass,):
         try:
             material.index(wavelengths)
@@ -199,13 +180,6 @@ def _check_size(shape: tuple[int, ...], dtype: torch.dtype) -> None:
             f"a bank of {shape[0]} depths x {shape[1]} bands x {shape[2]} x {shape[3]} pixels would take"
             f" {size / 2**30:.3g} GiB, more than {LARGEST_BYTES / 2**30:.3g}; ask for fewer depths or bands"
             " at a time, or a smaller window"
-        )
-
-
-def _check_height(height: Tensor) -> None:
-    if height.ndim != 2 or height.shape[0] != height.shape[1] or not height.is_floating_point():
-        raise InputError(
-            f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}"
         )
 
 

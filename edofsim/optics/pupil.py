@@ -36,17 +36,15 @@ class Aperture:
     transmission: float
 
 
-def aperture(
-    camera: Camera, grid: PupilGrid, height: Tensor | None = None, seed: int | None = None
-) -> Aperture:
-    """The camera's aperture and mask on a grid, with grey edges; `height` and `seed` as in `surface`."""
+def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Aperture:
+    """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`."""
     mask = camera.recipe.mask
     amplitude, light = mask_amplitude(mask, grid)
     regions: list[tuple[Tensor, Tensor | float | None]] = []
-    if height is None and camera.recipe.fabrication is None:
+    if camera.height_map is None and camera.recipe.fabrication is None:
         regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask_regions(mask, grid)]
     if not regions:
-        regions = [(amplitude, surface(camera, grid, height, seed))]
+        regions = [(amplitude, surface(camera, grid, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
     return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
 

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..recipe.masks import HeightMapMask
 from .camera import Camera, defocus
 from .grid import PupilGrid
-from .height import natural_samples
+from .height import given_pitch, natural_samples
 from .lens import spherical_slope
 from .masks import mask_slope
 
@@ -53,7 +53,6 @@ def plan_sampling(
     wavelengths: Tensor,
     inverse_depths: Tensor,
     window_px: int,
-    map_pitch: float | None = None,
     by_bound: bool = True,
 ) -> Sampling:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
@@ -62,7 +61,7 @@ def plan_sampling(
     out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, keeps the
     steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
     that the cells of a height map scatter out of the window.
-    map_pitch: pitch [m] of a height map given in place of the recipe's mask. by_bound: False leaves the
+    by_bound: False leaves the
     paper's bound out of "auto"; it is twice as fine as the steepest phase asks for.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
@@ -75,9 +74,7 @@ def plan_sampling(
     reach = float(wavelengths.min()) * camera.sensor_distance
     fixed = camera.recipe.psf.pupil_sampling_um
     if fixed == "auto":
-        samples, pitch = _automatic(
-            camera, wavelengths, psi, window, bound if by_bound else math.inf, map_pitch
-        )
+        samples, pitch = _automatic(camera, wavelengths, psi, window, bound if by_bound else math.inf)
     else:
         pitch = fixed * 1e-6
         _check_fixed(camera, wavelengths, inverse_depths, psi, pitch, window)
@@ -102,8 +99,9 @@ def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, 
 
 
 def _automatic(
-    camera: Camera, wavelengths: Tensor, psi: Tensor, window: float, bound: float, map_pitch: float | None
+    camera: Camera, wavelengths: Tensor, psi: Tensor, window: float, bound: float
 ) -> tuple[int, float]:
+    map_pitch = given_pitch(camera)
     slopes = _steepest(camera, wavelengths, psi, with_mask=map_pitch is None)
     reach = float(wavelengths.min()) * camera.sensor_distance
     needed = min(bound, math.pi / (2 * float(slopes.max())), reach / window)

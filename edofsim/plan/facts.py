@@ -82,7 +82,7 @@ class Facts:
     def quick_pupil_um(self) -> float | None:
         """Sampling of the pupil that other effects are measured with: height maps are sampled finely for the
         light that they scatter, which is little, at several times the cost."""
-        map_given = self.sample.height is not None or self.camera.recipe.mask.kind == "height-map"
+        map_given = self.camera.height_map is not None or self.camera.recipe.mask.kind == "height-map"
         if not map_given or not pupil_is_free(self.camera):
             return None
         return coarsest_pupil_um(self.camera, self.view.wavelengths, self.view.inverse_depth)
@@ -97,13 +97,12 @@ def facts_of(
     view: View,
     camera: Camera,
     *,
-    height: Tensor | None = None,
     recipe: SceneRecipe | None = None,
     final: bool = True,
     **rendering: object,
 ) -> Facts:
     """Look at a view. rendering: what was found about rendering (`shorter`, `plain_glass`)."""
-    sample = sample_of(view, camera, height)
+    sample = sample_of(view, camera)
     facts = Facts(
         view=view,
         camera=camera,

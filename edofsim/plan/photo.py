@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from torch import Tensor
-
 from ..capture.fidelity import FULL_PARTS, Fidelity
 from ..capture.methods import METHODS
 from ..capture.occlusion import OCCLUSIONS
@@ -182,7 +180,6 @@ def planner_of(
     view: View,
     camera: Camera,
     *,
-    height: Tensor | None = None,
     effects: Sequence[Effect] = EFFECTS,
     more: Mapping[str, Level] | None = None,
     facts: Facts | None = None,
@@ -191,10 +188,10 @@ def planner_of(
 ) -> Planner:
     """Look at a view, or at the facts given, and estimate every effect. more: levels the user insists on;
     how: further fields of `Planner`."""
-    facts = facts or facts_of(view, camera, height=height)
+    facts = facts or facts_of(view, camera)
     known = rates()
     found = remembered(facts, effects, more, progress)
-    return Planner(facts, shape_of(view, camera, facts.sample.height), found, known, **how)
+    return Planner(facts, shape_of(view, camera), found, known, **how)
 
 
 def plan_photo(
@@ -203,7 +200,6 @@ def plan_photo(
     overrule: Mapping[str, Any] | None = None,
     target: Target | None = None,
     *,
-    height: Tensor | None = None,
     facts: Facts | None = None,
     progress: Progress | None = None,
     **how: Any,
@@ -216,7 +212,7 @@ def plan_photo(
     """
     insisted = {name: value for name, value in (overrule or {}).items() if value is not None}
     more = _levels_of(insisted)
-    planner = planner_of(view, camera, height=height, more=more, facts=facts, progress=progress, **how)
+    planner = planner_of(view, camera, more=more, facts=facts, progress=progress, **how)
     return planner.plan(target, fixed_levels(planner.estimates, insisted, more))
 
 

@@ -13,7 +13,6 @@ import numpy as np
 import platformdirs
 import torch
 from scipy.optimize import nnls
-from torch import Tensor
 
 from ..capture.fidelity import Fidelity
 from ..capture.photographing import nodes_of, photograph
@@ -161,12 +160,11 @@ def _fastest(
     run: Fidelity,
     repeats: int,
     clock: Callable[[], float],
-    height: Tensor | None = None,
 ) -> dict[str, float]:
     found = []
     for _ in range(repeats):
         psf_memory.forget()
-        found.append(photograph(view, camera, run, clock=clock, height=height).seconds)
+        found.append(photograph(view, camera, run, clock=clock).seconds)
     return {stage: min(each.get(stage, 0.0) for each in found) for stage in STAGES}
 
 
@@ -179,16 +177,16 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
     draw = torch.Generator().manual_seed(0)
     relief = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
-    for view, with_mask, height, runs, times_each in (
-        (small, camera, None, RUNS, repeats),
-        (flat, camera, None, FLAT_RUNS, repeats),
-        (flat, cubic, None, FLAT_RUNS[1::2], repeats),
-        (flat, camera, relief, FLAT_RUNS[::2], repeats),
-        (large, camera, None, RUNS[::3], 1),
+    for view, with_mask, runs, times_each in (
+        (small, camera, RUNS, repeats),
+        (flat, camera, FLAT_RUNS, repeats),
+        (flat, cubic, FLAT_RUNS[1::2], repeats),
+        (flat, camera.with_height(relief), FLAT_RUNS[::2], repeats),
+        (large, camera, RUNS[::3], 1),
     ):
-        shape = shape_of(view, with_mask, height)
+        shape = shape_of(view, with_mask)
         for run in runs:
-            found = _fastest(view, with_mask, run, times_each, time.process_time, height)
+            found = _fastest(view, with_mask, run, times_each, time.process_time)
             paces.append(pace())
             layers = int(nodes_of(view, with_mask, run).numel())
             groups = 3 * run.groups or view.bands

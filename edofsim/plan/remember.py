@@ -95,7 +95,7 @@ def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> 
         "margin": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
-    height = facts.sample.height
+    height = facts.camera.height_map
     for tensor in (facts.view.radiance, facts.view.inverse_depth, facts.view.pixel, height):
         if tensor is not None:
             digest.update(tensor.detach().cpu().contiguous().numpy())

@@ -42,7 +42,6 @@ class Sample:
     inverse depth; depths: the distinct ones where they are few."""
 
     camera: Camera
-    height: Tensor | None
     tiles: tuple[View, ...]
     weights: Tensor
     exposure: float
@@ -127,7 +126,7 @@ class Sample:
             where = torch.searchsorted(known.nodes, nodes - 1e-9).clamp_max(known.nodes.numel() - 1)
             if torch.allclose(known.nodes[where], nodes, rtol=0, atol=1e-8):
                 return HeldKernels(known.values[where], nodes, wavelengths)
-        made = kernels_of(camera, wavelengths, nodes, window, height=self.height)
+        made = kernels_of(camera, wavelengths, nodes, window)
         if isinstance(made, HeldKernels):
             self._banks[key] = made
         return made
@@ -139,9 +138,7 @@ class Sample:
         if fidelity.pupil_parts == 1 or fidelity.occlusion != "hidden":
             return []
         camera = simpler_camera(self.camera, fidelity)
-        found = kernels_of_parts(
-            camera, gathering.wavelengths, nodes, window, fidelity.pupil_parts, height=self.height
-        )
+        found = kernels_of_parts(camera, gathering.wavelengths, nodes, window, fidelity.pupil_parts)
         return [gathered_kernels(part, gathering) if fidelity.groups else part for part in found]
 
     def narrow(self, fidelity: Fidelity, window: int, lost: float) -> bool:
@@ -171,7 +168,7 @@ def _nearest(inverse_depth: Tensor, nodes: Tensor) -> Tensor:
     return nodes[torch.searchsorted(middles, inverse_depth.double())].to(inverse_depth)
 
 
-def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: int = 0) -> Sample:
+def sample_of(view: View, camera: Camera, seed: int = 0) -> Sample:
     """The sample of a view for a camera."""
     response = channel_weights(camera, view.wavelengths)
     ideal = view.crop_margin(all_in_focus(view, response))
@@ -184,7 +181,6 @@ def sample_of(view: View, camera: Camera, height: Tensor | None = None, seed: in
         distinct = torch.unique(depth)
     return Sample(
         camera=camera,
-        height=height,
         tiles=tiles,
         weights=weights,
         exposure=exposure,

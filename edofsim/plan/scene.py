@@ -47,7 +47,6 @@ def look(
     base: Path,
     camera: Camera,
     *,
-    height: Tensor | None = None,
     cache: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
@@ -57,13 +56,13 @@ def look(
     if view is None and recipe.source is not None and recipe.source.kind != "mitsuba":
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
-        return Looked(facts_of(view, camera, height=height, recipe=recipe), lambda s: 0.0, 0.0, recipe)
+        return Looked(facts_of(view, camera, recipe=recipe), lambda s: 0.0, 0.0, recipe)
     how = {"cache": cache, "device": device, "progress": progress}
     # the first rendering compiles kernels: a thumbnail's does, so that the sketch's seconds are those of rays
     render(thumbnail(recipe), base, **how)
     small = sketch(recipe)
     view = render(small, base, **how)
-    facts = facts_of(view, camera, height=height, recipe=recipe, final=False)
+    facts = facts_of(view, camera, recipe=recipe, final=False)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     grain = (small.render.samples / recipe.render.samples) ** 0.5

@@ -45,8 +45,7 @@ class Shape:
     height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; visible:
     fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
     slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe; gap: in
-    inverse depth, from which on one surface hides another; dark: the view with that margin and no light;
-    map_samples: across the height map that stands in the mask's place, None without.
+    inverse depth, from which on one surface hides another; dark: the view with that margin and no light.
     """
 
     height: int
@@ -62,7 +61,6 @@ class Shape:
     reach: int
     gap: float
     dark: View
-    map_samples: int | None = None
 
     @property
     def padded_shape(self) -> tuple[int, int]:
@@ -89,8 +87,8 @@ class Shape:
         return self._known[tile]
 
 
-def shape_of(view: View, camera: Camera, height: Tensor | None = None) -> Shape:
-    """Count a view once, for the work of any simulation of it. height: [n, n], in the mask's place."""
+def shape_of(view: View, camera: Camera) -> Shape:
+    """Count a view once, for the work of any simulation of it."""
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
@@ -109,7 +107,6 @@ def shape_of(view: View, camera: Camera, height: Tensor | None = None) -> Shape:
         reach=reach,
         gap=gap,
         dark=with_margin(dark, reach),
-        map_samples=None if height is None else height.shape[-1],
     )
 
 

@@ -14,7 +14,6 @@ from ..capture.fidelity import Fidelity, in_parts, simpler_camera
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
-from ..optics.height import trained_pitch
 from ..optics.parts import partition
 from ..optics.sampling import plan_sampling
 from .shape import Shape, Slabs, shape_of
@@ -50,7 +49,7 @@ def work_of(
     gathered = groups if fidelity.groups else 0
     blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
     samples = _pupil_samples(camera, fidelity, window, shape)
-    relief = shape.map_samples is not None or camera.recipe.mask.kind != "clear"
+    relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, (window * fidelity.oversampling + 2) / 2
     waves = layers * colours
     parts, held = _parts_of(shape, camera, fidelity, layers, samples)
@@ -236,11 +235,12 @@ def _composite(
 def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
     simpler = simpler_camera(camera, fidelity)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
-    return _samples(_Named(simpler, recipe), window, shape.ends, shape.wavelengths, shape.map_samples)
+    across = "" if simpler.height_map is None else f" {simpler.height_map.shape[-1]}"
+    return _samples(_Named(simpler, recipe + across), window, shape.ends, shape.wavelengths)
 
 
 class _Named:
-    """A camera that is told from others by its recipe."""
+    """A camera that is told from others by its recipe and the size of its height map."""
 
     def __init__(self, camera: Camera, name: str) -> None:
         self.camera, self.name = camera, name
@@ -253,10 +253,7 @@ class _Named:
 
 
 @lru_cache(maxsize=512)
-def _samples(
-    named: _Named, window: int, ends: tuple[float, float], bands: tuple[float, ...], across: int | None
-) -> int:
+def _samples(named: _Named, window: int, ends: tuple[float, float], bands: tuple[float, ...]) -> int:
     wavelengths = torch.tensor(bands, dtype=torch.float64)
     depths = torch.tensor(ends, dtype=torch.float64)
-    pitch = None if across is None else trained_pitch(named.camera, across)
-    return plan_sampling(named.camera, wavelengths, depths, window, pitch).grid.samples
+    return plan_sampling(named.camera, wavelengths, depths, window).grid.samples

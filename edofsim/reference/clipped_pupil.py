@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -55,14 +54,6 @@ FULL = 0.999
 """A fragment of less coverage lies somewhere in its pixel, not all over it."""
 
 
-@dataclass(frozen=True)
-class Take:
-    """A camera, and the height map [n, n] in metres that takes the place of its mask, if any."""
-
-    camera: Camera
-    height: Tensor | None = None
-
-
 def clipped_pupil(
     view: View,
     model: SceneModel,
@@ -71,7 +62,6 @@ def clipped_pupil(
     *,
     window_px: int | None = None,
     rays: int = RAYS,
-    height: Tensor | None = None,
     cache: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
@@ -84,13 +74,13 @@ def clipped_pupil(
     Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
     """
     settings = dict(window_px=window_px, rays=rays, cache=cache, device=device, progress=progress)
-    return clipped_pupils(view, model, [Take(camera, height)], where, **settings)[0]
+    return clipped_pupils(view, model, [camera], where, **settings)[0]
 
 
 def clipped_pupils(
     view: View,
     model: SceneModel,
-    takes: Sequence[Take],
+    cameras: Sequence[Camera],
     where: Crop,
     *,
     window_px: int | None = None,
@@ -102,10 +92,10 @@ def clipped_pupils(
     """`clipped_pupil` for several cameras of one aperture and pixel angle, which share rays and shadows."""
     say = progress or (lambda fraction, text: None)
     check_crop(view, where)
-    first = takes[0].camera
-    for take in takes:
-        check_pixel_angle(view, take.camera.pixel_angle)
-        if take.camera.aperture_radius != first.aperture_radius:
+    first = cameras[0]
+    for camera in cameras:
+        check_pixel_angle(view, camera.pixel_angle)
+        if camera.aperture_radius != first.aperture_radius:
             raise InputError("cameras of different apertures see different shadows: take them one by one")
     window = window_px or first.recipe.psf.window_px
     reach = window // 2
@@ -118,8 +108,8 @@ def clipped_pupils(
     some = torch.nonzero(~whole & ~none).squeeze(1)
     say(0.2, "fragments that the whole pupil sees")
     every = torch.nonzero(whole).squeeze(1)
-    photos = [_unclipped(part, every, take, window, cache) for take in takes]
-    clipped = _clipped(part, some, seen, nearer, takes, window, say)
+    photos = [_unclipped(part, every, camera, window, cache) for camera in cameras]
+    clipped = _clipped(part, some, seen, nearer, cameras, window, say)
     say(1.0, "done")
     return [part.crop_margin(photo + more) for photo, more in zip(photos, clipped, strict=True)]
 
@@ -237,17 +227,17 @@ def _somewhere(places: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return (row + 0.5) / PLACES - 0.5, (column + 0.5) / PLACES - 0.5
 
 
-def _unclipped(part: View, which: Tensor, take: Take, window: int, cache: Path | None) -> Tensor:
+def _unclipped(part: View, which: Tensor, camera: Camera, window: int, cache: Path | None) -> Tensor:
     """Photo of the fragments that the whole pupil sees: linear, with PSFs at close depth nodes."""
-    weights = channel_weights(take.camera, part.wavelengths)
+    weights = channel_weights(camera, part.wavelengths)
     depth = part.inverse_depth[which]
     if not depth.numel():
         return torch.zeros(len(weights), *part.padded_shape, dtype=torch.float64)
     low, high = float(depth.min()), float(depth.max())
-    per_dioptre = math.pi / float(part.wavelengths.min()) * take.camera.aperture_radius**2
+    per_dioptre = math.pi / float(part.wavelengths.min()) * camera.aperture_radius**2
     count = 2 + math.floor((high - low) * per_dioptre / DEFOCUS_STEP) if high > low else 1
     nodes = torch.linspace(low, high, count, dtype=torch.float64)
-    bank = psf_bank(take.camera, part.wavelengths, nodes, window_px=window, height=take.height, cache=cache)
+    bank = psf_bank(camera, part.wavelengths, nodes, window_px=window, cache=cache)
     kernels = HeldKernels(bank.values.double(), nodes, part.wavelengths)
     return Blurring(kernels, weights, METHODS["layered"]).light(part, which)
 
@@ -257,39 +247,39 @@ def _clipped(
     which: Tensor,
     seen: np.ndarray,
     nearer: np.ndarray,
-    takes: Sequence[Take],
+    cameras: Sequence[Camera],
     window: int,
     say: Progress,
 ) -> list[Tensor]:
     """Photos of the fragments that only a part of the pupil sees, one PSF for each fragment and band."""
     rows, columns = part.padded_shape
     reach = window // 2
-    weights = [channel_weights(take.camera, part.wavelengths) for take in takes]
+    weights = [channel_weights(camera, part.wavelengths) for camera in cameras]
     size = (rows + 2 * reach, columns + 2 * reach)
     canvases = [torch.zeros(len(each), *size, dtype=torch.float64) for each in weights]
     inside = (slice(None), slice(reach, reach + rows), slice(reach, reach + columns))
     if not which.numel():
         return [canvas[inside] for canvas in canvases]
     depths = part.inverse_depth[which]
-    grids = [plan_sampling(t.camera, part.wavelengths, depths, window, by_bound=False).grid for t in takes]
+    grids = [plan_sampling(each, part.wavelengths, depths, window, by_bound=False).grid for each in cameras]
     grid = max(grids, key=lambda each: each.samples)
-    openings = [aperture(take.camera, grid, take.height) for take in takes]
+    openings = [aperture(camera, grid) for camera in cameras]
     lets_by = torch.from_numpy(np.ascontiguousarray(seen[which.numpy()]))
     gaps = torch.from_numpy(nearer[which.numpy()])
-    width = 2 * SPAN * takes[0].camera.aperture_radius
+    width = 2 * SPAN * cameras[0].aperture_radius
     done, total = 0, part.bands * len(which)
     for band, wavelength in enumerate(part.wavelengths.tolist()):
         pupils = [
-            pupil_function(take.camera, opening, wavelength)
-            for take, opening in zip(takes, openings, strict=True)
+            pupil_function(camera, opening, wavelength)
+            for camera, opening in zip(cameras, openings, strict=True)
         ]
-        transforms = [make_transform(take.camera, grid, wavelength, window) for take in takes]
+        transforms = [make_transform(camera, grid, wavelength, window) for camera in cameras]
         for begin in range(0, len(which), BATCH):
             some = slice(begin, begin + BATCH)
             wave = shadow(lets_by[some], gaps[some], width, wavelength, grid)
             pixels = part.pixel[which[some]].tolist()
-            for number, take in enumerate(takes):
-                psi = defocus(take.camera, wavelength, depths[some])
+            for number, camera in enumerate(cameras):
+                psi = defocus(camera, wavelength, depths[some])
                 psf = clipped_psf(pupils[number], openings[number], psi, wave, transforms[number])
                 light = weights[number][:, band, None] * part.radiance[band, which[some]]
                 for k, pixel in enumerate(pixels):

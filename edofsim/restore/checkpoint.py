@@ -28,6 +28,7 @@ from safetensors.torch import save
 from torch import Tensor, nn
 
 from ..errors import EdofsimError, InputError
+from ..optics import Camera
 from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
@@ -177,9 +178,14 @@ def trained_camera(checkpoint: Checkpoint) -> CameraRecipe:
         raise InputError(f"{checkpoint.path}: its card names no camera; train the checkpoint again") from None
 
 
-def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraRecipe:
-    """The camera with the mask that the checkpoint was trained with in place of its own; photograph with
-    `height=checkpoint.height`, which may be None.
+def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint, base: Path | None = None) -> Camera:
+    """The camera with the mask that the checkpoint was trained with in place of its own; base: folder that
+    files named in the recipe are relative to. Raises InputError as `Camera.from_recipe`."""
+    return Camera.from_recipe(recipe_with_mask(recipe, checkpoint), base).with_height(checkpoint.height)
+
+
+def recipe_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraRecipe:
+    """The recipe of a camera that the height map of a checkpoint, if it has one, can be given to.
 
     A height map means little without the material and the pitch that it was made for: given to a camera with
     another mask, it would be taken for that mask's material and stretched over the pupil.

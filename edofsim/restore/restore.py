@@ -29,14 +29,12 @@ def restore(
     inverse_depths: Tensor,
     *,
     checkpoint: Checkpoint | None = None,
-    height: Tensor | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely. A filter bank is told what the wavelengths look like, see `telling`. height: [n, n] in
-    metres in place of the mask of the camera's recipe.
+    equally likely. A filter bank is told what the wavelengths look like, see `telling`.
     """
     if checkpoint is not None:
         network = told_network(checkpoint, camera, wavelengths)
@@ -44,7 +42,7 @@ def restore(
         with torch.inference_mode():
             sharp = _continued(apply, image) if isinstance(network, WienerNetwork) else apply(image)
         return sharp, checkpoint.name
-    psf = channel_psfs(camera, wavelengths, inverse_depths, height).to(image)
+    psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
     return _continued(partial(wiener, psf=psf, noise=camera.read_noise), image), "Wiener"
 
 
@@ -54,11 +52,9 @@ def _continued(filtered: Callable[[Tensor], Tensor], image: Tensor) -> Tensor:
     return sharp[..., BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX]
 
 
-def channel_psfs(
-    camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, height: Tensor | None = None
-) -> Tensor:
+def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:
     """PSFs as the sensor's channels see a white point, [depth, channel, y, x]: the bands of the bank
-    weighted with the response. height: [n, n] in metres in place of the recipe's mask."""
-    bank = psf_bank(camera, wavelengths, inverse_depths, height=height)
+    weighted with the response."""
+    bank = psf_bank(camera, wavelengths, inverse_depths)
     weights = response(camera, wavelengths).to(bank.values)
     return torch.einsum("cb,dbyx->dcyx", weights, bank.values)

@@ -20,7 +20,7 @@ from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
 from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
-from .checkpoint import Checkpoint, camera_with_mask, trained_camera
+from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
 from .filter_bank import FilterBank
 from .linear import local_filters
 
@@ -64,17 +64,16 @@ def _channel_psfs(
     # the training's sampling of the pupil may be too coarse for the shortest wavelengths; the coarsest that
     # they allow is fine enough for filters
     psf = CameraRecipe(name="default").psf
-    recipe = camera_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
+    recipe = recipe_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
     coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
     psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
     own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
     if checkpoint.height is None:
         bands = psf_bank(own, wavelengths, inverse, window_px=window).values
     else:
+        own = own.with_height(checkpoint.height)
         error = _training(checkpoint).doe.height_noise_nm * 1e-9
-        bands = mean_psfs(
-            own, wavelengths.double(), inverse, error, window_px=window, height=checkpoint.height
-        )
+        bands = mean_psfs(own, wavelengths.double(), inverse, error, window_px=window)
     return torch.einsum("cb,dbyx->dcyx", weights.to(bands), bands)
 
 

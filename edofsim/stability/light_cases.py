@@ -29,9 +29,9 @@ from .views import (
     WINDOW,
     camera_with,
     flat,
-    free_height,
     half,
     uniform,
+    with_free_height,
 )
 
 
@@ -194,17 +194,16 @@ def _denormals() -> Iterator[Finding]:
     view = flat(half(0.4, 1.2))
     view.radiance.mul_(1e-40)
 
-    def lost(method: str, camera: Camera, height: Tensor | None, truth: Tensor) -> float:
+    def lost(method: str, camera: Camera, truth: Tensor) -> float:
         how = {"method": method, "occlusion": "none", "exposure": 1.0, "effects": QUIET}
-        made = expose(view, camera, height=height, **how).clean.double()
+        made = expose(view, camera, **how).clean.double()
         return float((made - truth).abs().max()) / torch.finfo(torch.float32).tiny
 
     for name, mask in MASKS.items():
-        camera = camera_with(mask)
-        height = free_height(camera)
-        truth = true_photo(view, camera, height)
+        camera = with_free_height(camera_with(mask))
+        truth = true_photo(view, camera)
         for method in METHODS:
-            measure = partial(lost, method, camera, height, truth)
+            measure = partial(lost, method, camera, truth)
             yield timed(f"{method}, {name}, float32, of the least normal number", 1.0, measure)
 
 

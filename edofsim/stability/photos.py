@@ -21,7 +21,7 @@ from ..capture import expose
 from ..optics import Camera, psf_bank, response
 from ..render.view import View
 from .case import Case, Finding, timed
-from .views import MASKS, QUIET, WINDOW, camera_with, free_height, uniform
+from .views import MASKS, QUIET, WINDOW, camera_with, uniform, with_free_height
 
 METHODS = ("brute", "layered", "low_rank")
 OCCLUSIONS = ("over", "normalised", "hidden")
@@ -56,7 +56,7 @@ class HardView:
     methods: tuple[str, ...] = METHODS
 
 
-def true_photo(view: View, camera: Camera, height: Tensor | None) -> Tensor:
+def true_photo(view: View, camera: Camera) -> Tensor:
     """Clean photo without occlusion, float64 [channel, y, x]: see the module's text."""
     rows, columns = view.padded_shape
     seen = ~view.hidden
@@ -64,7 +64,7 @@ def true_photo(view: View, camera: Camera, height: Tensor | None) -> Tensor:
     weights = response(camera, view.wavelengths).double()
     out = np.zeros((3, rows, columns))
     for number, depth in enumerate(depths):
-        psf = psf_bank(camera, view.wavelengths, depth[None], height=height, dtype=torch.float64).values[0]
+        psf = psf_bank(camera, view.wavelengths, depth[None], dtype=torch.float64).values[0]
         image = torch.zeros(view.bands, rows * columns, dtype=torch.float64)
         which = member == number
         image.index_add_(1, view.pixel[seen][which], view.radiance[:, seen][:, which])
@@ -83,31 +83,29 @@ def findings(hard: HardView) -> Iterator[Finding]:
     """Every mask and method without occlusion against the truth, float32 and mixed precision against float64
     with every kind of occlusion, and the derivatives."""
     for name, mask in MASKS.items():
-        camera = camera_with(mask)
-        height = free_height(camera)
-        truth = true_photo(hard.view, camera, height)
+        camera = with_free_height(camera_with(mask))
+        truth = true_photo(hard.view, camera)
         for method in hard.methods:
             bound = hard.layered * (FINE.get(name, 1.0) if method == "low_rank" else 1.0)
-            yield from _method(hard, camera, height, truth, f"{method}, {name}", method, bound)
+            yield from _method(hard, camera, truth, f"{method}, {name}", method, bound)
         for occlusion in OCCLUSIONS:
-            yield from _occlusion(hard, camera, height, f"{occlusion}, {name}", occlusion=occlusion)
+            yield from _occlusion(hard, camera, f"{occlusion}, {name}", occlusion=occlusion)
         if bool(hard.view.hidden.any()):
             way = f"hidden in {PARTS} x {PARTS} parts, {name}"
-            yield from _occlusion(hard, camera, height, way, occlusion="hidden", pupil_parts=PARTS)
-        yield timed(f"gradient, {name}", SINGLE, lambda c=camera, h=height: _gradient(hard, c, h))
-        if height is not None:
-            yield timed(f"slope by height, {name}", SLOPE, lambda c=camera, h=height: _slope(hard, c, h))
+            yield from _occlusion(hard, camera, way, occlusion="hidden", pupil_parts=PARTS)
+        yield timed(f"gradient, {name}", SINGLE, lambda c=camera: _gradient(hard, c))
+        if camera.height_map is not None:
+            yield timed(f"slope by height, {name}", SLOPE, lambda c=camera: _slope(hard, c))
 
 
-def _photo(hard: HardView, camera: Camera, height: Tensor | None, dtype: torch.dtype, **how: Any) -> Tensor:
+def _photo(hard: HardView, camera: Camera, dtype: torch.dtype, **how: Any) -> Tensor:
     options = {"exposure": 1.0, "effects": QUIET, **hard.options, **how}
-    return expose(hard.view, camera, height=height, dtype=dtype, **options).clean.double()
+    return expose(hard.view, camera, dtype=dtype, **options).clean.double()
 
 
 def _method(
     hard: HardView,
     camera: Camera,
-    height: Tensor | None,
     truth: Tensor,
     way: str,
     method: str,
@@ -117,11 +115,11 @@ def _method(
     how = {"method": method, "occlusion": "none"}
 
     def double() -> float:
-        found.append(_photo(hard, camera, height, torch.float64, **how))
+        found.append(_photo(hard, camera, torch.float64, **how))
         return deviation(found[0], truth)
 
     def single() -> float:
-        return distance(_photo(hard, camera, height, torch.float32, **how), found[0])
+        return distance(_photo(hard, camera, torch.float32, **how), found[0])
 
     def mixed() -> float:
         with torch.autocast("cpu", torch.bfloat16):
@@ -132,7 +130,7 @@ def _method(
         radiance = hard.view.radiance.detach().clone().requires_grad_()
         lit = replace(hard, view=replace(hard.view, radiance=radiance))
         pattern = uniform(*found[0].shape, seed=3)
-        (_photo(lit, camera, height, torch.float64, **how) * pattern).sum().backward()
+        (_photo(lit, camera, torch.float64, **how) * pattern).sum().backward()
         return distance((radiance.grad * radiance.detach()).sum()[None], (found[0] * pattern).sum()[None])
 
     yield timed(f"{way}, float64", bound, double)
@@ -142,12 +140,12 @@ def _method(
 
 
 def _occlusion(
-    hard: HardView, camera: Camera, height: Tensor | None, way: str, **how: Any
+    hard: HardView, camera: Camera, way: str, **how: Any
 ) -> Iterator[Finding]:
     found: list[Tensor] = []
 
     def double() -> float:
-        found.append(_photo(hard, camera, height, torch.float64, **how))
+        found.append(_photo(hard, camera, torch.float64, **how))
         brightest = float(hard.view.all_in_focus().max())
         hidden = hard.view.radiance[:, hard.view.hidden]
         if hidden.numel():
@@ -160,31 +158,35 @@ def _occlusion(
     yield timed(
         f"{way}, float32",
         SINGLE,
-        lambda: distance(_photo(hard, camera, height, torch.float32, **how), found[0]),
+        lambda: distance(_photo(hard, camera, torch.float32, **how), found[0]),
     )
 
 
-def _gradient(hard: HardView, camera: Camera, height: Tensor | None) -> float:
+def _gradient(hard: HardView, camera: Camera) -> float:
     """Derivatives of a weighted sum of the photo with hidden surfaces by radiance and height, float32 against
     float64."""
     grads = []
     for dtype in (torch.float64, torch.float32):
         radiance = hard.view.radiance.detach().clone().to(dtype).requires_grad_()
+        height = camera.height_map
         lever = None if height is None else height.detach().clone().to(dtype).requires_grad_()
-        photo = _photo(replace(hard, view=replace(hard.view, radiance=radiance)), camera, lever, dtype)
+        lit = replace(hard, view=replace(hard.view, radiance=radiance))
+        photo = _photo(lit, camera.with_height(lever), dtype)
         (photo * uniform(*photo.shape, seed=3)).sum().backward()
         grads.append([each.grad.double() for each in (radiance, lever) if each is not None])
     return max(distance(single, double) for double, single in zip(*grads, strict=True))
 
 
-def _slope(hard: HardView, camera: Camera, height: Tensor) -> float:
+def _slope(hard: HardView, camera: Camera) -> float:
     """The derivative by height along a random direction against a central difference, float64; relative to
     the largest that a direction of that length can have."""
+    height = camera.height_map
+    assert height is not None
     lever = height.detach().clone().requires_grad_()
     pattern = uniform(3, hard.view.height, hard.view.width, seed=3)
 
     def weighed(at: Tensor) -> Tensor:
-        return (_photo(hard, camera, at, torch.float64, method="layered") * pattern).sum()
+        return (_photo(hard, camera.with_height(at), torch.float64, method="layered") * pattern).sum()
 
     weighed(lever).backward()
     step = STEP * (2 * uniform(*height.shape, seed=7) - 1)

@@ -20,7 +20,7 @@ from ..recipe.camera import CameraRecipe, Lens, PsfSettings
 from ..recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask, HeightMapMask
 from .case import Case, Finding, timed
 from .photos import distance
-from .views import MASKS, camera_with, free_height, uniform
+from .views import MASKS, camera_with, free_height, uniform, with_free_height
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)
 SIDE = 25
@@ -31,11 +31,10 @@ def bank(
     camera: Camera,
     inverse_depth: float,
     dtype: torch.dtype = torch.float64,
-    height: Tensor | None = None,
     side: int = SIDE,
 ) -> PsfBank:
     """The PSF of one green wavelength at one depth."""
-    return psf_bank(camera, GREEN, [inverse_depth], window_px=side, height=height, dtype=dtype)
+    return psf_bank(camera, GREEN, [inverse_depth], window_px=side, dtype=dtype)
 
 
 def _name(dtype: torch.dtype) -> str:
@@ -114,15 +113,17 @@ def _relief(change: Callable[[Tensor, Camera], Tensor], bound: float) -> Callabl
     """A free mask against the same mask after a change that light does not see."""
 
     def check() -> Iterator[Finding]:
-        camera = camera_with(MASKS["free"])
-        height = free_height(camera)
-        other = change(height, camera)
-        truth = bank(camera, 0.3, height=height).values
-        yield timed("float64", bound, lambda: distance(bank(camera, 0.3, height=other).values, truth))
+        camera = with_free_height(camera_with(MASKS["free"]))
+        other = change(camera.height_map, camera)
+        truth = bank(camera, 0.3).values
+        changed = camera.with_height(other)
+        yield timed("float64", bound, lambda: distance(bank(changed, 0.3).values, truth))
         yield timed(
             "float32",
             max(bound, 1e-4),
-            lambda: distance(bank(camera, 0.3, torch.float32, other.float()).values.double(), truth),
+            lambda: distance(
+                bank(camera.with_height(other.float()), 0.3, torch.float32).values.double(), truth
+            ),
         )
 
     return check
@@ -141,7 +142,7 @@ def _random_heights() -> Iterator[Finding]:
         yield timed(
             f"energy, {_name(dtype)}",
             1e-4,
-            lambda dtype=dtype: whole(bank(camera, 0.3, dtype, height.to(dtype))),
+            lambda dtype=dtype: whole(bank(camera.with_height(height.to(dtype)), 0.3, dtype)),
         )
 
 
@@ -161,7 +162,7 @@ def _one_sample() -> Iterator[Finding]:
     flat = torch.full((1, 1), 3e-7, dtype=torch.float64)
     truth = bank(camera_with(ClearMask()), 0.3).values
     yield timed(
-        "against no mask, float64", 1e-3, lambda: distance(bank(camera, 0.3, height=flat).values, truth)
+        "against no mask, float64", 1e-3, lambda: distance(bank(camera.with_height(flat), 0.3).values, truth)
     )
 
 
@@ -196,12 +197,14 @@ def _mirrored() -> Iterator[Finding]:
     """A mask upside down has its PSF upside down."""
     camera = camera_with(MASKS["free"])
     height = free_height(camera)
-    truth = bank(camera, 0.3, height=height).values
+    truth = bank(camera.with_height(height), 0.3).values
     for name, axis in (("rows", -2), ("columns", -1)):
         yield timed(
             f"{name}, float64",
             1e-6,
-            lambda axis=axis: distance(bank(camera, 0.3, height=height.flip(axis)).values.flip(axis), truth),
+            lambda axis=axis: distance(
+                bank(camera.with_height(height.flip(axis)), 0.3).values.flip(axis), truth
+            ),
         )
 
 
@@ -223,11 +226,10 @@ def _both_sides_of_focus() -> Iterator[Finding]:
 
 def _extreme_distances() -> Iterator[Finding]:
     for name, mask in MASKS.items():
-        camera = camera_with(mask)
-        height = free_height(camera)
+        camera = with_free_height(camera_with(mask))
         for distance_m in (math.inf, 1e12, 1e9, 0.05):
             for dtype in PRECISIONS:
-                made = partial(bank, camera, 1 / distance_m, dtype, height)
+                made = partial(bank, camera, 1 / distance_m, dtype)
                 yield timed(f"{distance_m:g} m, {name}, {_name(dtype)}", 1e-4, lambda m=made: whole(m()))
 
 

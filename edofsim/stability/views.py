@@ -53,6 +53,11 @@ def free_height(camera: Camera) -> Tensor | None:
     return torch.nn.functional.interpolate(coarse, size, mode="bicubic", align_corners=True)[0, 0] * 1e-6
 
 
+def with_free_height(camera: Camera) -> Camera:
+    """The camera; with `free_height` where its mask is free."""
+    return camera.with_height(free_height(camera))
+
+
 def flat(
     inverse_depth: Tensor | float,
     radiance: Tensor | None = None,

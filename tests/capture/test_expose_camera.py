@@ -185,7 +185,7 @@ def test_gradcheck_from_the_height_map_to_the_photo_with_occlusion(bench):
 
     def picture(height):
         return expose(
-            view, optics, height=height * 1e-7, exposure=1.0, effects=QUIET, dtype=torch.float64
+            view, optics.with_height(height * 1e-7), exposure=1.0, effects=QUIET, dtype=torch.float64
         ).image[:, 1:4, 1:4]
 
     assert torch.autograd.gradcheck(picture, (start.requires_grad_(),), eps=1e-4, atol=1e-6, fast_mode=True)

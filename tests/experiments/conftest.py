@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,11 +47,11 @@ def broken(folder: Path) -> Path:
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Small windows and masks that are made coarsely: the experiments' steps, not their cost."""
 
-    def made(recipe: CameraRecipe, fabrication: Fabrication) -> Camera:
+    def made(camera: Camera, fabrication: Fabrication) -> Camera:
         update = {"psf": CameraRecipe(name="c", psf=PSF).psf}
-        if hasattr(recipe.mask, "design_wavelength_nm"):
+        if hasattr(camera.recipe.mask, "design_wavelength_nm"):
             update["fabrication"] = fabrication.model_copy(update={"pitch_um": 12.0})
-        return Camera.from_recipe(recipe.model_copy(update=update))
+        return replace(camera, recipe=camera.recipe.model_copy(update=update))
 
     for module in (planes, broadband):
         monkeypatch.setattr(module, "made", made)
@@ -65,7 +66,7 @@ def echo() -> Callable[..., Contestant]:
 
     def build(mask: str = "clear", restore: Callable[[Tensor], Tensor] = lambda photo: photo) -> Contestant:
         recipe = CameraRecipe(name="c", mask={"kind": mask}, psf=PSF)
-        return Contestant("echo", recipe, None, restore, "echo" + mask)
+        return Contestant("echo", Camera.from_recipe(recipe), restore, "echo" + mask)
 
     return build
 

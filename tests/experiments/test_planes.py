@@ -36,7 +36,7 @@ def test_the_photo_is_the_papers_model(folder: Path, tmp_path: Path, echo: Echo)
     pictures = photographs(folder).pictures
     row = measure(system, pictures[:1], [at(0.5)], tmp_path, seed=0)[0]
     assert row.restored_db == row.photo_db
-    camera = planes.made(system.recipe, paper_test(0))
+    camera = planes.made(system.camera, paper_test(0))
     psf = psf_bank(camera, PAPER_COLOURS, [2.0]).values[0]
     sharp, reach = pictures[0].values, 24
     mirrored = torch.from_numpy(np.pad(sharp.numpy(), ((0, 0), (reach, reach), (reach, reach)), "symmetric"))

@@ -161,7 +161,7 @@ def test_what_height_errors_leave_is_what_a_made_mask_leaves():
     flat = torch.zeros(239, 239)
     at = torch.tensor([482e-9, 611e-9], dtype=torch.float64)
     designed, real = (
-        psf_bank(Camera.from_recipe(each), at, [0.6], window_px=24, height=flat).values[0]
+        psf_bank(Camera.from_recipe(each).with_height(flat), at, [0.6], window_px=24).values[0]
         for each in (recipe, made)
     )
     kept = direct_light(Camera.from_recipe(recipe), at)

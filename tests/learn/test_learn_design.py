@@ -146,11 +146,11 @@ def test_mean_psfs_are_the_mean_over_masks_that_err() -> None:
     depths = torch.tensor([0.7], dtype=torch.float64)
     generator = torch.Generator().manual_seed(1)
     drawn = [
-        optics.psfs(depths, height + 60e-9 * torch.randn(height.shape, generator=generator))
+        optics.with_height(height + 60e-9 * torch.randn(height.shape, generator=generator)).psfs(depths)
         for _ in range(200)
     ]
     mean = torch.stack(drawn).mean(0)
-    found = optics.mean_psfs(depths, height, 60e-9)
+    found = optics.with_height(height).mean_psfs(depths, 60e-9)
     peak = found.amax((-1, -2))
     torch.testing.assert_close(mean.amax((-1, -2)), peak, rtol=0.01, atol=0)
     torch.testing.assert_close(
@@ -165,10 +165,10 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
         mask = FreeHeight(torch.full((239, 239), 0.6e-6), 1.2e-6, 1.3e-7)
         depths = torch.linspace(0, 2, 5, dtype=torch.float64)
         with torch.no_grad():
-            before = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
+            before = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
         design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, height_noise=40e-9, stray=0.5, seed=3)
         with torch.no_grad():
-            after = local_error(optics.mean_psfs(depths, mask(), 40e-9)).mean(1).log().mean()
+            after = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
         assert float(after) < float(before) - 0.1
         maps.append(mask().detach())
     assert torch.equal(*maps)
@@ -182,8 +182,8 @@ def test_a_mask_is_designed_for_filters_of_each_distance_and_light_of_all_wavele
 
     def judged() -> float:
         with torch.no_grad():
-            lines = optics.mean_psfs(depths, mask(), 40e-9)
-            light = optics.mean_response_psfs(depths, mask(), 40e-9, 0.5)
+            lines = optics.with_height(mask()).mean_psfs(depths, 40e-9)
+            light = optics.with_height(mask()).mean_response_psfs(depths, 40e-9, 0.5)
             return float(sum(colour_error(psf, groups=4).mean(1).log().mean() for psf in (lines, light)))
 
     before = judged()
@@ -207,12 +207,15 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
     optics = _optics("paper-clear", 48)
     depths = torch.tensor([0.0, 0.7, 1.6], dtype=torch.float64)
     height = torch.full((239, 239), 0.6e-6)
-    shifted = [optics.mean_response_psfs(depths, height, 30e-9, (n + 0.5) / 8) for n in range(8)]
+    shifted = [optics.with_height(height).mean_response_psfs(depths, 30e-9, (n + 0.5) / 8) for n in range(8)]
     bands = torch.linspace(420e-9, 720e-9, 61, dtype=torch.float64)
     fine = replace(optics, camera=optics._sampled(bands, depths))
     weights = response(fine.camera, bands).float()
     many = torch.stack(
-        [mean_psfs(fine.camera, one[None], depths, 30e-9, window_px=48, height=height)[:, 0] for one in bands]
+        [
+            mean_psfs(fine.camera.with_height(height), one[None], depths, 30e-9, window_px=48)[:, 0]
+            for one in bands
+        ]
     )
     expected = torch.einsum("cb,bdyx->dcyx", weights, many)
     off = (torch.stack(shifted).mean(0) - expected).norm() / expected.norm()
@@ -222,7 +225,7 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
 def test_a_sensor_of_three_lines_has_no_other_light() -> None:
     optics = _optics("paper-clear", 48, response="lines")
     with pytest.raises(InputError, match=r"sensor\.response"):
-        optics.mean_response_psfs(torch.tensor([1.0]), torch.zeros(239, 239), 0.0)
+        optics.with_height(torch.zeros(239, 239)).mean_response_psfs(torch.tensor([1.0]), 0.0)
 
 
 @pytest.mark.parametrize("name", ["clear-dcnn", "rings-dcnn", "cubic-dcnn", "paper-dcnn"])
@@ -231,15 +234,15 @@ def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
     both rise and fall together; by the learned mask they hardly do, so that only the constant is asked."""
     checkpoint = load_checkpoint(name)
     camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
-    optics = Optics(Camera.from_recipe(camera), 96, torch.device("cpu"))
+    optics = Optics(camera, 96, torch.device("cpu"))
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
-    psf = optics.psfs(depths, checkpoint.height)
+    psf = optics.psfs(depths)
     predicted = -10 * local_error(psf).mean(1).log10()
     sharp, _ = central_patches(packaged_images(128), 6, 128, surroundings(96))
     generator, found = torch.Generator().manual_seed(0), []
     for index in range(len(depths)):
         planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))
-        captured = planes.photograph(optics, None)
+        captured = planes.photograph(optics)
         photo = captured.clean + 0.005 * torch.randn(captured.clean.shape, generator=generator)
         restored = torch.stack([apply_network(checkpoint.network, one) for one in photo])
         error = (restored - captured.ideal).square().mean((1, 2, 3))

@@ -40,8 +40,8 @@ def _patches() -> torch.Tensor:
 def test_where_one_covers_all_there_is_only_that(optics: Optics, cover: float, shown: list[int]) -> None:
     sharp = _patches()
     whole = torch.full((3, 1, *sharp.shape[-2:]), cover)
-    found = Edges(sharp, whole, DEPTHS).photograph(optics, None)
-    plane = Planes(sharp[shown], DEPTHS[shown]).photograph(optics, None)
+    found = Edges(sharp, whole, DEPTHS).photograph(optics)
+    plane = Planes(sharp[shown], DEPTHS[shown]).photograph(optics)
     assert torch.allclose(found.clean, plane.clean, atol=1e-5)
     assert torch.equal(found.ideal, plane.ideal)
 
@@ -50,7 +50,7 @@ def test_a_grey_world_has_no_edges(optics: Optics) -> None:
     """Both pictures the same grey: whatever covers what, the photo is that grey, and no seam shows."""
     sharp = torch.full_like(_patches(), 0.4)
     covers = draw_covers(3, sharp.shape[-1], torch.Generator().manual_seed(6))
-    found = Edges(sharp, covers, DEPTHS).photograph(optics, None)
+    found = Edges(sharp, covers, DEPTHS).photograph(optics)
     assert torch.allclose(found.clean, torch.full_like(found.clean, 0.4), atol=1e-5)
     assert torch.allclose(found.ideal, torch.full_like(found.ideal, 0.4), atol=1e-6)
 
@@ -61,8 +61,8 @@ def test_far_from_the_edge_it_is_a_plane(optics: Optics) -> None:
     size = sharp.shape[-1]
     before, _ = surroundings(WINDOW)
     cover = (torch.arange(size) < before + PATCH // 2).float().expand(3, 1, size, size)
-    found = Edges(sharp, cover, DEPTHS).photograph(optics, None).clean
-    near, far = (Planes(sharp[i], DEPTHS[i]).photograph(optics, None).clean for i in (NEAR, FAR))
+    found = Edges(sharp, cover, DEPTHS).photograph(optics).clean
+    near, far = (Planes(sharp[i], DEPTHS[i]).photograph(optics).clean for i in (NEAR, FAR))
     # the veil of a cut picture has another mean: a part in a hundred of the light leaves so small a window
     side = PATCH // 2 - WINDOW // 2
     assert torch.allclose(found[..., :side], near[..., :side], atol=0.02)

@@ -67,8 +67,8 @@ def test_a_sensor_that_saturates_sees_no_more_than_full_scale(optics: Optics, ed
     sharp[..., SIZE // 2, SIZE // 2] = 1000.0
     depths = torch.tensor([0.6, 0.7])
     scenes = Edges(sharp, draw_covers(2, SIZE, _generator()), depths) if edges else Planes(sharp, depths)
-    free = scenes.photograph(optics, None)
-    held = replace(scenes, saturates=True).photograph(optics, None)
+    free = scenes.photograph(optics)
+    held = replace(scenes, saturates=True).photograph(optics)
     assert float(free.clean.max()) > 1
     torch.testing.assert_close(held.clean, free.clean.clamp_max(1), rtol=0, atol=0)
     for captured in (free, held):

@@ -54,12 +54,12 @@ def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> N
     optics, height = _optics(), 0.3e-6 * torch.rand(239, 239, generator=torch.Generator().manual_seed(1))
     view = _view(12, 10, WINDOW, PAPER_COLOURS)
     table = Views(scenes=("s",), layers=2)
-    found = ViewParts((view,), (1.0,), table).photograph(optics, height)
+    found = ViewParts((view,), (1.0,), table).photograph(optics.with_height(height))
     picture = view.radiance.reshape(1, 3, 12 + 2 * WINDOW, 10 + 2 * WINDOW)
     before, after = WINDOW - 1 - WINDOW // 2, WINDOW // 2
     cut = picture[..., WINDOW - before : WINDOW + 12 + after, WINDOW - before : WINDOW + 10 + after]
     mean = picture.mean((-1, -2))
-    plane = Planes(cut, torch.tensor([0.8]), mean=mean).photograph(optics, height)
+    plane = Planes(cut, torch.tensor([0.8]), mean=mean).photograph(optics.with_height(height))
     assert torch.allclose(found.ideal, plane.ideal, atol=1e-6)
     assert torch.allclose(found.clean, plane.clean, atol=2e-5)
     assert float(found.lost) == pytest.approx(float(plane.lost), abs=0.02)
@@ -68,7 +68,7 @@ def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> N
 def test_gradients_of_a_scene_reach_the_mask() -> None:
     height = torch.full((239, 239), 0.6e-6, requires_grad=True)
     draw = _source(Views(scenes=("s",))).draw(2, torch.Generator().manual_seed(1))
-    found = draw.photograph(_optics(), height)
+    found = draw.photograph(_optics().with_height(height))
     (found.clean - found.ideal).square().sum().backward()
     assert found.clean.shape == (2, 3, 12, 12)
     assert torch.isfinite(height.grad).all() and (height.grad != 0).any()
@@ -79,7 +79,7 @@ def test_exposures_vary_and_saturate() -> None:
     draw = _source(table).draw(8, torch.Generator().manual_seed(2))
     assert all(0.25 <= factor <= 2.5 for factor in draw.exposures)
     assert max(draw.exposures) > 1.2
-    found = draw.photograph(_optics(), None)
+    found = draw.photograph(_optics())
     assert found.ideal.max() <= 1 and found.clean.max() <= 1
 
 
@@ -127,7 +127,7 @@ def test_a_photograph_with_depths_is_a_source(tmp_path: Path) -> None:
     table = Views(scenes=("motorcycle",), layers=3)
     source = open_views(table, 24, 0.1, _optics(), Path(), tmp_path, None)
     draw = source.draw(2, torch.Generator().manual_seed(1))
-    found = draw.photograph(_optics(), None)
+    found = draw.photograph(_optics())
     assert found.clean.shape == (2, 3, 24, 24) and torch.isfinite(found.clean).all()
     depths = torch.cat([part.inverse_depth for part in draw.parts])
     assert float(depths.min()) > 0.6 and float(depths.max()) < 1.8  # 0.6 to 1.5 m, as its recipe says

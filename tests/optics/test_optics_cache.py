@@ -42,22 +42,22 @@ def test_what_does_not_change_psfs_does_not_change_the_key():
 
 def test_trainable_heights_are_never_kept():
     height = torch.zeros(40, 40, requires_grad=True)
-    first = psf_bank(camera(), [GREEN], [0.5], height=height)
-    second = psf_bank(camera(), [GREEN], [0.5], height=height)
+    first = psf_bank(camera().with_height(height), [GREEN], [0.5])
+    second = psf_bank(camera().with_height(height), [GREEN], [0.5])
     assert first.values.requires_grad and first is not second
     with torch.no_grad():
         height += 1e-7 * torch.rand(40, 40)
-    assert not torch.equal(psf_bank(camera(), [GREEN], [0.5], height=height).values, first.values)
+    assert not torch.equal(psf_bank(camera().with_height(height), [GREEN], [0.5]).values, first.values)
     with pytest.raises(ValueError, match="gradients"):
         store.keep("key", first, None)
 
 
 def test_fixed_heights_are_kept_by_content():
     height = torch.zeros(40, 40)
-    first = psf_bank(camera(), [GREEN], [0.5], height=height)
-    assert psf_bank(camera(), [GREEN], [0.5], height=height.clone()) is first
+    first = psf_bank(camera().with_height(height), [GREEN], [0.5])
+    assert psf_bank(camera().with_height(height.clone()), [GREEN], [0.5]) is first
     height[20, 20] = 1e-7
-    assert psf_bank(camera(), [GREEN], [0.5], height=height) is not first
+    assert psf_bank(camera().with_height(height), [GREEN], [0.5]) is not first
 
 
 def test_a_changed_file_is_read_again(tmp_path):
@@ -96,10 +96,10 @@ def test_mixed_precision_around_it_changes_no_bit():
     height = torch.zeros(40, 40, requires_grad=True)
     with torch.autocast("cpu", torch.bfloat16):
         mixed = psf_bank(camera(), [GREEN], [0.5]).values
-        trained = psf_bank(camera(), [GREEN], [0.5], height=height).values
+        trained = psf_bank(camera().with_height(height), [GREEN], [0.5]).values
     store.forget()
     assert torch.equal(psf_bank(camera(), [GREEN], [0.5]).values, mixed)
-    assert torch.equal(psf_bank(camera(), [GREEN], [0.5], height=height).values, trained)
+    assert torch.equal(psf_bank(camera().with_height(height), [GREEN], [0.5]).values, trained)
 
 
 def test_memory_has_a_limit(monkeypatch):

@@ -64,7 +64,8 @@ def test_a_wrapped_map_is_made_as_bright_as_the_smooth_one(made: Fabrication | N
     axis = (torch.arange(239, dtype=torch.float64) - 119) / 119
     smooth = 3 * wave * (axis[:, None] ** 3 + axis[None, :] ** 3)
     wrapped = smooth - torch.floor(smooth / wave) * wave
-    first, second = (psf_bank(free, [GREEN], [0.5], height=h, dtype=torch.float64) for h in (smooth, wrapped))
+    how = {"dtype": torch.float64}
+    first, second = (psf_bank(free.with_height(h), [GREEN], [0.5], **how) for h in (smooth, wrapped))
     assert torch.allclose(first.values, second.values, rtol=0, atol=1e-9 * float(first.values.max()))
 
 
@@ -178,7 +179,7 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
         with pytest.raises(InputError, match=word):
             psf_bank(Camera.from_recipe(recipe, tmp_path), [GREEN], [0.5])
     with pytest.raises(InputError, match="larger than the pupil"):
-        psf_bank(camera(mask={"kind": "height-map"}), [GREEN], [0.5], height=torch.zeros(300, 300))
+        psf_bank(camera(mask={"kind": "height-map"}).with_height(torch.zeros(300, 300)), [GREEN], [0.5])
 
 
 def test_height_maps_keep_their_pitch_on_disk(tmp_path):

@@ -114,7 +114,7 @@ def test_gradcheck_through_height_fabrication_and_psf(making):
 
     def bank(height_um):
         return psf_bank(
-            camera, [GREEN, 611e-9], [0.85, 0.75], height=height_um * 1e-6, dtype=torch.float64
+            camera.with_height(height_um * 1e-6), [GREEN, 611e-9], [0.85, 0.75], dtype=torch.float64
         ).values
 
     assert torch.autograd.gradcheck(bank, (start.requires_grad_(),), eps=1e-6, atol=1e-7, rtol=1e-4)
@@ -147,7 +147,7 @@ def test_float32_training_gets_the_gradient_of_float64():
     gradients = []
     for dtype in (torch.float64, torch.float32):
         height = start.clone().to(dtype).requires_grad_()
-        bank = psf_bank(camera, [482e-9, 611e-9], [0.0, 2.0], height=height, dtype=dtype)
+        bank = psf_bank(camera.with_height(height), [482e-9, 611e-9], [0.0, 2.0], dtype=dtype)
         (bank.values * weights.to(dtype)).sum().backward()
         gradients.append(height.grad.double())
     assert float((gradients[0] - gradients[1]).norm() / gradients[0].norm()) < 1e-4

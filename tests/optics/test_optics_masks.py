@@ -71,9 +71,9 @@ def test_turning_the_relief_turns_the_psf(entry):
         pytest.skip("blocks light only")
     clear = camera({"kind": "clear"})
     kept = {"window_px": 41, "dtype": torch.float64}
-    plain = psf_bank(clear, [GREEN], [0.9], height=relief, **kept).values
+    plain = psf_bank(clear.with_height(relief), [GREEN], [0.9], **kept).values
     for axis in (0, 1):
-        turned = psf_bank(clear, [GREEN], [0.9], height=relief.flip(axis), **kept).values
+        turned = psf_bank(clear.with_height(relief.flip(axis)), [GREEN], [0.9], **kept).values
         assert torch.allclose(turned, plain.flip(axis - 2), atol=1e-12)
 
 
@@ -83,7 +83,8 @@ def test_masks_are_differentiable_through_a_height_map(entry):
     height = (
         torch.rand(64, 64, generator=torch.Generator().manual_seed(1), dtype=torch.float64) * 1e-7
     ).requires_grad_()
-    values = psf_bank(camera({"kind": "clear"}, psf={"window_px": 24}), [GREEN], [0.5], height=height).values
+    clear = camera({"kind": "clear"}, psf={"window_px": 24})
+    values = psf_bank(clear.with_height(height), [GREEN], [0.5]).values
     values[0, 0, 12, 12].backward()
     assert bool(torch.isfinite(height.grad).all()) and float(height.grad.abs().max()) > 0
     assert not psf_bank(seen, [GREEN], [0.5]).values.requires_grad

@@ -151,7 +151,7 @@ def test_bad_requests_are_refused_together():
     with pytest.raises(InputError, match="GiB"):
         psf_bank(camera(), BANDS, torch.linspace(0, 2, 10000))
     with pytest.raises(InputError, match="square"):
-        psf_bank(camera(), [GREEN], [0.0], height=torch.zeros(5, 7))
+        psf_bank(camera().with_height(torch.zeros(5, 7)), [GREEN], [0.0])
 
 
 def test_a_clear_aperture_needs_no_resist():

@@ -70,7 +70,7 @@ def test_what_the_cells_of_a_height_map_scatter_stays_out_of_the_window(samples,
 
     def psfs(sampling):
         return psf_bank(
-            camera(sampling), wavelengths, depths, window_px=window, height=rough, dtype=torch.float64
+            camera(sampling).with_height(rough), wavelengths, depths, window_px=window, dtype=torch.float64
         )
 
     found = psfs("auto")
@@ -83,9 +83,8 @@ def test_what_the_cells_of_a_height_map_scatter_stays_out_of_the_window(samples,
 
 def test_maps_in_the_recipe_and_in_its_place_are_sampled_alike():
     free = plan(camera(mask={"kind": "height-map", "pitch_um": 5000 / 238}), [543])
-    given = plan_sampling(
-        camera(), torch.tensor([543e-9]), torch.tensor([0.0, 2.0]), 128, map_pitch=5e-3 / 238
-    )
+    seen = camera().with_height(torch.zeros(238, 238))
+    given = plan_sampling(seen, torch.tensor([543e-9]), torch.tensor([0.0, 2.0]), 128)
     assert given.grid == free.grid and free.grid.pitch < 5e-3 / 238 / 2
 
 

@@ -78,7 +78,7 @@ def planner_with_map():
     draw = torch.Generator().manual_seed(1)
     relief = 0.3e-6 * torch.rand(96, 96, generator=draw, dtype=torch.float64)
     view = scene(SLANTED)
-    return planner_of(view, CAMERA, height=relief), view, relief
+    return planner_of(view, CAMERA.with_height(relief)), view, relief
 
 
 @functools.cache
@@ -159,7 +159,7 @@ def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
     """Against the whole photo: a map beside a recipe without a mask disperses, and scatters light."""
     found, view, relief = planner_with_map()
     estimate = found.estimates.by_name()[effect]
-    how = functools.partial(photograph, view, CAMERA, height=relief)
+    how = functools.partial(photograph, view, CAMERA.with_height(relief))
     full = found.facts.full
     difference = how(full.changed(estimate.levels[0].change)).clean - how(full).clean
     ratio = overall(estimate.errors[0]) / float(difference.square().mean().sqrt())
@@ -169,7 +169,7 @@ def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
 @pytest.mark.parametrize("asked", [40, 50, 60])
 def test_what_is_promised_with_a_height_map_is_met(asked: int):
     found, view, relief = planner_with_map()
-    how = functools.partial(photograph, view, CAMERA, height=relief)
+    how = functools.partial(photograph, view, CAMERA.with_height(relief))
     plan = found.plan(parse_target(f"{asked}dB", None))
     difference = how(plan.fidelity).clean - how(found.facts.full).clean
     assert -20 * difference.square().mean().sqrt().log10() > asked - 1

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.reference import Take, clipped_pupil, clipped_pupils, thin_lens
+from edofsim.reference import clipped_pupil, clipped_pupils, thin_lens
 from edofsim.reference.pinhole import Crop, pixel_directions
 from edofsim.reference.visibility import pupil_points, visible
 from edofsim.render.engine import use_engine
@@ -82,7 +82,7 @@ def test_several_cameras_at_once_are_as_one_by_one(screens):
     model, view = two_screens(screens, cameras[0])
     where = Crop(8, 8, 4, 4)
     settings = dict(window_px=12, rays=24)
-    together = clipped_pupils(view, model, [Take(each) for each in cameras], where, **settings)
+    together = clipped_pupils(view, model, cameras, where, **settings)
     for camera, image in zip(cameras, together, strict=True):
         alone = clipped_pupil(view, model, camera, where, **settings)
         assert (image - alone).abs().max() < 1e-3
@@ -95,7 +95,7 @@ def test_bad_input_is_refused(screens):
         clipped_pupil(view, model, camera, Crop(10, 0, SIZE, 4))
     wider = screens.camera(2.0, WINDOW, radius_mm=2.0)
     with pytest.raises(InputError, match="one by one"):
-        clipped_pupils(view, model, [Take(camera), Take(wider)], Crop(0, 0, 4, 4))
+        clipped_pupils(view, model, [camera, wider], Crop(0, 0, 4, 4))
     with pytest.raises(InputError, match="mrad"):
         clipped_pupil(view, model, screens.camera(2.0, WINDOW, angle=3e-4), Crop(0, 0, 4, 4))
     with pytest.raises(InputError, match="one a band"):

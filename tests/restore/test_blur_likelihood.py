@@ -29,7 +29,7 @@ def _psfs(inverse_depths: list[float]) -> Tensor:
     """Of the learned mask that ships, [depth, 3, 48, 48]."""
     checkpoint = load_checkpoint("paper-dcnn")
     camera = Camera.from_recipe(trained_camera(checkpoint))
-    bank = psf_bank(camera, PAPER_COLOURS, inverse_depths, window_px=48, height=checkpoint.height)
+    bank = psf_bank(camera.with_height(checkpoint.height), PAPER_COLOURS, inverse_depths, window_px=48)
     return bank.values.to(torch.float32)
 
 

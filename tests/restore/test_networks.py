@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, psf_bank
+from edofsim.optics import psf_bank
 from edofsim.restore.borders import continued
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint, trained_camera
 from edofsim.restore.filter_bank import BEYOND, compressed
@@ -218,9 +218,9 @@ def test_light_from_beyond_the_frame_leaves_no_line_on_the_border() -> None:
     """A grey picture with something bright outside, of which the blur reaches in: the shipped filters fold it
     back into a line where the world is taken for mirrored, and do without where it is not."""
     checkpoint = load_checkpoint("paper-bank")
-    camera = Camera.from_recipe(camera_with_mask(trained_camera(checkpoint), checkpoint))
+    camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
     wavelengths = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
-    psf = psf_bank(camera, wavelengths, [1.0], height=checkpoint.height).values[0]
+    psf = psf_bank(camera, wavelengths, [1.0]).values[0]
     world = torch.full((3, 224, 224), 0.3)
     world[:, :, :60] = 0.9
     spectrum = torch.fft.rfft2(world) * torch.fft.rfft2(psf, s=(224, 224))

@@ -141,11 +141,13 @@ def test_a_camera_takes_the_mask_with_its_material_and_pitch(tmp_path: Path) -> 
     card = {"name": "trial", "camera": trained.model_dump(mode="json", exclude={"schema_"})}
     path = tmp_path / "a.safetensors"
     save_checkpoint(path, build_network("dcnn"), card, height=torch.zeros(5, 5), sampling=21e-6)
-    camera = camera_with_mask(CAMERA, load_checkpoint(path, CAMERA))
+    taken = camera_with_mask(CAMERA, load_checkpoint(path, CAMERA))
+    camera = taken.recipe
+    assert torch.equal(taken.height_map, torch.zeros(5, 5))
     assert (camera.name, camera.mask.kind, camera.mask.material) == ("paper", "height-map", "PMMA")
     assert camera.mask.pitch_um == pytest.approx(21.0)
     save_checkpoint(path, build_network("dcnn"), card)
-    assert camera_with_mask(CAMERA, load_checkpoint(path)).mask == trained.mask
+    assert camera_with_mask(CAMERA, load_checkpoint(path)).recipe.mask == trained.mask
     save_checkpoint(path, build_network("dcnn"), {"name": "trial"})
     with pytest.raises(InputError, match="names no camera"):
         camera_with_mask(CAMERA, load_checkpoint(path))

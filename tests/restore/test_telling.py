@@ -49,10 +49,10 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Checkpoint:
 
 
 def _camera(checkpoint: Checkpoint, sensor: str = "paper") -> Camera:
-    recipe = camera_with_mask(trained_camera(checkpoint), checkpoint)
+    recipe = trained_camera(checkpoint)
     response_of = recipe.sensor.model_copy(update={"response": sensor})
     psf = recipe.psf.model_copy(update={"pupil_sampling_um": "auto"})
-    return Camera.from_recipe(recipe.model_copy(update={"sensor": response_of, "psf": psf}))
+    return camera_with_mask(recipe.model_copy(update={"sensor": response_of, "psf": psf}), checkpoint)
 
 
 def _texture() -> Tensor:
@@ -71,7 +71,7 @@ def _photographed(texture: Tensor, psf: Tensor) -> Tensor:
 
 def test_told_the_response_it_restores_many_bands_better(trained: Checkpoint) -> None:
     camera, texture = _camera(trained), _texture()
-    bands = psf_bank(camera, BANDS, [1.25], window_px=64, height=trained.height, dtype=torch.float64)
+    bands = psf_bank(camera, BANDS, [1.25], window_px=64, dtype=torch.float64)
     photo = _photographed(texture, (response(camera, BANDS)[:, :, None, None] * bands.values[0]).sum(1))
     photo = (photo + 0.003 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(4))).float()
 

@@ -35,7 +35,7 @@ def photo(view: View, mask: str, **how: Any) -> torch.Tensor:
     """Clean photo, float64."""
     camera = camera_with(MASKS[mask])
     options = {"exposure": 1.0, "effects": QUIET, "occlusion": "none", **how}
-    return expose(view, camera, height=free_height(camera), dtype=torch.float64, **options).clean
+    return expose(view, camera.with_height(free_height(camera)), dtype=torch.float64, **options).clean
 
 
 def two_depths(seed: int) -> View:
@@ -58,11 +58,11 @@ def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
     view = replace(view, radiance=point)
     camera = camera_with(MASKS[mask])
     height = free_height(camera)
-    rest = psf_bank(camera, view.wavelengths, [depth], height=height, dtype=torch.float64).rest[0]
+    rest = psf_bank(camera.with_height(height), view.wavelengths, [depth], dtype=torch.float64).rest[0]
     weights = response(camera, view.wavelengths).double()
     whole = weights @ point.sum(1)
     made = expose(
-        view, camera, method=method, occlusion="none", exposure=1.0, effects=QUIET, height=height,
+        view, camera.with_height(height), method=method, occlusion="none", exposure=1.0, effects=QUIET,
         dtype=torch.float64, tolerance_db=80.0,
     )  # fmt: skip
     landed = made.clean.sum((-1, -2))
@@ -110,8 +110,8 @@ def test_a_shifted_view_has_a_shifted_photo(mask: str, occlusion: str, seed: int
 def test_a_mirrored_mask_has_a_mirrored_psf(seed: int, depth: float, axis: int):
     camera = camera_with(MASKS["free"])
     height = 1e-6 * uniform(*free_height(camera).shape, seed=seed)
-    straight = bank(camera, depth, height=height).values
-    mirrored = bank(camera, depth, height=height.flip(axis)).values
+    straight = bank(camera.with_height(height), depth).values
+    mirrored = bank(camera.with_height(height.flip(axis)), depth).values
     assert distance(mirrored.flip(axis), straight) < 1e-9
 
 

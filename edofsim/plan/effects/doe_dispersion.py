@@ -7,7 +7,7 @@ from ..facts import Facts
 
 
 def absent(facts: Facts) -> str:
-    if facts.sample.height is None and not hasattr(facts.camera.recipe.mask, "design_wavelength_nm"):
+    if facts.camera.height_map is None and not hasattr(facts.camera.recipe.mask, "design_wavelength_nm"):
         return "the aperture holds no relief"
     return "the view holds one band" if facts.view.bands == 1 else ""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ...capture.fidelity import coarsest_pupil_um, pupil_is_free
-from ...optics.height import trained_pitch
 from ...optics.sampling import plan_sampling
 from ..effect import Effect, Level
 from ..facts import Facts
@@ -30,10 +29,8 @@ def levels(facts: Facts) -> list[Level]:
 def pitch_um(facts: Facts) -> float:
     """Pitch of the automatic sampling."""
     ends = facts.view.inverse_depth.new_tensor(facts.sample.ends).double()
-    height = facts.sample.height
-    pitch = None if height is None else trained_pitch(facts.camera, height.shape[-1])
     window = facts.camera.recipe.psf.window_px
-    found = plan_sampling(facts.camera, facts.view.wavelengths, ends, window, pitch)
+    found = plan_sampling(facts.camera, facts.view.wavelengths, ends, window)
     return found.grid.pitch * 1e6
 
 
