@@ -1,14 +1,14 @@
-"""From a view and a camera to a photo."""
+"""The camera: from views to a photo, the paper's Eqs. `Forwardmodel` and `SensorImage` with occlusion.
+
+One operator for every photo that is made anywhere.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
 
 import torch
 from torch import Tensor
@@ -16,139 +16,128 @@ from torch import Tensor
 from ..errors import InputError
 from ..optics import Camera, response
 from ..optics.precision import own_precision
+from ..optics.pupil import transmission
 from ..recipe import CameraRecipe
 from ..render.view import View
-from .blurring import Blurring
-from .checks import check_pixel_angle, check_view, check_window
-from .crop import with_margin
+from .checks import check_fidelity, check_pixel_angle, check_window
+from .fidelity import Fidelity
+from .imaging import Axes, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
-from .methods import METHODS
-from .occlusion import OCCLUSIONS
 from .photo import Photo
-from .prepare import (
-    blur_per_dioptre,
-    channel_weights,
-    choose_nodes,
-    kernels_of,
-    kernels_of_parts,
-    transmission,
-)
-from .resample import resampled
-from .sensor import SensorEffects, automatic_exposure, record
-
-Progress = Callable[[float, str], None]
+from .prepare import channel_weights, choose_nodes, kernels_of
+from .sensor import automatic_exposure, record, sensor_effects
+from .stopwatch import Progress, Stopwatch
 
 
 @own_precision
-def expose(
-    view: View | Sequence[View],
+def capture(
+    views: View | Sequence[View],
     camera: Camera,
+    fidelity: Fidelity | None = None,
     *,
-    method: str = "auto",
-    layers: int | Literal["auto"] = "auto",
-    occlusion: str = "hidden",
-    pupil_parts: int = 1,
-    tolerance_db: float = 50.0,
     exposure: float | None = None,
-    effects: SensorEffects | None = None,
     seed: int = 0,
-    window_px: int | None = None,
-    resample: bool = False,
-    cache: Path | None = None,
+    nodes: Tensor | None = None,
+    spectrum: Tensor | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
+    cache: Path | None = None,
     progress: Progress | None = None,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> Photo:
-    """Photograph a view: the paper's Eq. `Forwardmodel` and `SensorImage`, and occlusion.
+    """Photograph views, simulating what `fidelity` says and nothing else.
 
-    view: one, or several of one size and the same bands; the photo then has a batch axis in front, one
-    exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ...
-    method: `brute`, `layered`, `low_rank`, `constant`, or `auto` (constant for one depth, layered where a
-    height map is trained, else low_rank); layers: depth nodes, or "auto";
-    occlusion: `none`, `over`, `normalised`, `hidden`; pupil_parts: along each axis, that `hidden` composites
-    one by one (`optics.psf_parts`): truer where what hides and what is hidden are both blurred, at
-    pupil_parts^2 times the cost at edges; tolerance_db: PSNR against the layered photo that
-    `low_rank` keeps; exposure: factor from radiance to full scale, None for the camera's (which may be
-    automatic, see `automatic_exposure`); effects: of the sensor, None for the camera's; seed: of its noise;
-    window_px: side of the PSFs, None for the camera's; resample: accept a view of another pixel angle;
-    cache: a folder for PSFs that outlive the process.
+    views: one, or several of one size and the same bands; the photo then has a batch axis in front, one
+    exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ... fidelity: None leaves
+    nothing out that recipe and view hold (see `Fidelity`). exposure: factor from radiance to full scale, None
+    for the camera's, which may be automatic (see `automatic_exposure`). seed: of the sensor's noise.
+    nodes: [node] ascending inverse depths in 1/m, and spectrum: [band], the light that groups of bands are
+    weighted by, in place of the views' own: for a part of a view. dtype: float32 or float64. cache: a folder
+    for PSFs that outlive the process. clock: what the stages are timed by.
 
-    A mask that absorbs light makes the exposure longer, not the photo darker: by 1 / how["transmission"].
-    Raises InputError for a view that the camera cannot photograph.
+    Gradients reach the views' radiance and the camera's height map. The ideal image and the exposure always
+    have all bands. A mask that absorbs light makes the exposure longer, not the photo darker: by
+    1 / how["transmission"]. Raises InputError for a view that the camera cannot photograph.
     """
-    watch = _Stopwatch(progress)
-    _known(method, ("auto", *METHODS), "method")
-    _known(occlusion, OCCLUSIONS, "occlusion")
-    window = window_px or camera.recipe.psf.window_px
-    single = isinstance(view, View)
-    given = [view] if single else list(view)
-    views = [_ready(each, camera, window, resample).to(device, dtype) for each in given]
-    _same_size(views)
-    weights = channel_weights(camera, views[0].wavelengths).to(device, dtype)
-    watch.lap("prepare", 0.05)
-
-    nodes = choose_nodes(
-        torch.cat([each.inverse_depth for each in views]),
-        torch.cat([each.coverage * ~each.hidden for each in views]),
-        camera,
-        float(views[0].wavelengths.min()),
-        method,
-        layers,
-        tolerance_db,
-    )
-    if method == "auto":
-        trained = camera.height_map is not None and camera.height_map.requires_grad
-        method = "constant" if nodes.numel() == 1 else "layered" if trained else "low_rank"
-    kernels = kernels_of(
-        camera, views[0].wavelengths, nodes, window, cache=cache, dtype=dtype, device=device
-    )
-    watch.lap("psf", 0.4)
-    parts = None
-    if pupil_parts != 1 and occlusion == "hidden":
-        parts = partial(
-            kernels_of_parts,
-            camera,
-            views[0].wavelengths,
-            nodes,
-            window,
-            pupil_parts,
-            dtype=dtype,
-            device=device,
-        )
-    gap = 1 / blur_per_dioptre(camera)
-    # at worst, the errors of all pupil_parts^2 parts add up
-    part_db = 40 * math.log10(max(1, pupil_parts))
-    blurring = Blurring(kernels, weights, METHODS[method], tolerance_db, gap, parts, part_db)
-    photo = torch.stack([each.crop_margin(OCCLUSIONS[occlusion](each, blurring)) for each in views])
-    veils = [veil_of(each, kernels, weights) for each in views]
-    photo = photo + torch.stack([veil for veil, _ in veils])[:, :, None, None]
-    watch.lap("blur", 0.9)
-
-    ideal = torch.stack([each.crop_margin(all_in_focus(each, weights)) for each in views])
+    watch = Stopwatch(progress, clock)
+    fidelity = Fidelity() if fidelity is None else fidelity
+    check_fidelity(fidelity)
+    single = isinstance(views, View)
+    given = [views] if isinstance(views, View) else list(views)
+    for view in given:
+        check_pixel_angle(view, camera.pixel_angle)
+    given = [view.to(device, dtype) for view in given]
+    _same_size(given)
+    first = given[0]
+    weights = channel_weights(camera, first.wavelengths.cpu())
+    ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal)
-    effects = effects or effects_of(camera)
+    spectrums = [spectrum_of(view) for view in given] if spectrum is None else [spectrum]
+    axes = Axes(
+        weights,
+        first.wavelengths,
+        torch.stack(spectrums).sum(0),
+        _ends(given),
+        nodes_of(given, camera, fidelity) if nodes is None else nodes,
+    )
+    lights = None if fidelity.groups else given
+    watch.lap("prepare", 0.05)
+    how = {"dtype": dtype, "device": device}
+
+    def kernels(seen_by: Camera, wavelengths: Tensor, at: Tensor, window: int) -> Kernels:
+        return kernels_of(seen_by, wavelengths, at, window, cache=cache, **how)
+
+    imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
+    watch.lap("psf", 0.4)
+    lights = [imaging.light(view) for view in given]
+    check_window(lights[0], imaging.window)
+    photo = torch.stack([imaging.image(light) for light in lights])
+    blurring = imaging.blurring
+    glare = [glare_of(light, blurring.kernels, blurring.response) for light in lights]
+    photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
+    finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
+    watch.lap("blur", 0.5 if finer else 0.9)
+    if finer:
+        by_part = sub_aperture_imaging(camera, fidelity, axes, make=kernels, **how)
+        assert by_part is not None
+        photo = photo + torch.stack([by_part.change_by_sub_apertures(by_part.light(view)) for view in given])
+        watch.lap("sub_apertures", 0.9)
     clean = photo * factor
+    effects = sensor_effects(camera, fidelity)
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
-    lost = torch.stack([fraction for _, fraction in veils])
-    how = {
-        "method": method,
-        "layers": int(nodes.numel()),
-        "occlusion": occlusion,
-        "pupil_parts": pupil_parts,
-        "bands": views[0].bands,
-        "window_px": window,
-        "tolerance_db": tolerance_db,
-        "margin_repeated_px": max(0, window // 2 - given[0].margin),
+    truncated = torch.stack([fraction for _, fraction in glare])
+    said = {
+        "method": fidelity.method,
+        "layers": int(axes.nodes.numel()),
+        "occlusion": fidelity.occlusion,
+        "sub_apertures": fidelity.sub_apertures if finer else 1,
+        "bands": imaging.gathering.groups,
+        "window_px": imaging.window,
+        "tolerance_db": fidelity.tolerance_db,
+        "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),
         "transmission": transmission(camera),
-        "sensor": effects,
+        "sensor": [effect.model_dump() for effect in effects],
         "seed": seed,
     }
     watch.lap("sensor", 1.0)
     images = (image, clean, ideal * factor)
     if single:
-        images, lost = tuple(each[0] for each in images), lost[0]
-    return Photo(*images, factor, lost, how, watch.seconds)
+        images, truncated = (image[0], clean[0], images[2][0]), truncated[0]
+    return Photo(*images, factor, truncated, said, watch.seconds)
+
+
+def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tensor:
+    """The depth nodes [node] of a fidelity for views, ascending inverse depths in 1/m."""
+    return choose_nodes(
+        torch.cat([view.inverse_depth for view in views]),
+        torch.cat([view.coverage * ~view.hidden for view in views]),
+        camera,
+        float(views[0].wavelengths.min()),
+        fidelity.method,
+        "auto" if fidelity.layers is None else fidelity.layers,
+        fidelity.tolerance_db,
+    )
 
 
 def ideal_image(view: View, camera: Camera | None = None, exposure: float | None = None) -> Tensor:
@@ -172,12 +161,13 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     return light.reshape(-1, rows, columns)
 
 
-def veil_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """What the visible light beyond the PSFs' windows becomes: a veil, the same all over the padded frame.
+def glare_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """What the visible light beyond the PSFs' windows becomes: veiling glare, the same all over the padded
+    frame.
 
     Such light lands far from where it belongs, and what leaves the frame comes in from outside of it as well;
-    so its mean is all that is known of it. Returns the veil, unexposed, and the fraction of the light that it
-    is made of, both [channel] under the response `weights` [channel, band].
+    so its mean is all that is known of it. Returns the glare, unexposed, and the truncated fraction of the
+    light that it is made of, both [channel] under the response `weights` [channel, band].
     """
     radiance = view.radiance
     if kernels.nodes.numel() == 1:
@@ -190,49 +180,17 @@ def veil_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Tens
         amount = amount.index_add(1, cell, light * (1 - share))
         amount = amount.index_add(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
     there = torch.nonzero(amount.any(0)).squeeze(1)
-    rest = [kernels.rest(node).to(amount) for node in there.tolist()]
+    rest = [kernels.truncated(node).to(amount) for node in there.tolist()]
     beyond = (amount[:, there] * torch.stack(rest, 1)).sum(1) if rest else torch.zeros_like(amount[:, 0])
     total = weights @ amount.sum(1)
-    veil = weights @ beyond
+    glare = weights @ beyond
     rows, columns = view.padded_shape
-    return veil / (rows * columns), veil / torch.where(total > 0, total, torch.ones_like(total))
+    return glare / (rows * columns), glare / torch.where(total > 0, total, torch.ones_like(total))
 
 
-def effects_of(camera: Camera) -> SensorEffects:
-    """What the camera's recipe says of its sensor."""
-    sensor = camera.recipe.sensor
-    return SensorEffects(
-        saturation=sensor.saturation,
-        full_well=sensor.full_well_electrons,
-        read_noise=sensor.read_noise,
-        bits=sensor.bits,
-        bayer=sensor.bayer,
-    )
-
-
-@dataclass
-class _Stopwatch:
-    """Seconds of each stage, and its name to whoever shows progress."""
-
-    progress: Progress | None
-    seconds: dict[str, float] = field(default_factory=dict)
-    started: float = field(default_factory=time.perf_counter)
-
-    def lap(self, stage: str, fraction: float) -> None:
-        now = time.perf_counter()
-        self.seconds[stage], self.started = now - self.started, now
-        if self.progress:
-            self.progress(fraction, stage)
-
-
-def _ready(view: View, camera: Camera, window: int, resample: bool) -> View:
-    """A view that has been checked, with the camera's pixels and a margin that holds its blur."""
-    check_view(view)
-    if resample:
-        view = resampled(view, camera.pixel_angle)
-    check_pixel_angle(view, camera.pixel_angle)
-    check_window(view, window)
-    return with_margin(view, window // 2)
+def _ends(views: Sequence[View]) -> tuple[float, float]:
+    ends = [view.inverse_depth.aminmax() for view in views if view.inverse_depth.numel()]
+    return min((float(low) for low, _ in ends), default=0.0), max((float(high) for _, high in ends), default=0.0)
 
 
 def _same_size(views: Sequence[View]) -> None:
@@ -254,8 +212,3 @@ def _exposure(exposure: float | None, camera: Camera, ideal: Tensor) -> float:
     if not (isinstance(wanted, float | int) and math.isfinite(wanted) and wanted > 0):
         raise InputError(f"exposure {wanted!r}: give a positive factor from radiance to full scale")
     return float(wanted)
-
-
-def _known(name: str, names: Iterable[str], what: str) -> None:
-    if name not in names:
-        raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")

@@ -1,0 +1,167 @@
+"""What stands between a view and the sensor: PSFs of band groups at depth nodes, and how surfaces hide others.
+
+`Imaging` forms the image of a view, or of any part of it, as a fidelity says. Everything that is photographed
+anywhere comes through here: whole frames, tiles that stand for a frame, patches of a training.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from ..optics import Camera, defocus
+from ..render.view import View
+from .band_groups import Gathering, every_band, gathered, gathered_kernels, gathered_view
+from .blurring import Blurring
+from .checks import check_view
+from .crop import crop, with_margin
+from .fidelity import Fidelity, of_sub_apertures, simpler_camera
+from .kernels import Kernels
+from .methods import METHODS
+from .occlusion import OCCLUSIONS
+from .occlusion.sub_apertures import change_by_sub_apertures
+from .prepare import blur_per_dioptre, kernels_of, kernels_of_sub_apertures
+
+MakeKernels = Callable[[Camera, Tensor, Tensor, int], Kernels]
+"""PSFs of a camera at wavelengths [band] and depth nodes [node], of a window in pixels: see `kernels_of`."""
+
+
+@dataclass(frozen=True)
+class Axes:
+    """What images of one view, or of several, share: response [channel, band] and wavelengths [band] of the
+    bands, in metres; spectrum [band], their light, that groups of bands are weighted by; ends: least and
+    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed."""
+
+    response: Tensor
+    wavelengths: Tensor
+    spectrum: Tensor
+    ends: tuple[float, float]
+    nodes: Tensor
+
+
+@dataclass(frozen=True)
+class Imaging:
+    """The optics of a fidelity, with their PSFs at hand.
+
+    window: side of the PSFs in pixels; reach: pixels around the frame that light comes from; gathering: bands
+    to groups; blurring: with the groups' PSFs; `image` and `light` may be called for any view of the axes.
+    """
+
+    fidelity: Fidelity
+    window: int
+    gathering: Gathering
+    blurring: Blurring
+    sub_apertures: tuple[Kernels, ...] = field(default=(), repr=False)
+
+    @property
+    def reach(self) -> int:
+        margin = self.fidelity.margin
+        return self.window // 2 if margin is None else min(margin, self.window // 2)
+
+    def light(self, view: View) -> View:
+        """The view with groups in its bands' place and a margin that holds the blur; outermost pixels are
+        repeated where it has none. Raises InputError for values that are not light or depth."""
+        # few groups are quicker to check and to cut than many bands; what is not finite stays so
+        light = gathered_view(view, self.gathering) if self.fidelity.groups else view
+        check_view(light)
+        return with_margin(with_part_of_margin(light, self.reach), self.window // 2)
+
+    def image(self, light: View) -> Tensor:
+        """Unexposed image of what `light` gives, [channel, y, x] of the frame, without the veiling glare."""
+        return light.crop_margin(OCCLUSIONS[self.fidelity.occlusion](light, self.blurring))
+
+    def change_by_sub_apertures(self, light: View) -> Tensor:
+        """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
+        return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures))
+
+
+def imaging_of(
+    camera: Camera,
+    fidelity: Fidelity,
+    axes: Axes,
+    *,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+    make: MakeKernels | None = None,
+) -> Imaging:
+    """The optics of a camera for views of these axes. make: PSFs in place of `kernels_of`."""
+    window = fidelity.window or camera.recipe.psf.window_px
+    gathering = gathering_of(camera, fidelity, axes)
+    simpler = simpler_camera(camera, fidelity)
+    if make is None:
+        kernels = kernels_of(simpler, gathering.wavelengths, axes.nodes, window, dtype=dtype, device=device)
+    else:
+        kernels = make(simpler, gathering.wavelengths, axes.nodes, window)
+    return Imaging(
+        fidelity,
+        window,
+        gathering,
+        Blurring(
+            gathered_kernels(kernels, gathering) if fidelity.groups else kernels,
+            gathering.response.to(device, dtype),
+            METHODS[fidelity.method],
+            fidelity.tolerance_db,
+            gap=1 / blur_per_dioptre(camera),
+        ),
+    )
+
+
+def sub_aperture_imaging(
+    camera: Camera,
+    fidelity: Fidelity,
+    axes: Axes,
+    *,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+    make: MakeKernels | None = None,
+) -> Imaging | None:
+    """The optics that tell what sub-apertures change, as `of_sub_apertures` says; None for a single one."""
+    if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
+        return None
+    coarse = of_sub_apertures(fidelity)
+    axes = replace(axes, nodes=some_nodes(axes.nodes, coarse))
+    whole = imaging_of(camera, coarse, axes, dtype=dtype, device=device, make=make)
+    gathering = whole.gathering
+    through = kernels_of_sub_apertures(
+        simpler_camera(camera, coarse),
+        gathering.wavelengths,
+        axes.nodes,
+        whole.window,
+        coarse.sub_apertures,
+        dtype=dtype,
+        device=device,
+    )
+    held = (gathered_kernels(each, gathering) if coarse.groups else each for each in through)
+    return replace(whole, sub_apertures=tuple(held))
+
+
+def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:
+    """As many nodes [node] from the first to the last as a fidelity has layers, or all where they are no
+    more."""
+    if fidelity.layers is None or nodes.numel() <= fidelity.layers:
+        return nodes
+    return torch.linspace(float(nodes[0]), float(nodes[-1]), fidelity.layers, dtype=nodes.dtype)
+
+
+def gathering_of(camera: Camera, fidelity: Fidelity, axes: Axes) -> Gathering:
+    """How a fidelity gathers bands in groups."""
+    wavelengths = axes.wavelengths.cpu()
+    if fidelity.groups == 0:
+        return every_band(wavelengths, axes.response)
+    place = defocus(camera, wavelengths, sum(axes.ends) / 2)
+    return gathered(wavelengths, axes.response, axes.spectrum, place, fidelity.groups, fidelity.colours)
+
+
+def spectrum_of(view: View) -> Tensor:
+    """Light of the whole frame in each band, [band], float64."""
+    return (view.radiance @ (~view.hidden).to(view.radiance)).double().cpu().detach()
+
+
+def with_part_of_margin(view: View, margin: int | None) -> View:
+    """The view with no more margin than that; None for all of it."""
+    if margin is None or margin >= view.margin:
+        return view
+    return crop(view, 0, 0, view.height, view.width, margin)
