@@ -15,6 +15,7 @@ from . import cache as bank_cache
 from .camera import Camera, defocus
 from .fabrication import direct_part
 from .height import trained_pitch
+from .masks import PhaseMask
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
@@ -181,7 +182,7 @@ def axes_of(
         problems.append(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
-    relief = relief or hasattr(camera.recipe.mask, "material")
+    relief = relief or isinstance(camera.mask, PhaseMask)
     for material in (camera.glass, camera.mask_material) if relief else (camera.glass,):
         try:
             material.index(wavelengths)
