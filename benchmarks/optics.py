@@ -27,11 +27,11 @@ from torch import Tensor
 from edofsim.optics import Camera, defocus, psf_bank
 from edofsim.optics import cache as bank_cache
 from edofsim.optics.grid import PupilGrid
+from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.propagation import BLOCK_BYTES, Wave, propagate
 from edofsim.optics.pupil import aperture, chirp, pupil_function
 from edofsim.optics.transform import SensorWindow, make_bases, pixel_weights
 from edofsim.recipe.camera import CameraRecipe, PsfSettings
-from edofsim.recipe.masks import CubicMask
 from edofsim.record import peak_memory_mib
 
 Progress = Callable[[float, str], None]

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Generic, TypeVar
 
 from ..errors import InputError
@@ -47,12 +50,12 @@ class Registry(Mapping[str, T], Generic[T]):
         if name not in self._loaded:
             if name not in self._places:
                 near = get_close_matches(name, self._places, 1)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
-                raise InputError(f"no {self.kind} {name!r}{hint} Known: {', '.join(self._places)}")
+                hint = f"did you mean {near[0]!r}? " if near else ""
+                raise InputError(f"no {self.kind} {name!r}; {hint}known: {', '.join(self._places)}")
             module, _, attribute = self._places[name].partition(":")
             try:
                 self._loaded[name] = getattr(import_module(module), attribute)
-            except (ImportError, AttributeError) as error:
+            except Exception as error:  # what another package does when it is imported can end in any way
                 if name in self._own:
                     raise
                 raise InputError(
@@ -60,3 +63,16 @@ class Registry(Mapping[str, T], Generic[T]):
                     f"{self._places[name]} ({error}): mend or remove that package"
                 ) from error
         return self._loaded[name]
+
+    def look_again(self) -> None:
+        """Forget what other packages add: who asks next finds those that are there by then."""
+        self.__dict__.pop("_places", None)
+        self._loaded = {name: thing for name, thing in self._loaded.items() if name in self._own}
+
+    def code_of(self, name: str) -> str:
+        """SHA-256 of the file that another package defines a thing in, for keys of what is kept of it; empty
+        for a thing of this package, whose keys carry versions of their own."""
+        if name not in self or name in self._own:
+            return ""
+        file = inspect.getsourcefile(import_module(self._places[name].partition(":")[0]))
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""

@@ -14,9 +14,12 @@ import torch
 from torch import Tensor
 
 from ..optics import Camera, defocus
+from ..optics.masks import Mask
+from ..optics.masks.clear import ClearMask
+from ..optics.masks.coded import CodedMask
+from ..optics.masks.cubic import CubicMask
 from ..optics.mtf import mtf
 from ..recipe.camera import CameraRecipe, Lens
-from ..recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask
 from .drawing import DASHES, OKABE_ITO, new_figure, save, write_csv
 
 GREEN = 543e-9
@@ -88,7 +91,7 @@ def run(out: Path, camera: Camera) -> dict[str, float]:
     return figures
 
 
-def _parabolic(mask: AnyMask) -> Camera:
+def _parabolic(mask: Mask) -> Camera:
     return Camera.from_recipe(CameraRecipe(name="parabolic", lens=Lens(thickness="parabolic"), mask=mask))
 
 

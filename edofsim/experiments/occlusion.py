@@ -38,9 +38,10 @@ from ..capture.sensor import automatic_exposure
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
+from ..optics.masks.clear import ClearMask
+from ..optics.masks.cubic import CubicMask
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
 from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
-from ..recipe.masks import ClearMask, CubicMask
 from ..reference import clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
 from ..render.view import View

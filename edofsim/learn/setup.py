@@ -14,16 +14,15 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid
 from ..optics.height import designed_map, natural_samples
-from ..optics.masks import mask_phase
-from ..recipe import masks
-from ..recipe.base import RecipeModel
+from ..optics.masks import Mask, PhaseMask
+from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import history_of, load_checkpoint
 from ..restore.losses import LossWeights
 from ..restore.network import build_network
-from .doe import BasisHeight, FixedHeight, FreeHeight, NoHeight, RingHeight, metres_per_radian
+from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
 from .material import Material, gather
 from .system import Optics, System
 from .workers import Workers
@@ -108,15 +107,15 @@ def build_mask(
     A mask that is not a height map is turned into one, so that its fabrication can be simulated and its
     shape can learn. Masks that only block light stay with the camera.
     """
-    mask = camera.mask
-    pitch = getattr(mask, "pitch_um", MASK_PITCH_UM) * 1e-6
     optics = Camera.from_recipe(camera, base)
-    if not hasattr(mask, "design_wavelength_nm"):
+    mask = optics.mask
+    pitch = (mask.pitch_um if isinstance(mask, HeightMapMask) else MASK_PITCH_UM) * 1e-6
+    if not isinstance(mask, PhaseMask):
         return NoHeight(), None, camera
     wavelength = mask.design_wavelength_nm * 1e-9
     radian = metres_per_radian(float(optics.mask_material.index(wavelength)), wavelength)
     grid = PupilGrid(natural_samples(optics, pitch), pitch, optics.aperture_radius)
-    plain = masks.HeightMapMask(
+    plain = HeightMapMask(
         material=mask.material, design_wavelength_nm=mask.design_wavelength_nm, pitch_um=pitch * 1e6
     )
     learner = _learner(recipe, mask, optics, grid, radian)
@@ -124,26 +123,21 @@ def build_mask(
 
 
 def _learner(
-    recipe: TrainRecipe, mask: RecipeModel, optics: Camera, grid: PupilGrid, radian: float
+    recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, radian: float
 ) -> nn.Module:
     doe = recipe.doe
     limit = doe.height_limit_um * 1e-6
     if doe.start is not None:
         return _started(doe.start, recipe, optics, grid, limit, radian)
-    if isinstance(mask, masks.HeightMapMask):
+    if isinstance(mask, HeightMapMask):
         start = torch.full((grid.samples, grid.samples), limit / 2)
         if mask.file is not None:
             start, _ = designed_map(optics)
         return FreeHeight(start, limit, radian) if doe.learn else FixedHeight(start)
-    if doe.learn and isinstance(mask, masks.RingsMask):
-        rho = grid.radius_squared().sqrt() / grid.radius
-        radii = torch.tensor([(ring.inner_radius, ring.outer_radius) for ring in mask.rings])
-        phases = torch.tensor([ring.phase_rad for ring in mask.rings])
-        return RingHeight(radii, phases, rho, radian, grid.pitch / grid.radius)
-    if doe.learn and isinstance(mask, masks.ZernikeMask | masks.FourierMask):
-        shapes, start = _basis(mask, grid)
-        return BasisHeight(shapes * radian, start)
-    phase = mask_phase(mask, grid)
+    learner = mask.learner(grid, radian) if doe.learn else None
+    if learner is not None:
+        return learner
+    phase = mask.phase(grid)
     return FixedHeight((phase - phase.min()) * radian)
 
 
@@ -158,19 +152,6 @@ def _started(
         )
     height = checkpoint.height
     return FreeHeight(height, limit, radian) if recipe.doe.learn else FixedHeight(height)
-
-
-def _basis(mask: masks.ZernikeMask | masks.FourierMask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
-    """(shapes [term, n, n] for one radian each, start [term] in radians)."""
-    shapes, start = [], []
-    for term in mask.terms:
-        for name in ("rms_rad", "cosine_rad", "sine_rad"):
-            if hasattr(term, name):
-                others = {key: 0.0 for key in ("cosine_rad", "sine_rad") if hasattr(term, key)}
-                single = term.model_copy(update=others | {name: 1.0})
-                shapes.append(mask_phase(mask.model_copy(update={"terms": (single,)}), grid))
-                start.append(getattr(term, name))
-    return torch.stack(shapes), torch.tensor(start)
 
 
 def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[nn.Module, tuple[dict[str, Any], ...]]:

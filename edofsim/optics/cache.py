@@ -18,6 +18,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from ..recipe.kinds import MASKS
 from .bank import PsfBank
 from .camera import Camera
 from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
@@ -53,9 +54,10 @@ def key(
     height = camera.height_map
     if height is not None:
         digest.update(str(height.dtype).encode() + height.detach().cpu().contiguous().numpy().tobytes())
-    file = getattr(camera.recipe.mask, "file", None)
-    if file is not None and (camera.base / file).is_file():
-        digest.update((camera.base / file).read_bytes())
+    for file in camera.mask.files():
+        if (camera.base / file).is_file():
+            digest.update((camera.base / file).read_bytes())
+    digest.update(MASKS.code_of(camera.mask.kind).encode())
     return digest.hexdigest()
 
 

@@ -11,7 +11,9 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..recipe.camera import CameraRecipe
-from ..recipe.masks import ClearMask, HeightMapMask
+from .masks import Mask, PhaseMask
+from .masks.clear import ClearMask
+from .masks.height_map import HeightMapMask
 from .materials import Material, material
 
 
@@ -46,7 +48,7 @@ class Camera:
         problems: list[str] = []
         lens = recipe.lens
         glass = _material("lens.material", lens.material, problems)
-        relief = getattr(recipe.mask, "material", HeightMapMask.model_fields["material"].default)
+        relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
         mask_material = _material("mask.material", relief, problems)
         if lens.aperture_radius_mm >= lens.radius_of_curvature_mm:
             problems.append(
@@ -74,6 +76,13 @@ class Camera:
             read_noise=recipe.sensor.read_noise,
             base=Path.cwd() if base is None else Path(base),
         )
+
+    @property
+    def mask(self) -> Mask:
+        """The recipe's mask as it was designed."""
+        mask = self.recipe.mask
+        assert isinstance(mask, Mask)  # what the registry holds
+        return mask
 
     @property
     def pixel_angle(self) -> float:

@@ -13,11 +13,11 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import InputError
-from ..recipe.masks import HeightMapMask
 from .camera import Camera
 from .fabrication import make, makes_squares, wave_height
 from .grid import PupilGrid, resample
-from .masks import mask_phase
+from .masks import PhaseMask
+from .masks.height_map import HeightMapMask
 
 KEY = "height_m"
 TRAINED, TRAINED_SAMPLING = "mask.height_m", "mask.sampling_m"
@@ -76,7 +76,7 @@ def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
     """
     if camera.height_map is not None:
         return camera.height_map, given_pitch(camera)
-    mask = camera.recipe.mask
+    mask = camera.mask
     if not isinstance(mask, HeightMapMask):
         return None
     pitch = mask.pitch_um * 1e-6
@@ -121,7 +121,7 @@ def given_pitch(camera: Camera) -> float | None:
     """
     if camera.height_map is None:
         return None
-    mask, samples = camera.recipe.mask, camera.height_map.shape[-1]
+    mask, samples = camera.mask, camera.height_map.shape[-1]
     if not isinstance(mask, HeightMapMask):
         return 2 * camera.aperture_radius / samples
     check_size(camera, samples, mask.pitch_um * 1e-6)
@@ -130,7 +130,7 @@ def given_pitch(camera: Camera) -> float | None:
 
 def design_phase_to_height(camera: Camera, phase: Tensor | float) -> Tensor | float:
     """Height [m] that delays the mask's design wavelength by `phase` [rad]: Akpinar et al., Eq. `dtophi`."""
-    wavelength = camera.recipe.mask.design_wavelength_nm * 1e-9
+    wavelength = design_wavelength(camera)
     return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))
 
 
@@ -147,7 +147,7 @@ def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor 
         pitch = fabrication.pitch_um * 1e-6 if fabrication.pitch_um else (given[1] if given else grid.pitch)
         stage = PupilGrid(natural_samples(camera, pitch), pitch, grid.radius)
     if given is None:
-        phase = mask_phase(camera.recipe.mask, stage)
+        phase = camera.mask.phase(stage)
         if phase is None:
             return None
         designed = design_phase_to_height(camera, phase)
@@ -164,8 +164,8 @@ def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor 
 def design_wavelength(camera: Camera) -> float:
     """Wavelength [m] that the mask is designed for; where it only blocks light, a height map in its place is
     designed for what maps are by default."""
-    usual = HeightMapMask.model_fields["design_wavelength_nm"].default
-    return getattr(camera.recipe.mask, "design_wavelength_nm", usual) * 1e-9
+    mask = camera.mask if isinstance(camera.mask, PhaseMask) else HeightMapMask()
+    return mask.design_wavelength_nm * 1e-9
 
 
 def _wave(camera: Camera, wavelength_nm: float | None = None) -> float:

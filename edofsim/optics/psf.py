@@ -15,6 +15,7 @@ from . import cache as bank_cache
 from .bank import PsfBank
 from .camera import Camera, defocus
 from .fabrication import direct_part
+from .masks import PhaseMask
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
@@ -162,7 +163,7 @@ def axes_of(
         problems.append(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
-    relief = camera.height_map is not None or hasattr(camera.recipe.mask, "material")
+    relief = camera.height_map is not None or isinstance(camera.mask, PhaseMask)
     for material in (camera.glass, camera.mask_material) if relief else (camera.glass,):
         try:
             material.index(wavelengths)

@@ -16,7 +16,7 @@ from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
 from .lens import lens_delay, spherical_sag
-from .masks import mask_amplitude, mask_regions
+from .masks import mask_amplitude
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class Aperture:
 
 def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Aperture:
     """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`."""
-    mask = camera.recipe.mask
+    mask = camera.mask
     amplitude, light = mask_amplitude(mask, grid)
     regions: list[tuple[Tensor, Tensor | float | None]] = []
     if camera.height_map is None and camera.recipe.fabrication is None:
-        regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask_regions(mask, grid)]
+        regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask.regions(grid)]
     if not regions:
         regions = [(amplitude, surface(camera, grid, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())

@@ -9,12 +9,12 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..recipe.masks import HeightMapMask
 from .camera import Camera, defocus
 from .grid import PupilGrid
 from .height import given_pitch, natural_samples
 from .lens import spherical_slope
-from .masks import mask_slope
+from .masks import PhaseMask
+from .masks.height_map import HeightMapMask
 
 FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
@@ -123,9 +123,10 @@ def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool)
     radii = torch.linspace(0, radius, 65, dtype=torch.float64)
     lens = torch.stack([spherical_slope(camera, float(wavelength), radii) for wavelength in wavelengths])
     bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax((0, 2))
-    mask = mask_slope(camera.recipe.mask) / radius if with_mask else 0.0
-    design = getattr(camera.recipe.mask, "design_wavelength_nm", 1.0) * 1e-9
-    return (bowl + mask * design / wavelengths).clamp_min(math.pi / (2 * radius))
+    mask = camera.mask
+    design = mask.design_wavelength_nm * 1e-9 if isinstance(mask, PhaseMask) else 0.0
+    steepest = mask.slope() / radius if with_mask else 0.0
+    return (bowl + steepest * design / wavelengths).clamp_min(math.pi / (2 * radius))
 
 
 def _check_fixed(

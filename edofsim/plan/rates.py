@@ -18,9 +18,9 @@ from ..capture.fidelity import Fidelity
 from ..capture.photographing import nodes_of, photograph
 from ..optics import Camera
 from ..optics import cache as psf_memory
+from ..optics.masks.cubic import CubicMask
 from ..optics.threads import one_thread
 from ..recipe import CameraRecipe
-from ..recipe.masks import CubicMask
 from ..record import machine
 from ..render.view import View
 from .work import STAGES, shape_of, work_of

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from .base import NotNegative, Positive, RecipeModel
 from .fabrication import Fabrication
-from .masks import AnyMask, ClearMask
+from .kinds import AnyMask, named
 
 
 class Lens(RecipeModel):
@@ -59,7 +59,7 @@ class CameraRecipe(RecipeModel):
     purpose: str = ""
     lens: Lens = Lens()
     focus: Focus = Focus()
-    mask: AnyMask = ClearMask()
+    mask: AnyMask = named("clear")
     fabrication: Fabrication | None = None
     sensor: Sensor = Sensor()
     psf: PsfSettings = PsfSettings()

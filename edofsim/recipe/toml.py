@@ -7,11 +7,12 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError
+from .kinds import OfKind
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = tuple[str | int, ...]
@@ -49,7 +50,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
 def validate(model: type[Model], data: Mapping[str, Any], text: str, path: Path) -> Model:
     """`data` as a `model`; raises InputError that lists every problem with its line in `text`."""
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context={"path": path})
     except ValidationError as error:
         lines = line_numbers(text)
         problems = [_sentence(item, model, data, lines, path) for item in error.errors()]
@@ -104,7 +105,8 @@ def _sentence(
     message = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     match item["type"]:
         case "extra_forbidden":
-            near = difflib.get_close_matches(str(location[-1]), _known_keys(model, item["loc"][:-1]), 1, 0.5)
+            known = _known_keys(model, item["loc"][:-1], data)
+            near = difflib.get_close_matches(str(location[-1]), known, 1, 0.5)
             hint = f"; did you mean {near[0]!r}?" if near else "; remove it"
             return f"{where}unknown key {name!r}{hint}"
         case "missing":
@@ -147,25 +149,37 @@ def _location_in_file(loc: Location, data: Any) -> Location:
     return tuple(location)
 
 
-def _known_keys(model: Any, loc: Location) -> list[str]:
-    """Keys of the table at `loc`, following the models' annotations."""
+def _known_keys(model: type[BaseModel], loc: Location, data: Any) -> list[str]:
+    """Keys of the table at `loc` of `data`, following the models' annotations."""
     candidates = [model]
+    kinds: list[OfKind] = []  # of the tables that are to come
     for part in loc:
+        inside = isinstance(data, Mapping) and part in data
+        data = data[part] if inside or isinstance(part, int) else data
         if isinstance(part, int):
+            candidates += [found.model(kind) for found in kinds if (kind := found.kind_of(data))]
             continue
-        following: list[Any] = []
+        following: list[type[BaseModel]] = []
+        kinds = []
         for candidate in candidates:
             fields = candidate.model_fields
             by_name = {info.alias or name: info for name, info in fields.items()}
             if part in by_name:
-                following += _models_in(by_name[part].annotation)
+                kinds += [extra for extra in by_name[part].metadata if isinstance(extra, OfKind)]
+                following += _models_in(by_name[part].annotation, kinds)
             elif "kind" in fields and part in get_args(fields["kind"].annotation):
                 following.append(candidate)  # the tag of the chosen union member
-        candidates = following
+        candidates = following + [found.model(kind) for found in kinds if (kind := found.kind_of(data))]
     return sorted({info.alias or name for model in candidates for name, info in model.model_fields.items()})
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
+def _models_in(annotation: Any, kinds: list[OfKind]) -> list[type[BaseModel]]:
+    """Models that an annotation names; where it leaves the model to the kind of a table, that goes to
+    `kinds`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [model for argument in get_args(annotation) for model in _models_in(argument)]
+    if get_origin(annotation) is Annotated:
+        found = [extra for extra in annotation.__metadata__ if isinstance(extra, OfKind)]
+        kinds += found
+        return [] if found else _models_in(annotation.__origin__, kinds)
+    return [model for argument in get_args(annotation) for model in _models_in(argument, kinds)]

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from .base import Fraction, NotNegative, Positive, RecipeModel
 from .camera import PsfSettings
-from .masks import AnyMask
+from .kinds import AnyMask
 
 Range = tuple[NotNegative, NotNegative]
 Count = Annotated[int, Field(ge=1)]

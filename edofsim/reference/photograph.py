@@ -13,8 +13,8 @@ from ..capture.prepare import channel_weights
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
+from ..optics.masks.clear import ClearMask
 from ..recipe import SceneRecipe
-from ..recipe.masks import ClearMask
 from ..render.view import View
 from ..scene import build_scene
 from .clipped_pupil import check_crop, clipped_pupil

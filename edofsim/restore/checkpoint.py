@@ -29,10 +29,10 @@ from torch import Tensor, nn
 
 from ..errors import EdofsimError, InputError
 from ..optics import Camera
+from ..optics.masks.height_map import HeightMapMask
 from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
-from ..recipe.masks import HeightMapMask
 from .network import build_network
 
 FORMAT = 1

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..optics import focus_distance
-from ..recipe.masks import ClearMask
+from ..optics.masks.clear import ClearMask
 from .case import Case
 from .photos import METHODS, HardView, photo_cases
 from .views import PADDED, across, camera_with, flat, half, layered_view, uniform

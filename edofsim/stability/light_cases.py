@@ -15,7 +15,7 @@ from torch import Tensor
 from ..capture import expose
 from ..errors import InputError
 from ..optics import Camera
-from ..recipe.masks import ClearMask
+from ..optics.masks.clear import ClearMask
 from ..render.exr import read_view, write_view
 from ..render.view import View
 from .case import Case, Finding, timed

@@ -15,9 +15,12 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, PsfBank, defocus, material, psf_bank
-from ..optics.masks import catalogue
+from ..optics.masks import Mask, catalogue
+from ..optics.masks.clear import ClearMask
+from ..optics.masks.coded import CodedMask
+from ..optics.masks.cubic import CubicMask
+from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe, Lens, PsfSettings
-from ..recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask, HeightMapMask
 from .case import Case, Finding, timed
 from .photos import distance
 from .views import MASKS, camera_with, free_height, uniform, with_free_height
@@ -51,7 +54,7 @@ def whole(found: PsfBank) -> float:
 
 def camera_of(
     aperture_mm: float,
-    mask: AnyMask | None = None,
+    mask: Mask | None = None,
     pupil_um: float | None = None,
     oversampling: int = 1,
     **glass: Any,

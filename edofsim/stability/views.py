@@ -11,8 +11,12 @@ from torch import Tensor
 
 from ..capture import SensorEffects
 from ..optics import Camera
+from ..optics.masks import Mask
+from ..optics.masks.clear import ClearMask
+from ..optics.masks.coded import CodedMask
+from ..optics.masks.cubic import CubicMask
+from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe, Lens, PsfSettings
-from ..recipe.masks import AnyMask, ClearMask, CodedMask, CubicMask, HeightMapMask
 from ..render.view import View
 
 WINDOW, ROWS, COLUMNS = 17, 14, 19
@@ -22,7 +26,7 @@ MIDDLE = PADDED[0] // 2 * PADDED[1] + PADDED[1] // 2
 NANOMETRES = (450.0, 500.0, 550.0, 600.0, 650.0)
 QUIET = SensorEffects()
 
-MASKS: Mapping[str, AnyMask] = {
+MASKS: Mapping[str, Mask] = {
     "clear": ClearMask(),
     "coded": CodedMask(),
     "cubic": CubicMask(alpha_rad=6.0),
@@ -30,7 +34,7 @@ MASKS: Mapping[str, AnyMask] = {
 }
 
 
-def camera_with(mask: AnyMask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
+def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
     """A camera with so small a pupil that its blur stays within small frames."""
     recipe = CameraRecipe(
         name="hard",

@@ -10,9 +10,10 @@ import torch
 from edofsim.capture import SensorEffects, expose, ideal_image, read_image, write_image, write_photo
 from edofsim.errors import InputError
 from edofsim.optics import Camera, psf_bank, response
+from edofsim.optics.masks.coded import CodedMask
+from edofsim.optics.masks.cubic import CubicMask
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings, Sensor
-from edofsim.recipe.masks import CodedMask, CubicMask
 
 WINDOW = 33
 QUIET = SensorEffects()

@@ -11,8 +11,13 @@ import torch
 from edofsim.learn.doe import FreeHeight, metres_per_radian
 from edofsim.learn.setup import build_mask
 from edofsim.optics import Camera, psf_bank
+from edofsim.optics.masks.coded import CodedMask
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.optics.masks.fourier import FourierMask
+from edofsim.optics.masks.height_map import HeightMapMask
+from edofsim.optics.masks.rings import RingsMask
+from edofsim.optics.masks.zernike import ZernikeMask
 from edofsim.recipe.camera import CameraRecipe, PsfSettings
-from edofsim.recipe.masks import CodedMask, CubicMask, FourierMask, HeightMapMask, RingsMask, ZernikeMask
 from edofsim.recipe.train import DoeTable, TrainRecipe
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)

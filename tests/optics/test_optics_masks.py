@@ -10,17 +10,15 @@ import torch
 from edofsim.optics import Camera, levin, psf_bank
 from edofsim.optics.grid import PupilGrid, disc_amplitude, disc_coverage
 from edofsim.optics.height import design_phase_to_height, load_height_map, save_height_map, surface
-from edofsim.optics.masks import catalogue, mask_amplitude, mask_phase, mask_slope
+from edofsim.optics.masks import catalogue, mask_amplitude
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.optics.masks.fourier import FourierMask
+from edofsim.optics.masks.logarithmic import LogarithmicMask
+from edofsim.optics.masks.rings import RingsMask
+from edofsim.optics.masks.sinusoidal import SinusoidalMask
+from edofsim.optics.masks.tangent import TangentMask
 from edofsim.optics.zernike import noll_orders, zernike
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.recipe.masks import (
-    CubicMask,
-    FourierMask,
-    LogarithmicMask,
-    RingsMask,
-    SinusoidalMask,
-    TangentMask,
-)
 
 ENTRIES = catalogue()
 GREEN = 543e-9
@@ -128,7 +126,7 @@ def test_masks_are_the_same_on_every_device(entry):
 def on_axis(mask, **changes):
     """Phase along u and v at the middle row and column of a fine grid."""
     grid = PupilGrid(401, 2 / 401, 1.0)
-    phase = mask_phase(mask.model_copy(update=changes), grid)
+    phase = mask.model_copy(update=changes).phase(grid)
     u, v = grid.normalised()
     return u[0], v[:, 0], phase
 
@@ -218,13 +216,13 @@ def test_aperture_edges_are_grey_and_hold_the_area():
 
 
 def test_slopes_of_smooth_masks():
-    assert mask_slope(CubicMask(alpha_rad=30.0)) == pytest.approx(90.0, rel=0.01)
-    assert mask_slope(RingsMask()) == 0
+    assert CubicMask(alpha_rad=30.0).slope() == pytest.approx(90.0, rel=0.01)
+    assert RingsMask().slope() == 0
 
 
 def test_coded_pattern_has_its_first_row_on_top():
     grid = PupilGrid(60, 2 / 60, 1.0)
-    from edofsim.recipe.masks import CodedMask
+    from edofsim.optics.masks.coded import CodedMask
 
     _, light = mask_amplitude(CodedMask(pattern=("10", "00")), grid)
     assert float(light[:30, :30].sum()) == pytest.approx(float(light.sum()))

@@ -13,10 +13,11 @@ from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
 from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
 from edofsim.optics.grid import PupilGrid, disc_coverage
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.parts import pupil_windows
 from edofsim.recipe import CameraRecipe, load_camera
 from edofsim.recipe.camera import PsfSettings
-from edofsim.recipe.masks import ClearMask, CubicMask
 
 WAVELENGTHS = [482e-9, 611e-9]
 DEPTHS = [0.0, 1.0, 1.9]

@@ -9,8 +9,9 @@ import torch
 from scipy.special import fresnel
 
 from edofsim.optics import defocus, plan_sampling, psf_bank
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.pupil import aperture, pupil_function
-from edofsim.recipe.masks import ClearMask, CubicMask
 from edofsim.reference.clipped_psf import clipped_psf, make_transform, shadow
 
 BAND = 543e-9

@@ -1,0 +1,101 @@
+"""Tables of a recipe that come in kinds: each kind is one class, in one file, and one line here.
+
+The class is a model of the table and says what becomes of it. It is imported when a recipe first names its
+kind, from a room of this package or from another package, which adds kinds by entry points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Union
+
+from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationInfo
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
+
+from ..core.registry import Registry
+from ..errors import InputError
+from .base import RecipeModel
+
+
+class KindModel(RecipeModel):
+    """A table that comes in kinds. Each kind narrows `kind` to its own name."""
+
+    kind: str
+
+
+MASKS: Registry[type[KindModel]] = Registry(
+    "edofsim.masks",
+    "mask",
+    {
+        "clear": "edofsim.optics.masks.clear:ClearMask",
+        "annular": "edofsim.optics.masks.annular:AnnularMask",
+        "gaussian": "edofsim.optics.masks.gaussian:GaussianMask",
+        "coded": "edofsim.optics.masks.coded:CodedMask",
+        "cubic": "edofsim.optics.masks.cubic:CubicMask",
+        "logarithmic": "edofsim.optics.masks.logarithmic:LogarithmicMask",
+        "sinusoidal": "edofsim.optics.masks.sinusoidal:SinusoidalMask",
+        "tangent": "edofsim.optics.masks.tangent:TangentMask",
+        "rings": "edofsim.optics.masks.rings:RingsMask",
+        "zernike": "edofsim.optics.masks.zernike:ZernikeMask",
+        "fourier": "edofsim.optics.masks.fourier:FourierMask",
+        "height-map": "edofsim.optics.masks.height_map:HeightMapMask",
+    },
+)
+
+
+class OfKind:
+    """Annotation of a field that holds a model of any kind of a registry.
+
+    usual: the kind of a table that names none; without it, such a table is refused.
+    """
+
+    def __init__(self, registry: Registry[type[KindModel]], usual: str | None = None) -> None:
+        self.registry = registry
+        self.usual = usual
+
+    def model(self, kind: str) -> type[KindModel]:
+        """The model of a kind. Raises InputError for what another package added and is none."""
+        found = self.registry[kind]
+        if not (isinstance(found, type) and issubclass(found, KindModel)):
+            raise InputError(f"the {self.registry.kind} {kind!r} of another package is no KindModel: {found}")
+        return found
+
+    def kind_of(self, data: object) -> str | None:
+        """The kind that a table as it was read asks for; None where it asks for none that there is."""
+        kind = data.get("kind", self.usual) if isinstance(data, Mapping) else None
+        return kind if isinstance(kind, str) and kind in self.registry else None
+
+    def _validated(self, value: Any, info: ValidationInfo) -> KindModel:
+        if isinstance(value, KindModel):
+            if value.kind in self.registry and isinstance(value, self.model(value.kind)):
+                return value
+            raise PydanticKnownError("model_type", {"class_name": self.registry.kind})
+        if not isinstance(value, Mapping):
+            raise PydanticKnownError("dict_type")
+        kind = self.kind_of(value)
+        if kind is not None:
+            return self.model(kind).model_validate({"kind": kind, **value}, context=info.context)
+        if "kind" not in value:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "'kind'"})
+        known = ", ".join(repr(name) for name in self.registry)
+        given = {"discriminator": "'kind'", "tag": str(value["kind"]), "expected_tags": known}
+        raise PydanticKnownError("union_tag_invalid", given)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_plain_validator_function(self._validated)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        models = tuple(self.model(kind) for kind in self.registry)
+        union = Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - of a tuple
+        return handler(TypeAdapter(union).core_schema)
+
+
+def named(kind: str) -> Any:
+    """A field's default that only names a kind: the model is imported where a recipe has no such table."""
+    return {"kind": kind}
+
+
+AnyMask = Annotated[KindModel, OfKind(MASKS)]

@@ -1,0 +1,1 @@
+"""One of each kind of thing that edofsim lets other packages add, a file each."""

@@ -1,0 +1,96 @@
+"""What another package adds by an entry point works from a recipe as if it were ours: `tests/example_package`
+adds one of each kind."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.optics import Camera, psf_bank
+from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.kinds import MASKS
+from edofsim.recipe.load import load_camera
+
+GREEN = 543e-9
+
+
+def camera_of(tmp_path: Path, text: str) -> Camera:
+    path = tmp_path / "camera.toml"
+    path.write_text(f'name = "example"\n{text}\n[psf]\nwindow_px = 32\n')
+    loaded = load_camera(path)
+    return Camera.from_recipe(loaded.recipe, loaded.base)
+
+
+def test_a_mask(installed: Path, tmp_path: Path):
+    """u^4 + v^4 is rho^4 (3 + cos 4 angle) / 4: of Noll's polynomials (table I of his paper), rho^4 is a
+    mixture of 1, 4 and 11, and rho^4 cos 4 angle a part of 14."""
+    camera = camera_of(tmp_path, '[mask]\nkind = "quartic"\nalpha_rad = 8.0')
+    # Z4 = sqrt(3) (2 rho^2 - 1), Z11 = sqrt(5) (6 rho^4 - 6 rho^2 + 1), Z14 = sqrt(10) rho^4 cos 4 angle
+    terms = [(4, 3 / 3**0.5), (11, 1 / 5**0.5), (14, 2 / 10**0.5)]
+    known = {"kind": "zernike", "terms": [{"noll": noll, "rms_rad": rms} for noll, rms in terms]}
+    other = Camera.from_recipe(CameraRecipe(name="known", mask=known, psf={"window_px": 32}))
+    ours, theirs = (psf_bank(c, [GREEN], [0.4], dtype=torch.float64).values for c in (camera, other))
+    assert float((ours - theirs).norm() / theirs.norm()) < 1e-6
+
+
+def test_its_mistakes_are_told_like_ours(installed: Path, tmp_path: Path):
+    with pytest.raises(InputError) as refused:
+        camera_of(tmp_path, '[mask]\nkind = "quartic"\nalfa_rad = 8.0')
+    (only,) = refused.value.problems
+    assert "line 4" in only and "did you mean 'alpha_rad'" in only
+
+
+def test_the_command_line_finds_what_is_installed(site: Path, installed: Path, tmp_path: Path):
+    recipe = 'name = "example"\n[mask]\nkind = "quartic"\n[psf]\nwindow_px = 16\n'
+    (tmp_path / "camera.toml").write_text(recipe)
+    path = os.pathsep.join([str(site), str(installed), *sys.path])
+
+    def edofsim(*words: str) -> str:
+        run = [sys.executable, "-m", "edofsim.cli", *words]
+        where = os.environ | {"PYTHONPATH": path}
+        done = subprocess.run(run, cwd=tmp_path, env=where, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    edofsim("psf", "camera.toml", "--out", "out")
+    assert (tmp_path / "out" / "psf.csv").exists()
+    assert "QuarticMask" in edofsim("schema", "camera")
+
+
+def test_an_unknown_kind_is_told_the_nearest_and_all(installed: Path, tmp_path: Path):
+    with pytest.raises(InputError, match="unknown kind 'quartik'; did you mean 'quartic'"):
+        camera_of(tmp_path, '[mask]\nkind = "quartik"')
+
+
+def test_ours_keep_their_names_and_others_are_told_apart_by_their_code(installed: Path):
+    assert MASKS["cubic"].__module__ == "edofsim.optics.masks.cubic" and MASKS.code_of("cubic") == ""
+    assert len(MASKS.code_of("quartic")) == 64
+    with pytest.raises(InputError, match="no mask 'quartik'; did you mean 'quartic'"):
+        MASKS["quartik"]
+
+
+def test_a_package_that_cannot_be_imported_is_named_where_it_is_used_and_only_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    told = tmp_path / "site" / "broken-1.0.dist-info"
+    told.mkdir(parents=True)
+    (told / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    points = "[edofsim.masks]\nbroken = no_such_module:Mask\nnumber = math:pi\n"
+    (told / "entry_points.txt").write_text(points)
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    MASKS.look_again()
+    try:
+        assert camera_of(tmp_path, '[mask]\nkind = "cubic"').mask.kind == "cubic"
+        with pytest.raises(InputError, match="'broken' of another package cannot be loaded"):
+            camera_of(tmp_path, '[mask]\nkind = "broken"')
+        with pytest.raises(InputError, match="'number' of another package is no KindModel"):
+            camera_of(tmp_path, '[mask]\nkind = "number"')
+    finally:
+        monkeypatch.undo()
+        MASKS.look_again()
