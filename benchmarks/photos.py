@@ -23,7 +23,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from edofsim.capture import expose
+from edofsim.capture import Fidelity, capture
 from edofsim.capture.bands import merged_bands
 from edofsim.capture.convolution import Grid
 from edofsim.capture.factors import band_groups, factorise, joint_groups
@@ -133,7 +133,7 @@ def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dic
     say(0.9, "with occlusion")
 
     def photo() -> None:
-        expose(view, camera, method="low_rank", occlusion="hidden", exposure=1.0)
+        capture(view, camera, Fidelity(method="low_rank", layers_db=50.0, rank_db=50.0), exposure=1.0)
 
     photo()
     figures[f"occluded.seconds.{scene}.{mask}"] = min(_timed(photo)[1] for _ in range(2))
@@ -298,7 +298,7 @@ def memory_of_a_photo(depths: int) -> float:
     """
     camera = cameras()["clear"]
     view = synthetic_view(1024, 31, camera.pixel_angle)
-    expose(view, camera, method="low_rank", layers=depths, occlusion="hidden")
+    capture(view, camera, Fidelity(method="low_rank", layers=depths, rank_db=50.0))
     return peak_memory_mib()
 
 

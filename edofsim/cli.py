@@ -97,7 +97,7 @@ def run(
         "method": method,
         "layers": layers,
         "occlusion": occlusion,
-        "pupil_parts": pupil_parts,
+        "sub_apertures": pupil_parts,
         "with_": with_,
         "without": without,
     }
@@ -208,7 +208,7 @@ def expose(
         "method": method,
         "layers": layers,
         "occlusion": occlusion,
-        "pupil_parts": pupil_parts,
+        "sub_apertures": pupil_parts,
         "with_": with_,
         "without": without,
     }

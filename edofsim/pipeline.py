@@ -12,10 +12,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from .capture import Photo
+from .capture import Photo, capture
 from .errors import InputError
 from .optics import Camera
-from .plan import Looked, Plan, Target, decibels, look, overall, photograph, plan_scene, simpler_recipe
+from .plan import Looked, Plan, Target, decibels, look, overall, plan_scene, simpler_recipe
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, render
@@ -100,9 +100,9 @@ def run(
     with watch.stage("render", progress, 0.2):
         view = view_as_planned(looked, plan, scene.base, cache, device, _part(progress, 0.2, 0.7))
     with watch.stage("expose", progress, 0.72):
-        photo = photograph(view, optics, plan.fidelity, seed=seed, device=compute)
+        photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
     with watch.stage("lens alone", progress, 0.82):
-        lens_alone = photograph(
+        lens_alone = capture(
             view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure
         )
     with watch.stage("restore", progress, 0.92):

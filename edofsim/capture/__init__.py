@@ -1,8 +1,17 @@
-"""From a view and a camera to a photo."""
+"""The camera: from views to a photo."""
 
+from .fidelity import Fidelity, full_fidelity
 from .files import read_image, write_image, write_photo
 from .photo import Photo
-from .photograph import expose, ideal_image
-from .sensor import SensorEffects
+from .photograph import capture, ideal_image
 
-__all__ = ["Photo", "SensorEffects", "expose", "ideal_image", "read_image", "write_image", "write_photo"]
+__all__ = [
+    "Fidelity",
+    "Photo",
+    "capture",
+    "full_fidelity",
+    "ideal_image",
+    "read_image",
+    "write_image",
+    "write_photo",
+]

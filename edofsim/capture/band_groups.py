@@ -147,8 +147,8 @@ class GatheredKernels:
         values = self.base.layer(node)
         return torch.einsum("gm,myx->gyx", self.psfs.to(values), values)
 
-    def rest(self, node: int) -> Tensor:
-        values = self.base.rest(node)
+    def truncated(self, node: int) -> Tensor:
+        values = self.base.truncated(node)
         return self.psfs.to(values) @ values
 
 

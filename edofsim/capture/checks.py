@@ -7,9 +7,22 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..render.view import View
+from .fidelity import Fidelity
+from .methods import METHODS
+from .occlusion import OCCLUSIONS
 
 PIXEL_ANGLE_SLACK = 1e-3
 """Relative difference of pixel angles that is taken as rounding: half a pixel over a frame of 512."""
+
+
+def check_fidelity(fidelity: Fidelity) -> None:
+    """Refuse ways to blur and to composite that there are not. Raises InputError."""
+    for what, name, names in (
+        ("method", fidelity.method, METHODS),
+        ("occlusion", fidelity.occlusion, OCCLUSIONS),
+    ):
+        if name not in names:
+            raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")
 
 
 def check_view(view: View) -> None:
@@ -54,7 +67,7 @@ def check_pixel_angle(view: View, pixel_angle: float) -> None:
         raise InputError(
             f"a pixel of the view sees {view.pixel_angle * 1e3:.6g} mrad and one of the camera's "
             f"{pixel_angle * 1e3:.6g} mrad: render with frame.pixel_angle_mrad = {pixel_angle * 1e3:.7g}, "
-            "choose another camera, or ask for the view to be resampled (resample=True)"
+            "choose another camera, or resample the view (`capture.resample.resampled`)"
         )
 
 

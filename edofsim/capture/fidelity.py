@@ -1,9 +1,10 @@
-"""What is simulated, as one record: every effect of a plan sets a field or two of it."""
+"""What is simulated, and how finely, as one record: every effect of a plan sets a field or two of it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 import torch
@@ -16,98 +17,204 @@ from ..optics.sampling import coarsest_pitch
 from ..recipe import CameraRecipe, SceneRecipe
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
-from . import SensorEffects
 from .prepare import blur_per_dioptre
 
 FULL_DB = 70.0
 """The full simulation has so many depth nodes that interpolating between them errs by less than this."""
-FULL_PARTS = 6
-"""Parts of the pupil along each axis in the full fidelity, where diffraction lets so many be told apart."""
-PART_LAYERS = 13
-"""Depth nodes at most for what parts of the pupil change."""
+FULL_SUB_APERTURES = 6
+"""Sub-apertures along each axis in the full simulation, where diffraction lets so many be told apart."""
+SUB_APERTURE_LAYERS = 13
+"""Depth nodes at most for what sub-apertures change."""
+MOST_LAYERS = 4096
+"""Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
 """Samples along a pixel's side in the full simulation; a recipe may ask for more."""
 
 
+def _knob(default: Any, effect: str, unit: str, meaning: str) -> Any:
+    """A field of `Fidelity`: which effect of a plan it belongs to, its unit, what it means to leave it
+    out."""
+    return field(default=default, metadata={"effect": effect, "unit": unit, "meaning": meaning})
+
+
+@dataclass(frozen=True)
+class Simplification:
+    """Something of a camera that is left out, for effects that other packages add. apply: the camera without
+    it; a function of a module, told from others by the name."""
+
+    name: str
+    apply: Callable[[Camera], Camera] = field(repr=False, compare=False)
+
+
 @dataclass(frozen=True)
 class Fidelity:
-    """How a photo is simulated. The defaults leave nothing out that a recipe holds.
+    """How a photo is simulated. The defaults leave nothing out that recipe and view hold, but that the pupil
+    is taken as a whole.
 
-    groups: the light of each channel is gathered in so many groups of bands, 0: every band on its own;
-    colours: wavelengths at which a group's PSF is computed, 0: all of its bands;
-    layers: depth nodes, None: as many as `FULL_DB` asks for;
-    occlusion: one of `expose`'s ways; method: likewise; tolerance_db: of `low_rank`;
-    pupil_parts: along each axis, that `hidden` composites one by one, in few bands and layers (`in_parts`);
-    window: side of the PSFs in pixels, None: the recipe's; oversampling: samples along a pixel's side;
-    pupil_um: sampling of the pupil, None: the recipe's, which may be automatic;
-    exact_lens, lens_dispersion, doe_dispersion, fabrication, read_noise, shot_noise, quantisation,
-    saturation, mosaic: whether the camera has them; margin: pixels around the frame that light comes from,
-    None: all that there are.
+    `describe` lists the fields with unit, default and meaning. Read-only; `changed` gives another one. Raises
+    InputError for values that no photo can be simulated with.
     """
 
-    groups: int = 0
-    colours: int = 0
-    layers: int | None = None
-    occlusion: str = "hidden"
-    pupil_parts: int = 1
-    method: str = "layered"
-    tolerance_db: float = FULL_DB
-    window: int | None = None
-    oversampling: int = FINEST
-    pupil_um: float | None = None
-    exact_lens: bool = True
-    lens_dispersion: bool = True
-    doe_dispersion: bool = True
-    fabrication: bool = True
-    read_noise: bool = True
-    shot_noise: bool = True
-    quantisation: bool = True
-    saturation: bool = True
-    mosaic: bool = True
-    margin: int | None = None
-    samples: int | None = None
-    bounces: int | None = None
-    hidden_pass: bool = True
-    glass_dispersion: bool = True
+    band_groups: int = _knob(
+        0,
+        "many bands",
+        "1",
+        "groups that each channel's bands are gathered in, each blurred once; 0: every band",
+    )
+    group_wavelengths: int = _knob(
+        0, "many bands", "1", "wavelengths at which the PSF of a group is computed; 0: all of its bands"
+    )
+    layers: int | None = _knob(
+        None, "depth layers", "1", "depth nodes, light between them is shared; None: as `layers_db` asks for"
+    )
+    occlusion: str = _knob(
+        "hidden", "occlusion", "", "`none` adds all light; `over`, `normalised` know visible surfaces only"
+    )
+    sub_apertures: int = _knob(
+        1,
+        "sub-apertures",
+        "1",
+        "along each axis of the pupil, composited one by one at depth edges; 1: the whole",
+    )
+    sub_apertures_in_full: bool = _knob(
+        False, "sub-apertures", "", "in all bands and nodes, in place of one group a channel and 13 nodes"
+    )
+    method: str = _knob(
+        "layered", "rank", "", "`layered`, `low_rank`, `brute` or `constant`: how light becomes images"
+    )
+    layers_db: float = _knob(
+        FULL_DB, "depth layers", "dB", "PSNR that depth nodes keep where `layers` is None"
+    )
+    rank_db: float = _knob(FULL_DB, "rank", "dB", "PSNR that the factors of `low_rank` keep")
+    window_px: int | None = _knob(
+        None, "PSF window", "px", "side of the PSFs, light beyond is veiling glare; None: the recipe's"
+    )
+    oversampling: int | None = _knob(
+        None,
+        "pixel integration",
+        "1",
+        "samples along a pixel's side that PSFs are summed over; None: the recipe's",
+    )
+    pupil_sampling_um: float | None = _knob(
+        None, "pupil sampling", "um", "pitch of the pupil where the recipe leaves it free; None: the recipe's"
+    )
+    spherical_aberration: bool = _knob(
+        True, "spherical aberration", "", "False: the lens has the phase of a parabola"
+    )
+    lens_dispersion: bool = _knob(
+        True, "dispersion of the lens", "", "False: the lens has one index for all wavelengths"
+    )
+    doe_dispersion: bool = _knob(
+        True, "dispersion of the DOE", "", "False: the DOE has one index for all wavelengths"
+    )
+    fabrication: bool = _knob(True, "fabrication error", "", "False: the mask is as designed")
+    read_noise: bool = _knob(True, "read noise", "", "False: the sensor is read without noise")
+    shot_noise: bool = _knob(True, "shot noise", "", "False: light is not counted in electrons")
+    quantisation: bool = _knob(
+        True, "quantisation", "", "False: values are not rounded to the converter's bits"
+    )
+    saturation: bool = _knob(True, "saturation", "", "False: pixels hold more than full scale")
+    mosaic: bool = _knob(True, "Bayer mosaic", "", "False: every pixel sees every channel")
+    margin_px: int | None = _knob(
+        None,
+        "light from outside",
+        "px",
+        "around the frame that light comes from; None: all that the view has",
+    )
+    samples: int | None = _knob(
+        None, "render samples", "1", "rays a pixel when the view is rendered; None: the recipe's"
+    )
+    bounces: int | None = _knob(
+        None, "interreflection", "1", "length of light paths when it is rendered; None: the recipe's"
+    )
+    hidden_surfaces: bool = _knob(
+        True, "hidden surfaces", "", "False: what lies behind edges is not rendered"
+    )
+    scene_dispersion: bool = _knob(
+        True, "dispersion of scene glass", "", "False: glass in the scene bends all wavelengths alike"
+    )
+    simplifications: tuple[Simplification, ...] = _knob(
+        (), "", "", "what else is left out of the camera, by effects of other packages"
+    )
 
     def __post_init__(self) -> None:
-        if self.layers is not None and self.layers < 1:
-            raise InputError(f"{self.layers} depth layers: give a whole number of at least 1")
+        problems = []
+        if self.layers is not None and not 1 <= self.layers <= MOST_LAYERS:
+            problems.append(f"{self.layers} depth layers: give a whole number from 1 to {MOST_LAYERS}")
+        if self.sub_apertures < 1:
+            problems.append(f"{self.sub_apertures} sub-apertures: give a whole number of at least 1")
+        for name in ("layers_db", "rank_db"):
+            if not getattr(self, name) > 0:
+                problems.append(f"{name} = {getattr(self, name)}: give a positive number of decibels")
+        if problems:
+            raise InputError(problems)
 
-    def changed(self, change: dict[str, object]) -> Fidelity:
-        """The same but for some fields."""
+    def changed(self, change: Mapping[str, Any]) -> Fidelity:
+        """The same but for some fields; simplifications are added to those that are there."""
+        change = dict(change)
+        if "simplifications" in change:
+            change["simplifications"] = (*self.simplifications, *change["simplifications"])
         return replace(self, **change)
+
+
+@dataclass(frozen=True)
+class Knob:
+    """A field of `Fidelity`, described."""
+
+    name: str
+    effect: str
+    unit: str
+    default: Any
+    meaning: str
+
+
+def describe() -> tuple[Knob, ...]:
+    """All fields of `Fidelity` with the effect of a plan that sets them, unit, default and meaning."""
+    return tuple(
+        Knob(
+            each.name,
+            each.metadata["effect"],
+            each.metadata["unit"],
+            None if each.default is MISSING else each.default,
+            each.metadata["meaning"],
+        )
+        for each in fields(Fidelity)
+    )
 
 
 def full_fidelity(camera: Camera, view: View) -> Fidelity:
     """Everything that a camera and a view have."""
     known = "hidden" if bool(view.hidden.any()) else "normalised"
     occlusion = known if edge_pixels(view, 1 / blur_per_dioptre(camera)) else "none"
-    parts = parts_told_apart(camera, view) if occlusion == "hidden" else 1
+    across = sub_apertures_told_apart(camera, view) if occlusion == "hidden" else 1
     finest = max(FINEST, camera.recipe.psf.oversampling)
-    return Fidelity(oversampling=finest, occlusion=occlusion, pupil_parts=parts)
+    return Fidelity(oversampling=finest, occlusion=occlusion, sub_apertures=across)
 
 
-def parts_told_apart(camera: Camera, view: View) -> int:
-    """Parts of the pupil along each axis that a full simulation has, 1 where they would have nothing to tell.
+def sub_apertures_told_apart(camera: Camera, view: View) -> int:
+    """Sub-apertures along each axis of the pupil that a full simulation has, 1 where they would have nothing
+    to tell.
 
-    Surfaces that are D apart in inverse depth are moved against each other, from one part of width w to the
-    next, by w D times the distance of the sensor, and diffraction at a part spreads light by wavelength / w
-    times it: parts are no narrower than sqrt(wavelength / D). Two along an axis are no better than one, as
-    their windows overlap by half of the pupil.
+    Surfaces that are D apart in inverse depth are moved against each other, from one sub-aperture of width w
+    to the next, by w D times the distance of the sensor, and diffraction at it spreads light by wavelength /
+    w times that distance: sub-apertures are no narrower than sqrt(wavelength / D). Two along an axis are no
+    better than one, as their windows overlap by half of the pupil.
     """
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     wavelength = camera.recipe.focus.wavelength_nm * 1e-9
     across = math.floor(2 * camera.aperture_radius * math.sqrt((high - low) / wavelength))
-    return min(across, FULL_PARTS) if across > 2 else 1
+    return min(across, FULL_SUB_APERTURES) if across > 2 else 1
 
 
-def in_parts(fidelity: Fidelity) -> Fidelity:
-    """What parts of the pupil change in a photo is simulated so: in one group of bands a channel and few
-    layers, whatever the photo itself has. It is a small part of the photo, and costs a composite each."""
-    layers = PART_LAYERS if fidelity.layers is None else min(fidelity.layers, PART_LAYERS)
-    colours = 1 if (fidelity.groups, fidelity.colours) == (1, 1) else 2
-    return replace(fidelity, groups=1, colours=colours, layers=layers, method="layered")
+def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
+    """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
+    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
+    composite each."""
+    if fidelity.sub_apertures_in_full:
+        return replace(fidelity, method="layered")
+    layers = SUB_APERTURE_LAYERS if fidelity.layers is None else min(fidelity.layers, SUB_APERTURE_LAYERS)
+    wavelengths = 1 if (fidelity.band_groups, fidelity.group_wavelengths) == (1, 1) else 2
+    return replace(fidelity, band_groups=1, group_wavelengths=wavelengths, layers=layers, method="layered")
 
 
 def edge_pixels(view: View, gap: float) -> int:
@@ -140,25 +247,26 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
     at = recipe.focus.wavelength_nm * 1e-9
     glass, relief = camera.glass, camera.mask_material
     changes: dict[str, object] = {}
-    if not fidelity.exact_lens:
+    if not fidelity.spherical_aberration:
         changes["lens"] = recipe.lens.model_copy(update={"thickness": "parabolic"})
     if not fidelity.lens_dispersion:
         glass = _without_dispersion(glass, at)
-        lens = changes.get("lens", recipe.lens)
-        changes["lens"] = lens.model_copy(update={"material": glass.name})
     if not fidelity.doe_dispersion:
         relief = _without_dispersion(relief, design_wavelength(camera))
-        if hasattr(recipe.mask, "material"):
-            changes["mask"] = recipe.mask.model_copy(update={"material": relief.name})
     if not fidelity.fabrication:
         changes["fabrication"] = None
-    psf: dict[str, object] = {"oversampling": fidelity.oversampling}
+    psf: dict[str, object] = {}
+    if fidelity.oversampling is not None:
+        psf["oversampling"] = fidelity.oversampling
     # without dispersion a lens may be farther out of focus, and need a finer pupil than was found for it
-    if fidelity.pupil_um is not None and pupil_is_free(camera) and fidelity.lens_dispersion:
-        psf["pupil_sampling_um"] = fidelity.pupil_um
+    if fidelity.pupil_sampling_um is not None and pupil_is_free(camera) and fidelity.lens_dispersion:
+        psf["pupil_sampling_um"] = fidelity.pupil_sampling_um
     changes["psf"] = recipe.psf.model_copy(update=psf)
     changed: CameraRecipe = recipe.model_copy(update=changes)
-    return replace(camera, recipe=changed, glass=glass, mask_material=relief)
+    simpler = replace(camera, recipe=changed, glass=glass, mask_material=relief)
+    for each in fidelity.simplifications:
+        simpler = each.apply(simpler)
+    return simpler
 
 
 def simpler_recipe(recipe: SceneRecipe, fidelity: Fidelity) -> SceneRecipe:
@@ -168,14 +276,14 @@ def simpler_recipe(recipe: SceneRecipe, fidelity: Fidelity) -> SceneRecipe:
         render["samples"] = min(fidelity.samples, recipe.render.samples)
     if fidelity.bounces is not None:
         render["max_depth"] = min(fidelity.bounces, recipe.render.max_depth)
-    if not fidelity.hidden_pass:
+    if not fidelity.hidden_surfaces:
         render["hidden"] = False
     changes: dict[str, object] = {}
     if render:
         changes["render"] = recipe.render.model_copy(update=render)
-    if fidelity.margin is not None and fidelity.margin < recipe.frame.margin_px:
-        changes["frame"] = recipe.frame.model_copy(update={"margin_px": fidelity.margin})
-    if not fidelity.glass_dispersion:
+    if fidelity.margin_px is not None and fidelity.margin_px < recipe.frame.margin_px:
+        changes["frame"] = recipe.frame.model_copy(update={"margin_px": fidelity.margin_px})
+    if not fidelity.scene_dispersion:
         changes["objects"] = tuple(_of_plain_glass(thing) for thing in recipe.objects)
     return recipe.model_copy(update=changes) if changes else recipe
 
@@ -195,19 +303,5 @@ def _of_plain_glass(thing: Any) -> Any:
 
 
 def _without_dispersion(material: Material, wavelength: float) -> Material:
-    """Another name for another glass: PSFs are remembered by it."""
     index = float(material.index(wavelength))
-    name = f"{material.name} as at {wavelength * 1e9:g} nm"
-    return Material(name, material.source, material.shortest, material.longest, cauchy=(index, 0.0, 0.0))
-
-
-def sensor_effects(camera: Camera, fidelity: Fidelity) -> SensorEffects:
-    """What the sensor does, without what is left out."""
-    sensor = camera.recipe.sensor
-    return SensorEffects(
-        saturation=sensor.saturation and fidelity.saturation,
-        full_well=sensor.full_well_electrons if fidelity.shot_noise else None,
-        read_noise=sensor.read_noise if fidelity.read_noise else 0.0,
-        bits=sensor.bits if fidelity.quantisation else None,
-        bayer=sensor.bayer if fidelity.mosaic else None,
-    )
+    return replace(material, sellmeier=(), cauchy=(index, 0.0, 0.0))

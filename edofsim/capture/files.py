@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import json
 import os
-from dataclasses import asdict, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +25,7 @@ def write_photo(path: Path, photo: Photo) -> Path:
     channels = (
         _channels(photo.image, "") | _channels(photo.clean, "clean.") | _channels(photo.ideal, "ideal.")
     )
-    how = json.dumps(
-        {name: asdict(v) if is_dataclass(v) else v for name, v in photo.how.items()}, sort_keys=True
-    )
+    how = json.dumps(dict(photo.how), sort_keys=True)
     return write_channels(path, channels, {"exposure": float(photo.exposure), "how": how})
 
 

@@ -1,4 +1,5 @@
-"""What stands between a view and the sensor: PSFs of band groups at depth nodes, and how surfaces hide others.
+"""What stands between a view and the sensor: PSFs of band groups at depth nodes, and how surfaces hide
+others.
 
 `Imaging` forms the image of a view, or of any part of it, as a fidelity says. Everything that is photographed
 anywhere comes through here: whole frames, tiles that stand for a frame, patches of a training.
@@ -58,14 +59,14 @@ class Imaging:
 
     @property
     def reach(self) -> int:
-        margin = self.fidelity.margin
+        margin = self.fidelity.margin_px
         return self.window // 2 if margin is None else min(margin, self.window // 2)
 
     def light(self, view: View) -> View:
         """The view with groups in its bands' place and a margin that holds the blur; outermost pixels are
         repeated where it has none. Raises InputError for values that are not light or depth."""
         # few groups are quicker to check and to cut than many bands; what is not finite stays so
-        light = gathered_view(view, self.gathering) if self.fidelity.groups else view
+        light = gathered_view(view, self.gathering) if self.fidelity.band_groups else view
         check_view(light)
         return with_margin(with_part_of_margin(light, self.reach), self.window // 2)
 
@@ -88,7 +89,7 @@ def imaging_of(
     make: MakeKernels | None = None,
 ) -> Imaging:
     """The optics of a camera for views of these axes. make: PSFs in place of `kernels_of`."""
-    window = fidelity.window or camera.recipe.psf.window_px
+    window = fidelity.window_px or camera.recipe.psf.window_px
     gathering = gathering_of(camera, fidelity, axes)
     simpler = simpler_camera(camera, fidelity)
     if make is None:
@@ -100,10 +101,10 @@ def imaging_of(
         window,
         gathering,
         Blurring(
-            gathered_kernels(kernels, gathering) if fidelity.groups else kernels,
+            gathered_kernels(kernels, gathering) if fidelity.band_groups else kernels,
             gathering.response.to(device, dtype),
             METHODS[fidelity.method],
-            fidelity.tolerance_db,
+            fidelity.rank_db,
             gap=1 / blur_per_dioptre(camera),
         ),
     )
@@ -134,7 +135,7 @@ def sub_aperture_imaging(
         dtype=dtype,
         device=device,
     )
-    held = (gathered_kernels(each, gathering) if coarse.groups else each for each in through)
+    held = (gathered_kernels(each, gathering) if coarse.band_groups else each for each in through)
     return replace(whole, sub_apertures=tuple(held))
 
 
@@ -149,10 +150,12 @@ def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:
 def gathering_of(camera: Camera, fidelity: Fidelity, axes: Axes) -> Gathering:
     """How a fidelity gathers bands in groups."""
     wavelengths = axes.wavelengths.cpu()
-    if fidelity.groups == 0:
+    if fidelity.band_groups == 0:
         return every_band(wavelengths, axes.response)
     place = defocus(camera, wavelengths, sum(axes.ends) / 2)
-    return gathered(wavelengths, axes.response, axes.spectrum, place, fidelity.groups, fidelity.colours)
+    return gathered(
+        wavelengths, axes.response, axes.spectrum, place, fidelity.band_groups, fidelity.group_wavelengths
+    )
 
 
 def spectrum_of(view: View) -> Tensor:

@@ -19,8 +19,8 @@ class Kernels(Protocol):
 
     nodes: [node] inverse depths in 1/m; wavelengths: [band], metres; window: side of the PSFs in pixels;
     layer(k): [band, y, x] at node k, each pixel the fraction of the light through the pupil that lands in it;
-    rest(k): [band], the fraction that lands outside the window. key: what names these very PSFs, None for
-    those that carry gradients; folder: where what follows from them may be kept, None for in memory only.
+    truncated(k): [band], the fraction that lands outside the window. key: what names these very PSFs, None
+    for those that carry gradients; folder: where what follows from them may be kept, None for in memory only.
     """
 
     key: str | None
@@ -37,7 +37,7 @@ class Kernels(Protocol):
 
     def layer(self, node: int) -> Tensor: ...
 
-    def rest(self, node: int) -> Tensor: ...
+    def truncated(self, node: int) -> Tensor: ...
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class HeldKernels:
     def layer(self, node: int) -> Tensor:
         return self.values[node]
 
-    def rest(self, node: int) -> Tensor:
+    def truncated(self, node: int) -> Tensor:
         return 1 - self.values[node].sum((-2, -1))
 
 
@@ -93,7 +93,7 @@ class StreamedKernels:
         self._rest[node] = 1 - values.detach().sum((-2, -1))
         return values
 
-    def rest(self, node: int) -> Tensor:
+    def truncated(self, node: int) -> Tensor:
         if node not in self._rest:
             self.layer(node)
         return self._rest[node]

@@ -8,7 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
-PHOTOS = 5
+PHOTO_MODEL_VERSION = 6
 """Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
 
 
@@ -17,15 +17,15 @@ class Photo:
     """A sensor image and what it is judged by. All images are linear, [channel, y, x], full scale 1.
 
     image: with noise; clean: without; ideal: all in focus, same response and exposure;
-    exposure: factor from radiance to full scale; lost: fraction of the light that left the PSF windows and
-    came back as a veil (see `photograph.veil_of`), per channel [channel]; how: the choices that were made
-    (method, layers, occlusion, ...); seconds: time of each stage.
+    exposure: factor from radiance to full scale; truncated: fraction of the light that left the PSF windows
+    and came back as veiling glare (see `photograph.glare_of`), per channel [channel]; how: the choices that
+    were made (method, layers, occlusion, ...); seconds: time of each stage.
     """
 
     image: Tensor
     clean: Tensor
     ideal: Tensor
     exposure: float
-    lost: Tensor
+    truncated: Tensor
     how: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)

@@ -69,6 +69,7 @@ def capture(
         check_pixel_angle(view, camera.pixel_angle)
     given = [view.to(device, dtype) for view in given]
     _same_size(given)
+    check_window(given[0], fidelity.window_px or camera.recipe.psf.window_px)
     first = given[0]
     weights = channel_weights(camera, first.wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
@@ -81,7 +82,7 @@ def capture(
         _ends(given),
         nodes_of(given, camera, fidelity) if nodes is None else nodes,
     )
-    lights = None if fidelity.groups else given
+    lights = None if fidelity.band_groups else given
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
 
@@ -91,7 +92,6 @@ def capture(
     imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in given]
-    check_window(lights[0], imaging.window)
     photo = torch.stack([imaging.image(light) for light in lights])
     blurring = imaging.blurring
     glare = [glare_of(light, blurring.kernels, blurring.response) for light in lights]
@@ -114,7 +114,8 @@ def capture(
         "sub_apertures": fidelity.sub_apertures if finer else 1,
         "bands": imaging.gathering.groups,
         "window_px": imaging.window,
-        "tolerance_db": fidelity.tolerance_db,
+        "layers_db": fidelity.layers_db,
+        "rank_db": fidelity.rank_db,
         "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),
         "transmission": transmission(camera),
         "sensor": [effect.model_dump() for effect in effects],
@@ -136,7 +137,7 @@ def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tenso
         float(views[0].wavelengths.min()),
         fidelity.method,
         "auto" if fidelity.layers is None else fidelity.layers,
-        fidelity.tolerance_db,
+        fidelity.layers_db,
     )
 
 
@@ -190,7 +191,9 @@ def glare_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Ten
 
 def _ends(views: Sequence[View]) -> tuple[float, float]:
     ends = [view.inverse_depth.aminmax() for view in views if view.inverse_depth.numel()]
-    return min((float(low) for low, _ in ends), default=0.0), max((float(high) for _, high in ends), default=0.0)
+    return min((float(low) for low, _ in ends), default=0.0), max(
+        (float(high) for _, high in ends), default=0.0
+    )
 
 
 def _same_size(views: Sequence[View]) -> None:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, psf_bank, psf_parts, response, response_curves
+from ..optics import Camera, psf_bank, response, response_curves, sub_aperture_psfs
 from ..optics.cache import key as bank_key
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
@@ -79,7 +79,7 @@ def kernels_of(
     return StreamedKernels(compute, nodes, wavelengths, window, key=key, folder=cache)
 
 
-def kernels_of_parts(
+def kernels_of_sub_apertures(
     camera: Camera,
     wavelengths: Tensor,
     nodes: Tensor,
@@ -89,9 +89,9 @@ def kernels_of_parts(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Kernels]:
-    """`kernels_of` shared out among `across` x `across` parts of the pupil, each held in memory for its turn
-    and nowhere else."""
-    for values in psf_parts(
+    """`kernels_of` shared out among `across` x `across` sub-apertures, each held in memory for its turn and
+    nowhere else."""
+    for values in sub_aperture_psfs(
         camera, wavelengths, nodes, across, window_px=window, dtype=dtype, device=device
     ):
         yield HeldKernels(values, nodes, wavelengths)
@@ -128,8 +128,3 @@ def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:
             f"{float(at[-1]) * 1e9:.0f} nm: render more bands, or choose another sensor.response"
         )
     return weights
-
-
-def transmission(camera: Camera) -> float:
-    """Fraction of the light through the open aperture that the camera's mask lets through."""
-    return psf_bank(camera, [camera.recipe.focus.wavelength_nm * 1e-9], [0.0], window_px=1).transmission

@@ -265,11 +265,11 @@ def expose_scene(
     progress: Progress,
 ) -> Done:
     """`edofsim expose`."""
-    from ..capture import write_image, write_photo
+    from ..capture import capture, write_image, write_photo
     from ..capture.bands import merged_bands
     from ..optics import Camera
     from ..pipeline import plan_figures, torch_device, view_as_planned
-    from ..plan import look, photograph, plan_scene
+    from ..plan import look, plan_scene
     from ..reference import check_crop, check_reference, crop_of, reference_photo
     from ..report import save_srgb
     from ..restore.scores import psnr
@@ -291,17 +291,20 @@ def expose_scene(
     rendered = time.perf_counter()
     fidelity = chosen.fidelity
     if bands is not None:  # in place of what the plan gathers them in
-        view, fidelity = merged_bands(view, bands), fidelity.changed({"groups": 0, "colours": 0})
+        view, fidelity = (
+            merged_bands(view, bands),
+            fidelity.changed({"band_groups": 0, "group_wavelengths": 0}),
+        )
     if reference is not None:
         check_crop(view, where)
-    photo = photograph(view, optics, fidelity, seed=seed, device=torch_device(device))
+    photo = capture(view, optics, fidelity, seed=seed, device=torch_device(device))
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
         "seconds.plan": planned - started,
         "seconds.render": rendered - planned,
         "seconds.expose": time.perf_counter() - rendered,
         **plan_figures(chosen),
-        **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.lost, strict=False)},
+        **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
         "peak_memory_mib": peak_memory_mib(),
     }
     outputs = {

@@ -25,11 +25,11 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor
 
-from ..capture import Photo
-from ..capture.photo import PHOTOS
+from ..capture import Photo, capture
+from ..capture.photo import PHOTO_MODEL_VERSION
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import Fidelity, Planner, parse_target, photograph
+from ..plan import Fidelity, Planner, parse_target
 from ..plan.work import STAGES
 from ..record import machine, versions
 from ..render.view import View
@@ -93,17 +93,17 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         error = row.errors[0]
         square = sum(e * e for e in error) / len(error)
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
-        rest = fine if row.levels[0].allowed else fine.changed({"groups": 0, "colours": 0})
-        fidelity = rest.changed({**dict(row.levels[0].change), "hidden_pass": True})
+        rest = fine if row.levels[0].allowed else fine.changed({"band_groups": 0, "group_wavelengths": 0})
+        fidelity = rest.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
         # what the fine plan leaves out on its own is in the photo that is measured; with all bands little is
         beside = its_own if rest == fine else 0.0
         together = its_own if fidelity == fine else math.hypot(square**0.5, beside)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
         # parts of the pupil cost a composite each, and change nothing in what other effects do; without
         # occlusion or hidden surfaces there are none
-        one_part = fidelity.pupil_parts > 1 and fidelity.occlusion == "hidden"
+        one_part = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
         if one_part:
-            fidelity = fidelity.changed({"pupil_parts": 1})
+            fidelity = fidelity.changed({"sub_apertures": 1})
         case = _case(row.effect.name, "without", fidelity, planner, math.inf, predicted)
         cases.append(replace(case, one_part=one_part))
     cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
@@ -142,7 +142,7 @@ def measure(
     full = _reference(view, camera, case, *how)
     whole = full
     if any(case.one_part for case in cases):
-        alone = case.fidelity.changed({"pupil_parts": 1})
+        alone = case.fidelity.changed({"sub_apertures": 1})
         whole = _reference(view, camera, replace(case, name="full, one part", fidelity=alone), *how)
     known = _read(path, identity)
     todo = [
@@ -172,7 +172,7 @@ def _timed(
     psf_memory.forget()
     before = pace() if pace else 0.0
     started = clock()
-    photo = photograph(view, camera, case.fidelity, device=device, clock=clock)
+    photo = capture(view, camera, case.fidelity, device=device, clock=clock)
     entry = {"case": _key(case), "seconds": clock() - started, "stages": dict(photo.seconds)}
     if pace:
         entry["pace"] = (before + pace()) / 2
@@ -234,7 +234,7 @@ def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
 
 def _identity(view: View, camera: Camera, clock: Callable[[], float]) -> str:
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
-    said = [machine(), versions(), PHOTOS, clock.__name__, torch.get_num_threads()]
+    said = [machine(), versions(), PHOTO_MODEL_VERSION, clock.__name__, torch.get_num_threads()]
     digest.update(json.dumps(said, sort_keys=True).encode())
     height = camera.height_map
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..capture import Photo
-from ..capture.photo import PHOTOS
+from ..capture import Photo, capture
+from ..capture.photo import PHOTO_MODEL_VERSION
 from ..errors import InputError
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import parse_target, photograph, plan_photo
+from ..plan import parse_target, plan_photo
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
 from ..record import machine, versions
 from ..render import View, render
@@ -142,7 +142,7 @@ def restore_points(
 def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:
     return [
         "within scale, told",  # how it was measured
-        PHOTOS,
+        PHOTO_MODEL_VERSION,
         camera.recipe.model_dump(mode="json"),
         float(view.radiance.double().sum()),
         [view.height, view.width],
@@ -160,7 +160,7 @@ def _photo(
     else:
         optics = camera_with_mask(camera.recipe, mask, camera.base)
     plan = plan_photo(view, optics, target=parse_target(None, None))
-    return optics, photograph(view, optics, plan.fidelity, device=device)
+    return optics, capture(view, optics, plan.fidelity, device=device)
 
 
 def _restored(view: View, optics: Camera, photo: Photo, network: Checkpoint | None) -> dict[str, float]:

@@ -10,8 +10,8 @@ thin lens: its rays meet every surface of the scene, but it knows no mask and no
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
-band along the edge, and goes where the pupil is taken in parts. The other ways know the visible surfaces
-alone.
+band along the edge, and goes where sub-apertures are composited one by one. The other ways know the visible
+surfaces alone.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from ..capture import SensorEffects, expose
+from ..capture import Fidelity, capture
 from ..capture.bands import chosen_bands
 from ..capture.crop import crop as cropped
 from ..capture.occlusion import OCCLUSIONS
@@ -62,9 +62,9 @@ GAPS = (0.25, 1.3)
 """Depth edges of so many dioptres count: blurs are then no wider than the window."""
 GREEN = 1
 """Index of the band that is used."""
-PARTS = 4
+SUB_APERTURES = 4
 """Along each axis of the pupil."""
-WAYS = (*OCCLUSIONS, "parts")
+WAYS = (*OCCLUSIONS, "sub_apertures")
 THIN_LENS = "thin-lens"
 """Stands in place of a mask: the clear aperture, judged by rays."""
 LENS_SAMPLES = 1024
@@ -102,10 +102,11 @@ def run(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> dict[str, float]:
-    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,parts}, {near,far}_dpt.{scene}.
+    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,sub_apertures},
+    {near,far}_dpt.{scene}.
 
     The mask `thin-lens` is a clear aperture without aberrations against Mitsuba's thin lens, others stand
-    against clipped pupils; `parts` is `hidden` through `PARTS` x `PARTS` parts of the pupil. Writes
+    against clipped pupils; `sub_apertures` is `hidden` through 4 x 4 of them. Writes
     occlusion.csv and a picture a scene. References and finished scenes are kept in the folder, and gone on
     from.
     """
@@ -294,7 +295,7 @@ def take(
 def composites(view: View, where: Crop, camera: Camera) -> tuple[dict[str, Tensor], float]:
     """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop.
 
-    The slow truth has no light beyond the PSFs' windows, so that the veil that it becomes is taken off.
+    The slow truth has no light beyond the PSFs' windows, so that the glare that it becomes is taken off.
     """
     window = camera.recipe.psf.window_px
     part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
@@ -304,18 +305,15 @@ def composites(view: View, where: Crop, camera: Camera) -> tuple[dict[str, Tenso
     factor = automatic_exposure(part.crop_margin(sharp))
     photos = {}
     for way in WAYS:
-        photo = expose(
-            part,
-            camera,
-            method="layered",
-            tolerance_db=TOLERANCE_DB,
-            occlusion="hidden" if way == "parts" else way,
-            pupil_parts=PARTS if way == "parts" else 1,
-            exposure=factor,
-            effects=SensorEffects(),
+        fidelity = Fidelity(
+            layers_db=TOLERANCE_DB,
+            occlusion="hidden" if way == "sub_apertures" else way,
+            sub_apertures=SUB_APERTURES if way == "sub_apertures" else 1,
+            sub_apertures_in_full=True,
         )
-        veil = photo.lost * sharp.mean((1, 2)) * factor
-        photos[way] = photo.clean - veil[:, None, None]
+        photo = capture(part, camera, fidelity, exposure=factor)
+        glare = photo.truncated * sharp.mean((1, 2)) * factor
+        photos[way] = photo.clean - glare[:, None, None]
     return photos, factor
 
 

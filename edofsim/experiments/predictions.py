@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..capture import capture
 from ..optics import Camera
 from ..optics.threads import one_thread
 from ..plan import (
     Fidelity,
     decibels,
     overall,
-    photograph,
     planner_of,
     rates,
     seen_in_thumbnails,
@@ -136,7 +136,7 @@ def _rendering(
     if 2 in shorter:
         changes["interreflection"] = (Fidelity(bounces=2), shorter[2])
     if plain:
-        changes["hero wavelengths"] = (Fidelity(glass_dispersion=False), plain)
+        changes["hero wavelengths"] = (Fidelity(scene_dispersion=False), plain)
     kept, rows = Kept(place / "rendering.jsonl"), []
     for name, (change, error) in changes.items():
         key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
@@ -144,8 +144,8 @@ def _rendering(
         if known is None:
             without = render(simpler_recipe(recipe, change), base, **how)
             plan = planner.plan().fidelity
-            truth = photograph(view, camera, plan)
-            other = photograph(without, camera, plan, exposure=truth.exposure)
+            truth = capture(view, camera, plan)
+            other = capture(without, camera, plan, exposure=truth.exposure)
             known = {"psnr_db": psnr(other.clean, truth.clean)}
             kept.put(key, known)
         case = cost.Case(name, "without", change, predicted_db=decibels(overall(error)))

@@ -4,7 +4,7 @@ The paper (Akpinar et al., section "3D Scene") takes a picture with a depth a pi
 8-bit values are the intensities of three wavelengths, each depth's part is convolved with the PSF at that
 depth (Eq. `Forwardmodel`), and the sum is the photo (Eq. `SensorImage`): nothing hides anything. Ours has the
 linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges.
-In ours what lies behind is seen past an edge through one side of the pupil, as far as parts of it tell. The
+In ours what lies behind is seen past an edge through one side of the pupil, as far as sub-apertures tell. The
 ways between change one thing at a time; all but the last two know only the surfaces that are seen.
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
@@ -21,12 +21,9 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..capture import Photo, expose, ideal_image
-from ..capture.fidelity import Fidelity, full_fidelity, in_parts
-from ..capture.photograph import effects_of
-from ..capture.photographing import nodes_of, seen_in_parts
+from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
 from ..capture.prepare import channel_weights
-from ..capture.sensor import automatic_exposure, record
+from ..capture.sensor import automatic_exposure
 from ..capture.srgb import srgb_encode
 from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import direct_part
@@ -42,24 +39,26 @@ DEPTH_STEP_M = 1e-3
 HEIGHT_ERROR_M = 30e-9
 LENS_ALONE = "lens_alone"
 FILTER_DEPTHS = 9
+TOLERANCE_DB = 50.0
+"""PSNR that depth nodes and factors keep against the layers of all bands."""
 
 
 @dataclass(frozen=True)
 class Way:
     """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
     an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
-    hidden surfaces where it has any; parts: of the pupil along each axis, as far as diffraction lets them be
-    told apart."""
+    hidden surfaces where it has any; sub_apertures: along each axis of the pupil, as far as diffraction lets
+    them be told apart."""
 
     name: str
     title: str
     occlusion: str
     flat: bool = False
     encoded: bool = False
-    parts: int = 1
+    sub_apertures: int = 1
 
 
-PAPER, OURS = "paper", "parts"
+PAPER, OURS = "paper", "sub_apertures"
 WAYS = (
     Way(PAPER, "The paper's: 8-bit values as light, 3 wavelengths, 1 mm steps", "none", True, True),
     Way("linear", "The same of linear light", "none", flat=True),
@@ -67,7 +66,7 @@ WAYS = (
     Way("over", "Layers over each other", "over"),
     Way("normalised", "The same, normalised", "normalised"),
     Way("hidden", "All bands, hidden surfaces", ""),
-    Way(OURS, "Ours: the same through parts of the pupil", "", parts=4),
+    Way(OURS, "Ours: the same through sub-apertures", "", sub_apertures=4),
 )
 
 
@@ -128,19 +127,15 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     direct = direct_light(system.camera, view.wavelengths)
     full = full_fidelity(camera, view)
-    light = veiled(view, direct)
-    photo = expose(
-        light,
-        camera,
+    one_depth = float(view.inverse_depth.min()) == float(view.inverse_depth.max())
+    fidelity = Fidelity(
+        method="layered" if one_depth else "low_rank",
+        layers_db=TOLERANCE_DB,
+        rank_db=TOLERANCE_DB,
         occlusion=way.occlusion or full.occlusion,
-        exposure=exposure,
-        effects=effects_of(camera),
-        seed=seed,
-        device=device,
+        sub_apertures=min(way.sub_apertures, full.sub_apertures),
     )
-    parts = min(way.parts, full.pupil_parts)
-    if parts > 1:
-        photo = _through_parts(photo, light, camera, parts, seed, device)
+    photo = capture(veiled(view, direct), camera, fidelity, exposure=exposure, seed=seed, device=device)
     photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
@@ -153,23 +148,8 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         taker = system.designed or system.camera
         taker = _of_three_lines(taker) if way.flat else taker
         level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
-        images["wiener"], _ = restore(
-            unveiled(photo.image, level), taker, view.wavelengths, depths
-        )
+        images["wiener"], _ = restore(unveiled(photo.image, level), taker, view.wavelengths, depths)
     return Taken(photo, images)
-
-
-def _through_parts(
-    photo: Photo, view: View, camera: Camera, parts: int, seed: int, device: str
-) -> Photo:
-    """The same photo with what changes where the pupil is composited in parts."""
-    coarse = in_parts(Fidelity(pupil_parts=parts))
-    light = view.to(device, torch.float32)
-    nodes = nodes_of(light, camera, coarse)
-    weights = channel_weights(camera, view.wavelengths)
-    change = seen_in_parts(light, camera, coarse, nodes, weights, device=device)
-    clean = photo.clean + photo.exposure * change
-    return replace(photo, clean=clean, image=record(clean, effects_of(camera), seed))
 
 
 def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:

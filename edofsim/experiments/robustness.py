@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..optics import Camera, focus_distance
+from ..optics import focus_distance
 from ..recipe.fabrication import Fabrication
 from .photographs import Photographs, chosen, photographs
 from .planes import Condition, Progress, Row, averages, measure, write_rows
@@ -75,14 +75,14 @@ def fabrication_conditions(system: Contestant, seed: int) -> list[Condition]:
         )
         for sigma in SIGMAS_D_NM
     ]
-    wave = getattr(system.recipe.mask, "design_wavelength_nm", None)
+    wave = getattr(system.camera.recipe.mask, "design_wavelength_nm", None)
     device = Fabrication(preset="paper-device", wrap_wavelength_nm=wave, seed=seed)
     return [*errors, Condition(DEVICE, depth, READ_NOISE, device)]
 
 
 def green_focus(system: Contestant) -> float:
     """Distance in metres that is sharp at 543 nm: z_fG of the paper."""
-    return float(focus_distance(Camera.from_recipe(system.recipe), GREEN))
+    return float(focus_distance(system.camera, GREEN))
 
 
 def _run(

@@ -23,7 +23,7 @@ from typing import Any
 
 from torch import Tensor
 
-from ..capture.photo import PHOTOS
+from ..capture.photo import PHOTO_MODEL_VERSION
 from ..errors import EdofsimError
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera
 from ..record import write_record
@@ -333,7 +333,7 @@ def key_of(
     recipe: SceneRecipe, base: Path, camera: Loaded[CameraRecipe], networks: Sequence[str], seed: int
 ) -> str:
     """What a record's scores depend on."""
-    said = [VERSION, PHOTOS, view_key(recipe, base), camera.recipe.model_dump(mode="json"), seed]
+    said = [VERSION, PHOTO_MODEL_VERSION, view_key(recipe, base), camera.recipe.model_dump(mode="json"), seed]
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for network in networks:
         digest.update(hashlib.sha256(find_checkpoint(network).read_bytes()).digest())

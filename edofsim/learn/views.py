@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..capture import expose
+from ..capture import Fidelity, capture
 from ..capture.crop import crop
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
@@ -35,22 +35,12 @@ class ViewParts:
     def photograph(self, optics: Optics) -> Captured:
         """With layers, occlusion and hidden surfaces."""
         camera = _camera(optics.camera, self.table.bands)
-        photos = [
-            expose(
-                part,
-                camera,
-                method="layered",
-                layers=self.table.layers,
-                occlusion=self.table.occlusion,
-                window_px=optics.window,
-                device=optics.device,
-            )
-            for part in self.parts
-        ]
+        fidelity = Fidelity(layers=self.table.layers, occlusion=self.table.occlusion, window_px=optics.window)
+        photos = [capture(part, camera, fidelity, device=optics.device) for part in self.parts]
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
         clean = torch.stack([photo.clean for photo in photos]) * factors
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
-        lost = torch.stack([photo.lost for photo in photos]).mean()
+        lost = torch.stack([photo.truncated for photo in photos]).mean()
         return captured(clean, ideal, lost, saturates=True)
 
     def reusing(self, psf: Tensor | None) -> Scenes:

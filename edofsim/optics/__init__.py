@@ -3,10 +3,10 @@
 from .bank import PsfBank
 from .camera import Camera, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
-from .parts import psf_parts
 from .psf import mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, add_noise, response, response_curves
+from .sub_apertures import sub_aperture_psfs
 
 __all__ = [
     "MATERIALS",
@@ -23,8 +23,8 @@ __all__ = [
     "mean_psfs",
     "plan_sampling",
     "psf_bank",
-    "psf_parts",
     "response",
     "response_curves",
     "sampling_bound",
+    "sub_aperture_psfs",
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -16,7 +17,10 @@ from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
 from .lens import lens_delay, spherical_sag
-from .masks import mask_amplitude
+from .masks import Mask, mask_amplitude
+
+TRANSMISSION_SAMPLES = 514
+"""Across the pupil, for the light that a mask lets through."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,17 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         regions = [(amplitude, surface(camera, grid, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
     return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
+
+
+@lru_cache(maxsize=64)
+def _transmission(mask: Mask) -> float:
+    grid = PupilGrid(TRANSMISSION_SAMPLES, 2 / (TRANSMISSION_SAMPLES - 2), 1.0)
+    return float(mask_amplitude(mask, grid)[1].sum() / disc_coverage(grid, 1.0).sum())
+
+
+def transmission(camera: Camera) -> float:
+    """Fraction of the light through the open aperture that the camera's mask lets through."""
+    return _transmission(camera.mask)
 
 
 def pupil_function(

@@ -1,7 +1,6 @@
 """Which effects are simulated, and why."""
 
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
-from ..capture.photographing import photograph
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS
 from .photo import Planner, plan_photo, planner_of
@@ -13,18 +12,17 @@ __all__ = [
     "EFFECTS",
     "Decision",
     "Effect",
+    "Fidelity",
     "Level",
     "Looked",
     "Plan",
     "Planner",
-    "Fidelity",
     "Target",
     "decibels",
     "full_fidelity",
     "look",
     "overall",
     "parse_target",
-    "photograph",
     "plan_photo",
     "plan_scene",
     "planner_of",

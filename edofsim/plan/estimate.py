@@ -107,12 +107,12 @@ def estimate(
         errors_found.append(_nothing(facts))
         rows.append(Estimate(effect, absent, levels, tuple(errors_found), (*images, -1)))
     facts.sample.forget()
-    rows = _with_what_goes_too(rows, differences)
+    rows = _add_nested_effects(rows, differences)
     stack = torch.stack(differences) if differences else torch.zeros(0, 1)
     return Estimates(tuple(rows), (stack @ stack.T).double() / len(facts.sample.response))
 
 
-def _with_what_goes_too(rows: Sequence[Estimate], differences: list[Tensor]) -> list[Estimate]:
+def _add_nested_effects(rows: Sequence[Estimate], differences: list[Tensor]) -> list[Estimate]:
     """Effects that are left out with another, which was measured without them, err on top of it: their
     differences are added to that one's."""
     found = {row.effect.name: row for row in rows}
@@ -152,8 +152,8 @@ def _differences(
     """
     found = []
     for level in levels:
-        usual = {"layers": 7, "window": _narrow(facts), "pupil_um": facts.quick_pupil_um}
-        usual |= {"pupil_parts": 1, "snapped": False}
+        usual = {"layers": 7, "window_px": _narrow(facts), "pupil_sampling_um": facts.quick_pupil_um}
+        usual |= {"sub_apertures": 1, "snapped": False}
         how = {**usual, **effect.sample, **level.sample}
         snapped = how.pop("snapped")
         rest = facts.full.changed(how)
@@ -169,12 +169,12 @@ def _differences(
 def _narrow(facts: Facts) -> int | None:
     if facts.camera.recipe.psf.window_px <= NARROW:
         return None
-    plain = facts.full.changed({"groups": 1, "colours": 1})
+    plain = facts.full.changed({"band_groups": 1, "group_wavelengths": 1})
     return NARROW if facts.sample.narrow(plain, NARROW, LOST) else None
 
 
 def _photo_fields(level: Level) -> dict[str, object]:
-    return {key: value for key, value in level.change.items() if key != "hidden_pass"}
+    return {key: value for key, value in level.change.items() if key != "hidden_surfaces"}
 
 
 def _beyond(facts: Facts, level: Level) -> float:

@@ -71,7 +71,7 @@ class Facts:
     @property
     def blurred(self) -> Fidelity:
         """A simulation with little in it but blur: how bright the photo is."""
-        return self.full.changed({"groups": 1, "colours": 1, "layers": 5, "occlusion": "none"})
+        return self.full.changed({"band_groups": 1, "group_wavelengths": 1, "layers": 5, "occlusion": "none"})
 
     @property
     def bands_a_channel(self) -> int:
@@ -123,7 +123,7 @@ def _with_grain(facts: Facts) -> Facts:
 
     The view's noise is relative to the mean of its bands and alike in all of them.
     """
-    channels = facts.full.changed({"groups": 1, "colours": 1, "window": None})
+    channels = facts.full.changed({"band_groups": 1, "group_wavelengths": 1, "window_px": None})
     kept = facts.sample.psf_energy(channels, facts.sample.nodes(5)).sqrt()
     grain = max(0.0, facts.view.noise) * facts.levels_of_light * kept
     return replace(facts, grain=tuple(grain.tolist()), averaging=tuple(kept.tolist()))

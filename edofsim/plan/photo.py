@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..capture.fidelity import FULL_PARTS, Fidelity
+from ..capture.fidelity import FULL_SUB_APERTURES, Fidelity
 from ..capture.methods import METHODS
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
@@ -51,7 +51,7 @@ class Planner:
         layers = int(self.facts.sample.nodes(fidelity.layers).numel())
         if fidelity.layers is None and self.facts.sample.depths is None:
             layers = self._finest_layers()
-        groups, colours = _counts(self.facts, fidelity.groups, fidelity.colours)
+        groups, colours = _counts(self.facts, fidelity.band_groups, fidelity.group_wavelengths)
         work = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
         stages = {
             stage: sum(rate * amount for rate, amount in zip(self.rates[stage], amounts, strict=True))
@@ -62,14 +62,14 @@ class Planner:
     def memory_mib(self, fidelity: Fidelity) -> float:
         """Predicted peak memory of the process."""
         layers = int(self.facts.sample.nodes(fidelity.layers).numel())
-        groups, colours = _counts(self.facts, fidelity.groups, fidelity.colours)
+        groups, colours = _counts(self.facts, fidelity.band_groups, fidelity.group_wavelengths)
         found = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
         return BASE_MIB + found.bytes / 2**20
 
     def _finest_layers(self) -> int:
-        from ..capture.photographing import nodes_of
+        from ..capture.photograph import nodes_of
 
-        return int(nodes_of(self.facts.view, self.facts.camera, self.facts.full).numel())
+        return int(nodes_of([self.facts.view], self.facts.camera, self.facts.full).numel())
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
         """Choose for a target. fixed: levels of effects that the user insists on."""
@@ -222,7 +222,7 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     if "layers" in insisted:
         count = insisted["layers"]
         more["depth layers"] = Level(f"{count} layer{'s'[: count > 1]}", {"layers": count})
-    parts = insisted.get("pupil_parts")
+    parts = insisted.get("sub_apertures")
     if "occlusion" in insisted or (parts or 1) != 1:
         way = insisted.get("occlusion", "hidden")
         _known(way, OCCLUSIONS, "occlusion")
@@ -231,7 +231,9 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
         more["occlusion"] = Level(way, {"occlusion": way})
     if parts is not None:
         said = "one part" if parts == 1 else f"{parts} x {parts} parts"
-        more["pupil parts"] = Level(said, {"pupil_parts": parts}, sample={"pupil_parts": FULL_PARTS})
+        more["pupil parts"] = Level(
+            said, {"sub_apertures": parts}, sample={"sub_apertures": FULL_SUB_APERTURES}
+        )
     if "method" in insisted:
         _known(insisted["method"], METHODS, "method")
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})

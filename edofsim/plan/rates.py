@@ -15,7 +15,7 @@ import torch
 from scipy.optimize import nnls
 
 from ..capture.fidelity import Fidelity
-from ..capture.photographing import nodes_of, photograph
+from ..capture.photograph import capture, nodes_of
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..optics.masks.cubic import CubicMask
@@ -25,7 +25,7 @@ from ..record import machine
 from ..render.view import View
 from .work import STAGES, shape_of, work_of
 
-VERSION = 12
+VERSION = 13
 """Raised when work is counted otherwise."""
 
 Rates = dict[str, tuple[float, ...]]
@@ -35,32 +35,39 @@ PACE = "pace"
 _known: dict[str, Rates] = {}
 
 RUNS = (
-    Fidelity(groups=1, colours=1, layers=1, occlusion="none"),
-    Fidelity(groups=1, colours=2, layers=12, occlusion="none"),
-    Fidelity(groups=2, colours=2, layers=5, occlusion="none", window=64),
-    Fidelity(groups=0, layers=3, occlusion="none"),
-    Fidelity(groups=0, layers=12, occlusion="none", window=32),
-    Fidelity(groups=3, colours=1, layers=6, occlusion="none", pupil_um=9.0),
-    Fidelity(groups=1, colours=0, layers=4, occlusion="none", oversampling=4),
-    Fidelity(groups=2, colours=2, layers=20, occlusion="none", window=16),
-    Fidelity(groups=1, colours=1, layers=6, occlusion="hidden"),
-    Fidelity(groups=2, colours=1, layers=10, occlusion="hidden", window=64),
-    Fidelity(groups=3, colours=1, layers=24, occlusion="hidden", window=32),
-    Fidelity(groups=0, layers=2, occlusion="hidden", window=32),
-    Fidelity(groups=1, colours=2, layers=4, occlusion="normalised"),
-    Fidelity(groups=3, colours=1, layers=8, occlusion="normalised", window=48),
-    Fidelity(groups=1, colours=1, layers=4, occlusion="hidden", pupil_parts=3),
-    Fidelity(groups=1, colours=2, layers=9, occlusion="hidden", pupil_parts=4),
-    Fidelity(groups=1, colours=1, layers=6, occlusion="hidden", pupil_parts=4, window=48),
-    Fidelity(groups=1, colours=2, layers=2, occlusion="hidden", pupil_parts=5, pupil_um=9.0),
-    Fidelity(groups=1, colours=1, layers=7, occlusion="hidden", pupil_parts=6, window=64),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=12, occlusion="none"),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=5, occlusion="none", window_px=64),
+    Fidelity(band_groups=0, layers=3, occlusion="none"),
+    Fidelity(band_groups=0, layers=12, occlusion="none", window_px=32),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=6, occlusion="none", pupil_sampling_um=9.0),
+    Fidelity(band_groups=1, group_wavelengths=0, layers=4, occlusion="none", oversampling=4),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=20, occlusion="none", window_px=16),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden"),
+    Fidelity(band_groups=2, group_wavelengths=1, layers=10, occlusion="hidden", window_px=64),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=24, occlusion="hidden", window_px=32),
+    Fidelity(band_groups=0, layers=2, occlusion="hidden", window_px=32),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=4, occlusion="normalised"),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=8, occlusion="normalised", window_px=48),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=4, occlusion="hidden", sub_apertures=3),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=9, occlusion="hidden", sub_apertures=4),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden", sub_apertures=4, window_px=48),
+    Fidelity(
+        band_groups=1,
+        group_wavelengths=2,
+        layers=2,
+        occlusion="hidden",
+        sub_apertures=5,
+        pupil_sampling_um=9.0,
+    ),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=7, occlusion="hidden", sub_apertures=6, window_px=64),
 )
 FLAT_RUNS = (
-    Fidelity(groups=1, colours=1, layers=1, occlusion="none"),
-    Fidelity(groups=1, colours=2, layers=1, occlusion="none", window=64),
-    Fidelity(groups=2, colours=2, layers=1, occlusion="none", window=48),
-    Fidelity(groups=3, colours=0, layers=1, occlusion="none", window=32),
-    Fidelity(groups=0, layers=1, occlusion="none"),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=1, occlusion="none", window_px=64),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=1, occlusion="none", window_px=48),
+    Fidelity(band_groups=3, group_wavelengths=0, layers=1, occlusion="none", window_px=32),
+    Fidelity(band_groups=0, layers=1, occlusion="none"),
 )
 MAP_SAMPLES = 240
 """Across a height map in the mask's place."""
@@ -164,7 +171,7 @@ def _fastest(
     found = []
     for _ in range(repeats):
         psf_memory.forget()
-        found.append(photograph(view, camera, run, clock=clock).seconds)
+        found.append(capture(view, camera, run, clock=clock).seconds)
     return {stage: min(each.get(stage, 0.0) for each in found) for stage in STAGES}
 
 
@@ -188,9 +195,13 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
         for run in runs:
             found = _fastest(view, with_mask, run, times_each, time.process_time)
             paces.append(pace())
-            layers = int(nodes_of(view, with_mask, run).numel())
-            groups = 3 * run.groups or view.bands
-            colours = groups * max(run.colours, 1) if run.groups and run.colours else view.bands
+            layers = int(nodes_of([view], with_mask, run).numel())
+            groups = 3 * run.band_groups or view.bands
+            colours = (
+                groups * max(run.group_wavelengths, 1)
+                if run.band_groups and run.group_wavelengths
+                else view.bands
+            )
             work = work_of(shape, with_mask, run, layers, groups, colours)
             for stage in STAGES:
                 if any(work.amounts[stage]):

@@ -12,12 +12,12 @@ from pathlib import Path
 import platformdirs
 import torch
 
-from ..capture.photo import PHOTOS
+from ..capture.photo import PHOTO_MODEL_VERSION
 from .effect import Effect, Level
 from .estimate import Estimate, Estimates, Progress, estimate, levels_of
 from .facts import Facts
 
-VERSION = 15
+VERSION = 16
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""
@@ -87,12 +87,12 @@ def _folder() -> Path:
 
 def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> str:
     said = {
-        "version": [VERSION, PHOTOS],
+        "version": [VERSION, PHOTO_MODEL_VERSION],
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [effect.name for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "rendering": [facts.shorter, facts.plain_glass, facts.final, facts.grain],
-        "margin": [facts.view.height, facts.view.width, facts.view.margin],
+        "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
     height = facts.camera.height_map

@@ -13,17 +13,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..capture.band_groups import Gathering, gathered_kernels, gathered_view
-from ..capture.blurring import Blurring
 from ..capture.crop import crop, with_margin
-from ..capture.fidelity import Fidelity, simpler_camera
+from ..capture.fidelity import Fidelity
+from ..capture.imaging import Axes, imaging_of, spectrum_of, sub_aperture_imaging
 from ..capture.kernels import HeldKernels, Kernels
-from ..capture.methods import METHODS
-from ..capture.occlusion import OCCLUSIONS
-from ..capture.occlusion.parts import change_in_parts
-from ..capture.photograph import all_in_focus, veil_of
-from ..capture.photographing import gathering_of, spectrum_of, with_part_of_margin
-from ..capture.prepare import blur_per_dioptre, channel_weights, kernels_of, kernels_of_parts
+from ..capture.photograph import all_in_focus, glare_of
+from ..capture.prepare import blur_per_dioptre, channel_weights, kernels_of
 from ..capture.sensor import automatic_exposure
 from ..optics import Camera
 from ..render.view import View
@@ -69,38 +64,24 @@ class Sample:
         snapped: every fragment is moved to the nearest depth node. Between nodes PSFs are mixtures, smoother
         than that of any depth, which hides errors where the nodes are few.
         """
-        nodes = self.nodes(fidelity.layers)
-        window = fidelity.window or self.camera.recipe.psf.window_px
-        margin = window // 2 if fidelity.margin is None else min(fidelity.margin, window // 2)
-        parts = []
-        blurring, veil = None, None
-        gathering = self._gathering(fidelity)
-        for view, weight in zip(self.tiles, self.weights.tolist(), strict=True):
-            light = gathered_view(view, gathering) if fidelity.groups else view
+        axes = self._axes(fidelity)
+        imaging = imaging_of(self.camera, fidelity, axes, make=self._kernels)
+        finer = sub_aperture_imaging(self.camera, fidelity, axes, make=self._kernels)
+        images, glare = [], torch.zeros(())
+        for tile, weight in zip(self.tiles, self.weights.tolist(), strict=True):
+            view = tile
             if snapped:
-                light = replace(light, inverse_depth=_nearest(light.inverse_depth, nodes))
-            light = with_margin(with_part_of_margin(light, margin), window // 2)
-            if blurring is None:
-                kernels = self._kernels(fidelity, gathering.wavelengths, nodes, window)
-                kernels = gathered_kernels(kernels, gathering) if fidelity.groups else kernels
-                blurring = Blurring(
-                    kernels,
-                    gathering.response.to(light.radiance),
-                    METHODS[fidelity.method],
-                    fidelity.tolerance_db,
-                    gap=1 / blur_per_dioptre(self.camera),
-                )
-                through = self._parts(fidelity, gathering, nodes, window)
-            image = OCCLUSIONS[fidelity.occlusion](light, blurring)
-            if through:
-                image = image + change_in_parts(light, blurring, through)
-            parts.append(light.crop_margin(image).flatten(1))
-            own, _ = veil_of(light, blurring.kernels, blurring.response)
-            own = own * (weight * parts[-1].shape[1])  # a tile's share of the whole frame's veil
-            veil = own if veil is None else veil + own
+                view = replace(view, inverse_depth=_nearest(view.inverse_depth, axes.nodes))
+            light = imaging.light(view)
+            image = imaging.image(light)
+            if finer is not None:
+                image = image + finer.change_by_sub_apertures(finer.light(view))
+            images.append(image.flatten(1))
+            own, _ = glare_of(light, imaging.blurring.kernels, imaging.blurring.response)
+            glare = glare + own * (weight * images[-1].shape[1])  # a tile's share of the whole frame's glare
         roots = self.exposure * self.weights.sqrt()
         return torch.cat(
-            [(part + veil[:, None]) * root for part, root in zip(parts, roots.tolist(), strict=True)], 1
+            [(image + glare[:, None]) * root for image, root in zip(images, roots.tolist(), strict=True)], 1
         )
 
     def exposed(self, fidelity: Fidelity) -> tuple[Tensor, Tensor]:
@@ -112,14 +93,14 @@ class Sample:
             self._photos[fidelity] = self.photo(fidelity).double() / weights.sqrt()
         return self._photos[fidelity], weights
 
-    def _gathering(self, fidelity: Fidelity) -> Gathering:
-        """As the whole view's: the tiles share the PSFs of the groups."""
-        return gathering_of(self.tiles[0], self.camera, self.response, fidelity, self.spectrum, self.ends)
+    def _axes(self, fidelity: Fidelity, nodes: Tensor | None = None) -> Axes:
+        """As the whole view's: the tiles share the PSFs."""
+        nodes = self.nodes(fidelity.layers) if nodes is None else nodes
+        return Axes(self.response, self.tiles[0].wavelengths, self.spectrum, self.ends, nodes)
 
-    def _kernels(self, fidelity: Fidelity, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
+    def _kernels(self, camera: Camera, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
-        camera = simpler_camera(self.camera, fidelity)
-        materials = (camera.glass.name, camera.mask_material.name)
+        materials = (camera.glass.formula, camera.mask_material.formula)
         key = (camera.recipe.model_dump_json(), materials, tuple(wavelengths.tolist()), window)
         known = self._banks.get(key)
         if known is not None and known.nodes.numel() >= nodes.numel():
@@ -131,30 +112,19 @@ class Sample:
             self._banks[key] = made
         return made
 
-    def _parts(
-        self, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, window: int
-    ) -> list[Kernels]:
-        """PSFs of the groups through each part of the pupil, for all tiles; none where it is one part."""
-        if fidelity.pupil_parts == 1 or fidelity.occlusion != "hidden":
-            return []
-        camera = simpler_camera(self.camera, fidelity)
-        found = kernels_of_parts(camera, gathering.wavelengths, nodes, window, fidelity.pupil_parts)
-        return [gathered_kernels(part, gathering) if fidelity.groups else part for part in found]
-
-    def narrow(self, fidelity: Fidelity, window: int, lost: float) -> bool:
-        """Whether PSFs of that window lose less than `lost` of the light at every depth, on average."""
-        gathering = self._gathering(fidelity)
-        kernels = self._kernels(fidelity, gathering.wavelengths, self.nodes(5), window)
-        rest = gathered_kernels(kernels, gathering)
-        return max(float(rest.rest(k).mean()) for k in range(rest.nodes.numel())) < lost
+    def narrow(self, fidelity: Fidelity, window: int, share: float) -> bool:
+        """Whether PSFs of that window truncate less than `share` of the light at every depth, on average."""
+        few = fidelity.changed({"window_px": window})
+        imaging = imaging_of(self.camera, few, self._axes(few, self.nodes(5)), make=self._kernels)
+        kernels = imaging.blurring.kernels
+        return max(float(kernels.truncated(k).mean()) for k in range(kernels.nodes.numel())) < share
 
     def psf_energy(self, fidelity: Fidelity, nodes: Tensor) -> Tensor:
         """sum of psf^2 of each channel, mean over nodes, [channel]: how far independent noise averages."""
-        gathering = self._gathering(fidelity)
-        window = self.camera.recipe.psf.window_px
-        kernels = gathered_kernels(self._kernels(fidelity, gathering.wavelengths, nodes, window), gathering)
+        imaging = imaging_of(self.camera, fidelity, self._axes(fidelity, nodes), make=self._kernels)
+        kernels = imaging.blurring.kernels
         layers = [kernels.layer(k).square().sum((-2, -1)) for k in range(nodes.numel())]
-        return gathering.response @ torch.stack(layers).mean(0).double()
+        return imaging.gathering.response @ torch.stack(layers).mean(0).double()
 
     def forget(self) -> None:
         """Let the PSFs go."""

@@ -103,7 +103,7 @@ def seen_in_thumbnails(
 
     for length in lengths:
         shorter[length] = error(Fidelity(bounces=length))
-    return shorter, error(Fidelity(glass_dispersion=False)) if disperses(recipe) else ()
+    return shorter, error(Fidelity(scene_dispersion=False)) if disperses(recipe) else ()
 
 
 def plan_scene(
@@ -132,7 +132,7 @@ def _rays(recipe: SceneRecipe, view: View, fidelity: Fidelity) -> float:
     frame = recipe.frame
     pixels = (frame.width_px + 2 * frame.margin_px) * (frame.height_px + 2 * frame.margin_px)
     behind = 0.0
-    if recipe.render.hidden and fidelity.hidden_pass:
+    if recipe.render.hidden and fidelity.hidden_surfaces:
         behind = float(view.hidden.sum()) / (view.padded_shape[0] * view.padded_shape[1])
     return pixels * (1 + behind) * recipe.render.samples * recipe.render.max_depth
 

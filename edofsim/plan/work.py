@@ -10,15 +10,15 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, in_parts, simpler_camera
+from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
-from ..optics.parts import partition
 from ..optics.sampling import plan_sampling
+from ..optics.sub_apertures import partition
 from .shape import Shape, Slabs, shape_of
 
-STAGES = ("prepare", "psf", "blur", "parts", "sensor")
+STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
 PART_AMOUNTS = 5
 COVERAGES = 3
 """Images of coverage that are blurred for each depth: one a channel."""
@@ -41,12 +41,12 @@ def work_of(
 
     layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs.
     """
-    window = fidelity.window or camera.recipe.psf.window_px
+    window = fidelity.window_px or camera.recipe.psf.window_px
     margin = window // 2
     padded = (shape.height + 2 * margin) * (shape.width + 2 * margin)
     outer = math.prod(shape.padded_shape)
     fragments = shape.fragments * padded / outer
-    gathered = groups if fidelity.groups else 0
+    gathered = groups if fidelity.band_groups else 0
     blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
     samples = _pupil_samples(camera, fidelity, window, shape)
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
@@ -75,7 +75,7 @@ def work_of(
                 waves * window**2,
             ),
             "blur": blur.amounts(layers * (groups + COVERAGES) * window**2 if blur.covers else 0.0),
-            "parts": parts,
+            "sub_apertures": parts,
             "sensor": (
                 1.0,
                 3.0 * shape.height * shape.width,
@@ -95,13 +95,13 @@ def _parts_of(
     shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, samples: int
 ) -> tuple[tuple[float, ...], float]:
     """Amounts of compositing the pupil in parts, and the bytes of their PSFs and light."""
-    across = fidelity.pupil_parts
+    across = fidelity.sub_apertures
     if across == 1 or fidelity.occlusion != "hidden" or not shape.edges.numel():
         return (0.0,) * PART_AMOUNTS, 0.0
-    coarse = in_parts(fidelity)
-    window = fidelity.window or camera.recipe.psf.window_px
+    coarse = of_sub_apertures(fidelity)
+    window = fidelity.window_px or camera.recipe.psf.window_px
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
-    colours = min(shape.bands, COVERAGES * coarse.colours)
+    colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
     waves, half, out = layers * colours, samples / 2, (window * fidelity.oversampling + 2) / 2
     margin = window // 2
@@ -235,8 +235,9 @@ def _composite(
 def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
     simpler = simpler_camera(camera, fidelity)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
-    across = "" if simpler.height_map is None else f" {simpler.height_map.shape[-1]}"
-    return _samples(_Named(simpler, recipe + across), window, shape.ends, shape.wavelengths)
+    across = None if simpler.height_map is None else simpler.height_map.shape[-1]
+    said = f"{recipe} {simpler.glass.formula} {simpler.mask_material.formula} {across}"
+    return _samples(_Named(simpler, said), window, shape.ends, shape.wavelengths)
 
 
 class _Named:

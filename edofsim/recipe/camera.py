@@ -8,7 +8,7 @@ from pydantic import Field
 
 from .base import NotNegative, Positive, RecipeModel
 from .fabrication import Fabrication
-from .kinds import AnyMask, named
+from .kinds import AnyMask, AnySensorEffect, named
 
 
 class Lens(RecipeModel):
@@ -31,7 +31,8 @@ class Sensor(RecipeModel):
     """Pixel pitch, spectral response by name or CSV, and exposure. Noise is relative to full scale 1.
 
     Off unless given: `saturation` clips at 0 and full scale; `full_well_electrons` adds the shot noise of
-    that many electrons at full scale; `bits` quantises; `bayer` is the mosaic's top left 2 x 2 pixels.
+    that many electrons at full scale; `bits` quantises; `bayer` is the mosaic's top left 2 x 2 pixels. What
+    else a sensor does is listed in `effects`, each a table with its `kind`, and comes after these.
     """
 
     pixel_um: Positive = 6.0
@@ -42,6 +43,7 @@ class Sensor(RecipeModel):
     full_well_electrons: Positive | None = None
     bits: Annotated[int, Field(ge=1, le=24)] | None = None
     bayer: Literal["RGGB", "BGGR", "GRBG", "GBRG"] | None = None
+    effects: tuple[AnySensorEffect, ...] = ()
 
 
 class PsfSettings(RecipeModel):

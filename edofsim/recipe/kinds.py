@@ -44,6 +44,19 @@ MASKS: Registry[type[KindModel]] = Registry(
 )
 
 
+SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
+    "edofsim.sensor_effects",
+    "sensor effect",
+    {
+        "bayer-mosaic": "edofsim.capture.sensor.mosaic:Mosaic",
+        "shot-noise": "edofsim.capture.sensor.shot_noise:ShotNoise",
+        "read-noise": "edofsim.capture.sensor.read_noise:ReadNoise",
+        "saturation": "edofsim.capture.sensor.saturation:Saturation",
+        "quantisation": "edofsim.capture.sensor.quantisation:Quantisation",
+    },
+)
+
+
 class OfKind:
     """Annotation of a field that holds a model of any kind of a registry.
 
@@ -99,3 +112,4 @@ def named(kind: str) -> Any:
 
 
 AnyMask = Annotated[KindModel, OfKind(MASKS)]
+AnySensorEffect = Annotated[KindModel, OfKind(SENSOR_EFFECTS)]

@@ -24,7 +24,7 @@ from .model import BandTexture
 from .pictures import read_picture
 from .spectra import hex_to_linear, reflectance, srgb_basis, srgb_to_linear
 
-PHOTOS = (
+PHOTO_MODEL_VERSION = (
     "astronaut", "brick", "camera", "cell", "chelsea", "coffee", "coins", "color", "grass", "gravel",
     "hubble_deep_field", "ihc", "moon", "motorcycle_left", "page", "retina", "rocket", "text",
 )  # fmt: skip
@@ -71,8 +71,8 @@ def unit_rgb(image: np.ndarray) -> np.ndarray:
 @lru_cache(maxsize=32)
 def photo(name: str) -> np.ndarray:
     """A photograph of skimage.data, as it is stored. Raises InputError for one that would be downloaded."""
-    if name not in PHOTOS:
-        raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTOS)}")
+    if name not in PHOTO_MODEL_VERSION:
+        raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTO_MODEL_VERSION)}")
     import skimage.data
     from skimage.io import imread
 

@@ -11,13 +11,13 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..capture import expose
+from ..capture import Fidelity, capture
 from ..optics import Camera
 from ..recipe import load_camera
 from ..render.view import View
 from .case import Case, Finding, timed
 from .photos import LAYERED, SINGLE, deviation, distance
-from .views import QUIET, uniform
+from .views import uniform
 
 FRAME, WINDOW, LAYERS = 48, 128, 24
 NANOMETRES = (482.0, 543.0)
@@ -42,8 +42,8 @@ def _view(camera: Camera, wavelength: float) -> View:
 
 
 def _photo(view: View, camera: Camera, method: str, dtype: torch.dtype) -> Tensor:
-    how = {"method": method, "layers": LAYERS, "occlusion": "none"}
-    return expose(view, camera, exposure=1.0, effects=QUIET, dtype=dtype, **how).clean.double()
+    fidelity = Fidelity(method=method, layers=LAYERS, occlusion="none", rank_db=50.0)
+    return capture(view, camera, fidelity, exposure=1.0, dtype=dtype).clean.double()
 
 
 def _findings() -> Iterator[Finding]:

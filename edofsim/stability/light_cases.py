@@ -12,19 +12,18 @@ from tempfile import TemporaryDirectory
 import torch
 from torch import Tensor
 
-from ..capture import expose
+from ..capture import Fidelity, capture
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.masks.clear import ClearMask
 from ..render.exr import read_view, write_view
 from ..render.view import View
 from .case import Case, Finding, timed
-from .photos import LAYERED, METHODS, HardView, distance, photo_cases, true_photo
+from .photos import LAYERED, METHODS, SHIPPED, HardView, distance, photo_cases, true_photo
 from .views import (
     MASKS,
     MIDDLE,
     NANOMETRES,
-    QUIET,
     ROWS,
     WINDOW,
     camera_with,
@@ -153,7 +152,7 @@ def _refused(view: object, words: str, **options: object) -> Iterator[Finding]:
 
         def said(method: str = method) -> float:
             try:
-                expose(view, camera_with(ClearMask()), method=method, effects=QUIET, **options)
+                capture(view, camera_with(ClearMask()), Fidelity(method=method, **options))
             except InputError as error:
                 return 0.0 if words in str(error) else 1.0
             return 1.0
@@ -195,8 +194,8 @@ def _denormals() -> Iterator[Finding]:
     view.radiance.mul_(1e-40)
 
     def lost(method: str, camera: Camera, truth: Tensor) -> float:
-        how = {"method": method, "occlusion": "none", "exposure": 1.0, "effects": QUIET}
-        made = expose(view, camera, **how).clean.double()
+        fidelity = Fidelity(method=method, occlusion="none", **SHIPPED)
+        made = capture(view, camera, fidelity, exposure=1.0).clean.double()
         return float((made - truth).abs().max()) / torch.finfo(torch.float32).tiny
 
     for name, mask in MASKS.items():
@@ -222,8 +221,8 @@ def _automatic() -> Iterator[Finding]:
     ):
 
         def off(radiance: Tensor = radiance, white: float | None = white) -> float:
-            photo = expose(replace(light, radiance=radiance), camera, effects=QUIET)
-            finite = all(bool(torch.isfinite(each).all()) for each in (photo.image, photo.clean, photo.ideal))
+            photo = capture(replace(light, radiance=radiance), camera)
+            finite = all(bool(torch.isfinite(each).all()) for each in (photo.clean, photo.ideal))
             values = photo.ideal.double().flatten().sort().values
             found = float(values[round(0.995 * (len(values) - 1))])
             return math.nan if not finite else 0.0 if white is None else abs(found - white)
@@ -239,7 +238,7 @@ def _negative_lobes() -> Iterator[Finding]:
             path = Path(folder) / "lobes.csv"
             path.write_text("wavelength_nm,r,g,b\n400,0,0,1\n550,-0.2,1,0\n700,1,0,0\n")
             try:
-                expose(flat(0.5), camera_with(ClearMask(), response=str(path)), effects=QUIET)
+                capture(flat(0.5), camera_with(ClearMask(), response=str(path)))
             except InputError as error:
                 return 0.0 if "0 or above" in str(error) else 1.0
         return 1.0
@@ -266,9 +265,11 @@ def _wide() -> Iterator[Finding]:
     )
     camera = camera_with(ClearMask())
 
+    fidelity = Fidelity(method="brute", occlusion="none", **SHIPPED)
+
     def same() -> float:
         whole, alone = (
-            expose(each, camera, method="brute", occlusion="none", exposure=1.0, effects=QUIET).clean
+            capture(each, camera, fidelity, exposure=1.0).clean
             for each in (view, part)
         )
         return distance(whole[..., -64:], alone)

@@ -17,16 +17,18 @@ import torch
 from scipy.signal import fftconvolve
 from torch import Tensor
 
-from ..capture import expose
+from ..capture import Fidelity, capture
 from ..optics import Camera, psf_bank, response
 from ..render.view import View
 from .case import Case, Finding, timed
-from .views import MASKS, QUIET, WINDOW, camera_with, uniform, with_free_height
+from .views import MASKS, WINDOW, camera_with, uniform, with_free_height
 
 METHODS = ("brute", "layered", "low_rank")
 OCCLUSIONS = ("over", "normalised", "hidden")
-PARTS = 3
-"""Of the pupil along each axis, where something is hidden."""
+SUB_APERTURES = 3
+"""Along each axis of the pupil, where something is hidden."""
+SHIPPED: Mapping[str, Any] = {"layers_db": 50.0, "rank_db": 50.0}
+"""How accurately depth nodes and factors are asked for, unless a case says otherwise."""
 
 SINGLE = 1e-4
 """float32 against float64, relative to the brightest value of the photo."""
@@ -47,8 +49,8 @@ STEP = 1e-10
 
 @dataclass(frozen=True)
 class HardView:
-    """view: through `camera_with(mask)`; layered: a bound in place of LAYERED; options: of
-    `expose`; methods: those that apply."""
+    """view: through `camera_with(mask)`; layered: a bound in place of LAYERED; options: fields of `Fidelity`;
+    methods: those that apply."""
 
     view: View
     layered: float = LAYERED
@@ -91,16 +93,21 @@ def findings(hard: HardView) -> Iterator[Finding]:
         for occlusion in OCCLUSIONS:
             yield from _occlusion(hard, camera, f"{occlusion}, {name}", occlusion=occlusion)
         if bool(hard.view.hidden.any()):
-            way = f"hidden in {PARTS} x {PARTS} parts, {name}"
-            yield from _occlusion(hard, camera, way, occlusion="hidden", pupil_parts=PARTS)
+            across = SUB_APERTURES
+            way = f"hidden through {across} x {across} sub-apertures"
+            how = {"occlusion": "hidden", "sub_apertures": across}
+            yield from _occlusion(hard, camera, f"{way}, {name}", **how)
+            yield from _occlusion(hard, camera, f"{way} in full, {name}", **how, sub_apertures_in_full=True)
+        how = {"band_groups": 2, "group_wavelengths": 2, "occlusion": "hidden"}
+        yield from _occlusion(hard, camera, f"hidden in groups of bands, {name}", **how)
         yield timed(f"gradient, {name}", SINGLE, lambda c=camera: _gradient(hard, c))
         if camera.height_map is not None:
             yield timed(f"slope by height, {name}", SLOPE, lambda c=camera: _slope(hard, c))
 
 
 def _photo(hard: HardView, camera: Camera, dtype: torch.dtype, **how: Any) -> Tensor:
-    options = {"exposure": 1.0, "effects": QUIET, **hard.options, **how}
-    return expose(hard.view, camera, dtype=dtype, **options).clean.double()
+    fidelity = Fidelity(**{**SHIPPED, **hard.options, **how})
+    return capture(hard.view, camera, fidelity, exposure=1.0, dtype=dtype).clean.double()
 
 
 def _method(
@@ -139,9 +146,7 @@ def _method(
     yield timed(f"{way}, gradient, float64", SLOPE, adjoint)
 
 
-def _occlusion(
-    hard: HardView, camera: Camera, way: str, **how: Any
-) -> Iterator[Finding]:
+def _occlusion(hard: HardView, camera: Camera, way: str, **how: Any) -> Iterator[Finding]:
     found: list[Tensor] = []
 
     def double() -> float:

@@ -92,7 +92,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
         yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
         if psi > 500:
             return  # a finer pupil would be larger than the largest that is computed
-        finer = camera_of(2.5, pupil_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
+        finer = camera_of(2.5, pupil_sampling_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
         yield timed(
             "against a finer pupil, float64",
             0.02,
@@ -184,7 +184,7 @@ def _windows() -> Iterator[Finding]:
 
 def _replicas() -> Iterator[Finding]:
     """A pupil so coarse that copies of the PSF lie in the window."""
-    camera = camera_of(2.5, pupil_um=300.0)
+    camera = camera_of(2.5, pupil_sampling_um=300.0)
 
     def said() -> float:
         try:
@@ -270,9 +270,9 @@ def _pinhole() -> Iterator[Finding]:
 
 def _grids() -> Iterator[Finding]:
     """128 and 129 samples across the pupil against 500."""
-    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=2.4), 0.3).values
+    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_sampling_um=2.4), 0.3).values
     for samples in (128, 129):
-        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=1200 / samples), 0.3)
+        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_sampling_um=1200 / samples), 0.3)
         yield timed(f"{samples} samples, float64", 2e-3, lambda m=made: distance(m().values, truth))
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..capture import SensorEffects
 from ..optics import Camera
 from ..optics.masks import Mask
 from ..optics.masks.clear import ClearMask
@@ -24,7 +23,6 @@ PADDED = (ROWS + 2 * (WINDOW // 2), COLUMNS + 2 * (WINDOW // 2))
 MIDDLE = PADDED[0] // 2 * PADDED[1] + PADDED[1] // 2
 """The pixel in the middle of the frame."""
 NANOMETRES = (450.0, 500.0, 550.0, 600.0, 650.0)
-QUIET = SensorEffects()
 
 MASKS: Mapping[str, Mask] = {
     "clear": ClearMask(),

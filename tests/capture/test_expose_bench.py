@@ -11,10 +11,10 @@ from benchmarks import photos as bench_expose
 
 
 def test_low_rank_against_brute_force_on_a_small_view():
-    setting = bench_expose.settings()["clear"]
-    view = bench_expose.synthetic_view(48, 3, setting.camera.pixel_angle, margin=64)
+    camera = bench_expose.cameras()["clear"]
+    view = bench_expose.synthetic_view(48, 3, camera.pixel_angle, margin=64)
     said = []
-    found = bench_expose.against_brute(view, setting, lambda fraction, text: said.append(text), depths=20)
+    found = bench_expose.against_brute(view, camera, lambda fraction, text: said.append(text), depths=20)
     for tolerance in ("50db", "40db"):
         # noise in every pixel is harder than the photographs that the prior expects
         assert found["psnr_db", tolerance] > float(tolerance[:2]) - 8
@@ -51,8 +51,8 @@ def test_plot_of_growth(tmp_path):
 def test_interrupted_brute_force_is_gone_on_with(tmp_path, monkeypatch):
     """Killed after the second block of depths, it does the other blocks alone and gives the same photo."""
     monkeypatch.setattr(bench_expose, "BLOCK", 3)
-    setting = bench_expose.settings()["clear"]
-    view = bench_expose.synthetic_view(16, 1, setting.camera.pixel_angle, margin=64)
+    camera = bench_expose.cameras()["clear"]
+    view = bench_expose.synthetic_view(16, 1, camera.pixel_angle, margin=64)
     nodes = torch.linspace(0, 2, 9, dtype=torch.float64)
     weights = torch.ones(1, 1, dtype=torch.float64)
 
@@ -64,7 +64,7 @@ def test_interrupted_brute_force_is_gone_on_with(tmp_path, monkeypatch):
             if len(blocks) == stop:
                 raise KeyboardInterrupt
 
-        found, figures = bench_expose._by_brute_force(view, setting, weights, nodes, say, kept)
+        found, figures = bench_expose._by_brute_force(view, camera, weights, nodes, say, kept)
         return found, figures, blocks
 
     whole, _, blocks = photo(None)

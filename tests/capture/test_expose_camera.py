@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from edofsim.capture import SensorEffects, expose, ideal_image, read_image, write_image, write_photo
+from edofsim.capture import Fidelity, capture, ideal_image, read_image, write_image, write_photo
+from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import Camera, psf_bank, response
 from edofsim.optics.masks.coded import CodedMask
@@ -16,7 +17,6 @@ from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings, Sensor
 
 WINDOW = 33
-QUIET = SensorEffects()
 
 
 def camera(mask=None, **sensor) -> Camera:
@@ -43,7 +43,7 @@ def test_point_source_through_a_cubic_mask(bench, window, size):
     image = torch.zeros(3, *size, dtype=torch.float64)
     image[1, 24, 27] = 1
     view = view_of(bench, image, 0.6, margin=16)
-    photo = expose(view, optics, window_px=window, exposure=1.0, effects=QUIET, dtype=torch.float64)
+    photo = capture(view, optics, Fidelity(window_px=window), exposure=1.0, dtype=torch.float64)
     psf = psf_bank(optics, view.wavelengths, [0.6], window_px=window, dtype=torch.float64).values[0, 1]
     weight = response(optics, view.wavelengths)[:, 1]
     row, column = 24 - 16, 27 - 16
@@ -67,9 +67,7 @@ def test_clear_aperture_centres_a_point_to_a_hundredth_of_a_pixel(bench):
     """A lens without a mask is symmetric: the centroid of a point's photo is the point."""
     image = torch.zeros(3, 65, 66, dtype=torch.float64)
     image[:, 33, 31] = 1
-    photo = expose(
-        view_of(bench, image, 0.9, margin=16), camera(), exposure=1.0, effects=QUIET, dtype=torch.float64
-    )
+    photo = capture(view_of(bench, image, 0.9, margin=16), camera(), exposure=1.0, dtype=torch.float64)
     for channel in photo.clean:
         rows, columns = (torch.arange(n, dtype=torch.float64) for n in channel.shape)
         assert abs((channel.sum(1) @ rows / channel.sum()).item() - (33 - 16)) < 0.01
@@ -82,9 +80,7 @@ def test_picture_is_upright(bench):
     upper = CodedMask(pattern=("1", "0"))
     image = torch.zeros(3, 65, 65, dtype=torch.float64)
     image[:, 32, 32] = 1
-    photo = expose(
-        view_of(bench, image, 0.0, margin=16), camera(upper), exposure=1.0, effects=QUIET, dtype=torch.float64
-    )
+    photo = capture(view_of(bench, image, 0.0, margin=16), camera(upper), exposure=1.0, dtype=torch.float64)
     rows = torch.arange(33, dtype=torch.float64)
     centre = (photo.clean.sum((0, 2)) @ rows / photo.clean.sum()).item()
     assert centre < 16 - 2
@@ -97,7 +93,7 @@ def test_energy_in_is_energy_out(bench, method):
     image = torch.zeros(3, 80, 81, dtype=torch.float64)
     image[:, 40, 41] = torch.tensor([1.0, 2.0, 0.5], dtype=torch.float64)
     view = view_of(bench, image, 2.0)
-    photo = expose(view, camera(), method=method, exposure=1.0, effects=QUIET, dtype=torch.float64)
+    photo = capture(view, camera(), Fidelity(method=method), exposure=1.0, dtype=torch.float64)
     sent = response(camera(), view.wavelengths) @ image[:, 40, 41]
     lost = 1 - psf_bank(camera(), view.wavelengths, [2.0], dtype=torch.float64).values.sum((-1, -2))[0]
     beyond = response(camera(), view.wavelengths) @ (lost * image[:, 40, 41])
@@ -106,17 +102,17 @@ def test_energy_in_is_energy_out(bench, method):
     assert torch.allclose(corner, veil, rtol=1e-4)
     outside = image[0].numel() - photo.clean[0].numel()
     assert torch.allclose(photo.clean.sum((1, 2)) + outside * veil, sent, rtol=1e-6)
-    assert torch.allclose(photo.lost, beyond / sent, rtol=1e-4)
-    assert (photo.lost > 0.01).all()  # at 0.5 m this window is narrower than the blur
+    assert torch.allclose(photo.truncated, beyond / sent, rtol=1e-4)
+    assert (photo.truncated > 0.01).all()  # at 0.5 m this window is narrower than the blur
 
 
 @pytest.mark.parametrize("method", ["layered", "low_rank"])
 def test_constant_scene(bench, method):
     """A constant scene is constant to the frame's edge, margin or not, and as bright as it is."""
     view = view_of(bench, torch.ones(3, 50, 53, dtype=torch.float64), 0.9, margin=5)
-    photo = expose(view, camera(), method=method, exposure=1.0, effects=QUIET, dtype=torch.float64)
+    photo = capture(view, camera(), Fidelity(method=method), exposure=1.0, dtype=torch.float64)
     assert photo.how["margin_repeated_px"] == 11
-    assert (photo.lost > 1e-4).all()
+    assert (photo.truncated > 1e-4).all()
     assert (photo.clean - 1).abs().max() < 1e-5
 
 
@@ -124,10 +120,10 @@ def test_a_veil_stands_for_what_wider_windows_hold(bench):
     """Against PSFs that hold nearly all light, a window is ten times closer with the veil than without."""
     image = 0.2 + torch.rand(3, 200, 210, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
     view = view_of(bench, image, 1.6)
-    wide = expose(view, camera(), exposure=1.0, effects=QUIET, dtype=torch.float64, window_px=160)
-    narrow = expose(view, camera(), exposure=1.0, effects=QUIET, dtype=torch.float64, window_px=40)
+    wide = capture(view, camera(), Fidelity(window_px=160), exposure=1.0, dtype=torch.float64)
+    narrow = capture(view, camera(), Fidelity(window_px=40), exposure=1.0, dtype=torch.float64)
     sent = response(camera(), view.wavelengths) @ image.flatten(1).mean(1)
-    veil = (narrow.lost * sent)[:, None, None]
+    veil = (narrow.truncated * sent)[:, None, None]
     off, off_without = (
         (photo - wide.clean).square().mean().sqrt() for photo in (narrow.clean, narrow.clean - veil)
     )
@@ -137,10 +133,10 @@ def test_a_veil_stands_for_what_wider_windows_hold(bench):
 def test_methods_agree_on_a_deep_scene(bench):
     """Brute force over many depths, layers at 16, and low rank: one photo, to the accuracies asked for."""
     view = deep(bench)
-    settings = dict(effects=QUIET, dtype=torch.float64, exposure=1.0)
-    brute = expose(view, camera(), method="brute", layers=33, **settings).clean
-    layered = expose(view, camera(), method="layered", layers=17, **settings).clean
-    low = expose(view, camera(), method="low_rank", layers=17, tolerance_db=55, **settings).clean
+    settings = dict(dtype=torch.float64, exposure=1.0)
+    brute = capture(view, camera(), Fidelity(method="brute", layers=33), **settings).clean
+    layered = capture(view, camera(), Fidelity(method="layered", layers=17), **settings).clean
+    low = capture(view, camera(), Fidelity(method="low_rank", layers=17, rank_db=55), **settings).clean
 
     def psnr(a, b):
         return -10 * torch.log10((a - b).square().mean()).item()
@@ -151,8 +147,8 @@ def test_methods_agree_on_a_deep_scene(bench):
 
 def test_single_precision_and_device_argument(bench):
     view = deep(bench)
-    exact = expose(view, camera(), effects=QUIET, dtype=torch.float64, exposure=1.0).clean
-    single = expose(view, camera(), effects=QUIET, exposure=1.0, device="cpu").clean
+    exact = capture(view, camera(), dtype=torch.float64, exposure=1.0).clean
+    single = capture(view, camera(), exposure=1.0, device="cpu").clean
     assert single.dtype == torch.float32
     assert (single - exact).abs().max() < 3e-5
 
@@ -161,8 +157,8 @@ def test_single_precision_and_device_argument(bench):
 def test_cuda_agrees_with_cpu(bench):
     view = deep(bench)
     for method in ("layered", "low_rank"):
-        cpu = expose(view, camera(), method=method, exposure=1.0, seed=3)
-        cuda = expose(view, camera(), method=method, exposure=1.0, seed=3, device="cuda")
+        cpu = capture(view, camera(), Fidelity(method=method), exposure=1.0, seed=3)
+        cuda = capture(view, camera(), Fidelity(method=method), exposure=1.0, seed=3, device="cuda")
         assert cuda.image.device.type == "cuda"
         assert (cuda.image.cpu() - cpu.image).abs().max() < 1e-4
 
@@ -185,16 +181,15 @@ def test_gradcheck_from_the_height_map_to_the_photo_with_occlusion(bench):
     start = torch.rand(4, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
 
     def picture(height):
-        return expose(
-            view, optics.with_height(height * 1e-7), exposure=1.0, effects=QUIET, dtype=torch.float64
-        ).image[:, 1:4, 1:4]
+        photo = capture(view, optics.with_height(height * 1e-7), exposure=1.0, dtype=torch.float64)
+        return photo.clean[:, 1:4, 1:4]
 
     assert torch.autograd.gradcheck(picture, (start.requires_grad_(),), eps=1e-4, atol=1e-6, fast_mode=True)
 
 
 def test_noise_is_the_recipe_s_and_seeded(bench):
     view = deep(bench)
-    one, again, other = (expose(view, camera(read_noise=0.02), seed=s) for s in (1, 1, 2))
+    one, again, other = (capture(view, camera(read_noise=0.02), seed=s) for s in (1, 1, 2))
     assert torch.equal(one.image, again.image)
     assert not torch.equal(one.image, other.image)
     assert abs((one.image - one.clean).std().item() / 0.02 - 1) < 0.15
@@ -204,52 +199,52 @@ def test_noise_is_the_recipe_s_and_seeded(bench):
 
 def test_ideal_image_is_that_of_the_photo(bench):
     view = deep(bench)
-    photo = expose(view, camera())
+    photo = capture(view, camera())
     assert torch.allclose(view.crop_margin(ideal_image(view, camera())).float(), photo.ideal, atol=1e-6)
 
 
 def test_batch_of_views(bench):
     """Several views of one size through one camera: stacked images, the same as one by one."""
     views = [deep(bench), replace(deep(bench), radiance=deep(bench).radiance.flip(1))]
-    together = expose(views, camera(), seed=4, exposure=0.7)
+    together = capture(views, camera(), seed=4, exposure=0.7)
     assert together.image.shape == (2, 3, 50 - 32, 53 - 32)
     for k, view in enumerate(views):
-        alone = expose(view, camera(), seed=4 + k, exposure=0.7)
+        alone = capture(view, camera(), seed=4 + k, exposure=0.7)
         assert torch.allclose(together.image[k], alone.image, atol=1e-6)
-        assert torch.allclose(together.lost[k], alone.lost, atol=1e-6)
+        assert torch.allclose(together.truncated[k], alone.truncated, atol=1e-6)
 
 
 def test_bad_input_is_refused(bench):
     view = deep(bench)
     with pytest.raises(InputError, match="wider than the image"):
-        expose(view, camera(), window_px=64)
-    with pytest.raises(InputError, match="at least 1"):
-        expose(view, camera(), layers=0)
+        capture(view, camera(), Fidelity(window_px=64))
+    with pytest.raises(InputError, match="from 1 to"):
+        capture(view, camera(), Fidelity(layers=0))
     with pytest.raises(InputError, match="method 'fast' is not known.*low_rank"):
-        expose(view, camera(), method="fast")
+        capture(view, camera(), Fidelity(method="fast"))
     with pytest.raises(InputError, match="occlusion 'some' is not known.*hidden"):
-        expose(view, camera(), occlusion="some")
+        capture(view, camera(), Fidelity(occlusion="some"))
     with pytest.raises(InputError, match="mrad"):
-        expose(replace(view, pixel_angle=3e-4), camera())
+        capture(replace(view, pixel_angle=3e-4), camera())
     with pytest.raises(InputError, match="exposure"):
-        expose(view, camera(), exposure=-1.0)
+        capture(view, camera(), exposure=-1.0)
     with pytest.raises(InputError, match="of red.*render more bands"):
-        expose(
+        capture(
             replace(view, wavelengths=torch.tensor([420e-9, 485e-9, 550e-9], dtype=torch.float64)), camera()
         )
     outside = replace(view, wavelengths=torch.tensor([380e-9, 500e-9, 600e-9], dtype=torch.float64))
     with pytest.raises(InputError, match="380"):
-        expose(outside, camera())
+        capture(outside, camera())
 
 
 def test_resampling_on_request(bench):
     view = replace(deep(bench), pixel_angle=camera().pixel_angle * 2)
-    photo = expose(view, camera(), resample=True)
+    photo = capture(resampled(view, camera().pixel_angle), camera())
     assert photo.image.shape[-2:] == ((50 - 32) * 2, (53 - 32) * 2)
 
 
 def test_photo_file_round_trip(bench, tmp_path):
-    photo = expose(deep(bench), camera())
+    photo = capture(deep(bench), camera())
     path = write_photo(tmp_path / "photo.exr", photo)
     assert torch.equal(read_image(path), photo.image)
     assert torch.equal(read_image(write_image(tmp_path / "ideal.exr", photo.ideal)), photo.ideal)

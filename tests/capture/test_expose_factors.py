@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from edofsim.capture import expose, factor_cache
+from edofsim.capture import Fidelity, capture, factor_cache
 from edofsim.capture.factor_cache import factors_for
 from edofsim.capture.factors import band_groups, factorise, joint_groups, measured_db, refreshed
 from edofsim.capture.kernels import StreamedKernels
@@ -74,8 +74,10 @@ def test_photos_by_low_rank_do_not_hang_on_rounding():
         wavelengths=torch.tensor([543e-9], dtype=torch.float64),
         pixel_angle=optics.pixel_angle,
     )
-    how = {"method": "low_rank", "occlusion": "none", "exposure": 1.0, "tolerance_db": 50.0}
-    one, two = (expose(view, optics.with_height(h), **how).clean for h in (height, height * (1 + 1e-7)))
+    low = Fidelity(method="low_rank", occlusion="none", layers_db=50.0, rank_db=50.0)
+    one, two = (
+        capture(view, optics.with_height(h), low, exposure=1.0).clean for h in (height, height * (1 + 1e-7))
+    )
     assert (one - two).abs().max() < 1e-5 * one.abs().max()
 
 

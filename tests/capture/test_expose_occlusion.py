@@ -14,15 +14,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture import expose
+from edofsim.capture import Fidelity, capture
 from edofsim.capture.blurring import Blurring
 from edofsim.capture.crop import crop
 from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.methods import METHODS
 from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
-from edofsim.capture.occlusion.parts import change_in_parts
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
+from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
 from edofsim.optics import Camera
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import Lens, PsfSettings
@@ -130,16 +130,22 @@ def test_hidden_through_each_point_of_the_pupil_is_what_rays_see(bench, defocus)
         parts = [
             kernels_for(bench, depths, defocus, partial(in_part, across, part)) for part in range(across**2)
         ]
-        blur = Blurring(
-            kernels_for(bench, depths, defocus),
-            torch.eye(BANDS, dtype=torch.float64),
-            METHODS["layered"],
-            gap=0.05,
-            parts=lambda parts=parts: iter(parts),
-        )
-        scores[across] = psnr(view.crop_margin(OCCLUSIONS["hidden"](view, blur)), truth)
+        response = torch.eye(BANDS, dtype=torch.float64)
+        blur = Blurring(kernels_for(bench, depths, defocus), response, METHODS["layered"], gap=0.05)
+        image = OCCLUSIONS["hidden"](view, blur)
+        if across > 1:
+            image = image + change_by_sub_apertures(view, blur, parts)
+        scores[across] = psnr(view.crop_margin(image), truth)
     assert scores[1] < scores[3] - 3
     assert scores[2 * REACH + 1] > 200
+
+
+class _Apart:
+    """Light through one set of PSFs, blocked through another."""
+
+    def __init__(self, light: Blurring, cover: Blurring) -> None:
+        self.gap, self.reach = light.gap, light.reach
+        self.light, self.coverage = light.light, cover.coverage
 
 
 @pytest.mark.parametrize("margin", [MARGIN, MARGIN + 3])
@@ -152,20 +158,26 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
     little = torch.tensor([0.01, 1.0, 1.0], dtype=torch.float64)[:, None, None, None]
     pupil[0] = replace(pupil[0], values=pupil[0].values * little)  # its light has left the window
     how = (kernels_for(bench, depths, [2, 1, -1]), response, METHODS["layered"])
-    alone, apart = Blurring(*how, gap=0.05), Blurring(*how, gap=0.05, parts=lambda: iter(pupil))
+    alone = Blurring(*how, gap=0.05)
+    instead = torch.cat([how[0].values[:1], pupil[0].values[1:]])  # there the whole pupil stands in
+    blocking = [replace(pupil[0], values=instead), *pupil[1:]]
+    apart = [
+        _Apart(Blurring(light, *how[1:], gap=0.05), Blurring(cover, *how[1:], gap=0.05))
+        for light, cover in zip(pupil, blocking, strict=True)
+    ]
     view = crop(bench.stacked_view(sheets, MARGIN), 0, 0, SIZE, SIZE, margin)
     for tile in (TILE, 8):
         monkeypatch.setattr(sys.modules[composite.__module__], "TILE", tile)
-        slow = view.crop_margin(OCCLUSIONS["hidden"](view, apart) - OCCLUSIONS["hidden"](view, alone))
-        change = view.crop_margin(change_in_parts(view, alone, pupil))
+        each = sum(OCCLUSIONS["hidden"](view, one) for one in apart)
+        slow = view.crop_margin(each - OCCLUSIONS["hidden"](view, alone))
+        change = view.crop_margin(change_by_sub_apertures(view, alone, pupil))
         assert slow.abs().max() > 0.01
         assert (change - slow).abs().max() < 1e-12
 
 
 @pytest.mark.parametrize("across", [1, 3])
 def test_parts_by_low_rank_are_as_near_as_the_whole(across):
-    """Each part holds a share of the light alone: factored to the tolerance of the whole, they add up to an
-    error far beyond it."""
+    """What sub-apertures change is never factored: shares of the light would err far beyond the whole."""
     recipe = CameraRecipe(name="parts", lens=Lens(aperture_radius_mm=1.5), psf=PsfSettings(window_px=48))
     camera = Camera.from_recipe(recipe)
     draw = torch.Generator().manual_seed(4)
@@ -187,8 +199,11 @@ def test_parts_by_low_rank_are_as_near_as_the_whole(across):
         wavelengths=torch.tensor([546e-9], dtype=torch.float64),
         pixel_angle=camera.pixel_angle,
     )
-    how = {"pupil_parts": across, "layers": 9, "exposure": 1.0, "tolerance_db": 50.0}
-    low, every = (expose(view, camera, method=name, **how).clean for name in ("low_rank", "layered"))
+    fidelity = Fidelity(sub_apertures=across, layers=9, rank_db=50.0)
+    low, every = (
+        capture(view, camera, fidelity.changed({"method": name}), exposure=1.0).clean
+        for name in ("low_rank", "layered")
+    )
     assert psnr(low, every) > 50
 
 

@@ -147,5 +147,5 @@ def test_streamed_kernels_are_those_held(bench):
     streamed = StreamedKernels(compute, nodes, held.wavelengths, 9, ahead=3)
     for k in range(7):
         assert torch.equal(streamed.layer(k), held.layer(k))
-        assert torch.allclose(streamed.rest(k), held.rest(k))
+        assert torch.allclose(streamed.truncated(k), held.truncated(k))
     assert calls == [3, 3, 1]

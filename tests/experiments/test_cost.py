@@ -25,7 +25,7 @@ RATES = {
     "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
     "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
     "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
-    "parts": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
+    "sub_apertures": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
     "sensor": (1e-3, 2e-8, 1e-8, 2e-9, 1e-8),
     "pace": (9e-3,),
 }
@@ -96,14 +96,14 @@ def test_effects_that_edges_do_not_need_are_measured_without_parts_of_the_pupil(
         hidden=order >= side * side,
     )
     cases = {case.name: case for case in cost.cases_of(planner_of(step, CAMERA), targets=())}
-    assert cases["full"].fidelity.pupil_parts > 1 == cases["exact lens"].fidelity.pupil_parts
+    assert cases["full"].fidelity.sub_apertures > 1 == cases["exact lens"].fidelity.sub_apertures
     assert cases["exact lens"].one_part and not cases["pupil parts"].one_part
     rows = {
         row.case.name: row for row in cost.measure(step, CAMERA, list(cases.values()), tmp_path, repeats=1)
     }
     for name in ("exact lens", "pupil parts", "hidden surfaces"):
         assert rows[name].measured_db == pytest.approx(rows[name].case.predicted_db, abs=3), name
-    assert rows["full"].stages["parts"] > 0 == rows["exact lens"].stages["parts"]
+    assert rows["full"].stages["sub_apertures"] > 0 == rows["exact lens"].stages["sub_apertures"]
 
 
 def test_another_view_is_not_mixed_with_what_was_measured(view: View, tmp_path):

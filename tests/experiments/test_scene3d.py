@@ -16,7 +16,7 @@ from PIL import Image
 from skimage import data as pictures
 
 from edofsim import console
-from edofsim.capture import SensorEffects, expose, ideal_image
+from edofsim.capture import Fidelity, capture, ideal_image
 from edofsim.cli import app
 from edofsim.experiments import bench_scene, scene3d
 from edofsim.experiments.depth_edges import near_edges
@@ -243,10 +243,17 @@ def test_ours_is_the_photo_through_parts_of_the_pupil(view: View):
     )
     by_name = {way.name: way for way in WAYS}
     ours, whole = (take(layered, by_name[name], System("lens_alone", CAMERA)) for name in (OURS, "hidden"))
-    across = min(by_name[OURS].parts, full_fidelity(CAMERA, layered).pupil_parts)
+    across = min(by_name[OURS].sub_apertures, full_fidelity(CAMERA, layered).sub_apertures)
     # layered: light without neighbours that resemble each other is not what low rank is made for
-    how = {"exposure": ours.photo.exposure, "effects": SensorEffects(read_noise=0), "method": "layered"}
-    slow, one = (expose(layered, CAMERA, pupil_parts=parts, **how).clean for parts in (across, 1))
+    slow, one = (
+        capture(
+            layered,
+            CAMERA,
+            Fidelity(sub_apertures=count, sub_apertures_in_full=True, layers_db=50.0),
+            exposure=ours.photo.exposure,
+        ).clean
+        for count in (across, 1)
+    )
     change = slow - one
     assert across > 2 and change.abs().max() > 2e-3
     found = ours.photo.clean - whole.photo.clean

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from edofsim.capture import expose
+from edofsim.capture import Fidelity, capture
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.plan import (
@@ -18,7 +18,6 @@ from edofsim.plan import (
     decibels,
     overall,
     parse_target,
-    photograph,
     plan_photo,
     planner_of,
     remember,
@@ -96,7 +95,7 @@ def row(plan, effect: str):
 def measured(view: View, camera: Camera, change: dict, full=None) -> float:
     """Root mean square difference of the photo with a change from the photo in full."""
     full = full or planner_of(view, camera, effects=()).facts.full
-    difference = photograph(view, camera, full.changed(change)).clean - photograph(view, camera, full).clean
+    difference = capture(view, camera, full.changed(change)).clean - capture(view, camera, full).clean
     return float(difference.square().mean().sqrt())
 
 
@@ -105,7 +104,7 @@ def test_one_depth_calls_for_one_layer_and_no_occlusion():
     called_for = {d.effect for d in plan.decisions if d.called_for}
     assert not called_for & {"depth layers", "occlusion", "hidden surfaces"}
     assert plan.fidelity.occlusion == "none" and "0.7" not in row(plan, "depth layers").chosen
-    assert photograph(scene(FLAT), CAMERA, plan.fidelity).how["layers"] == 1
+    assert capture(scene(FLAT), CAMERA, plan.fidelity).how["layers"] == 1
 
 
 def test_a_slanted_surface_has_layers_and_no_edges_and_a_step_has():
@@ -121,9 +120,9 @@ def test_bands_that_say_the_same_are_gathered():
     which is not so where every pixel has a spectrum of its own."""
     grey = torch.rand(1, 72, 80, generator=torch.Generator().manual_seed(0)).expand(len(BANDS), 72, 80)
     target = parse_target("60dB", None)
-    many = photograph(scene(FLAT), CAMERA, planner("flat").plan(target).fidelity)
+    many = capture(scene(FLAT), CAMERA, planner("flat").plan(target).fidelity)
     plan = plan_photo(scene(FLAT, grey.contiguous()), CAMERA, target=target)
-    few = photograph(scene(FLAT, grey.contiguous()), CAMERA, plan.fidelity)
+    few = capture(scene(FLAT, grey.contiguous()), CAMERA, plan.fidelity)
     assert few.how["bands"] < many.how["bands"]
 
 
@@ -148,8 +147,8 @@ def test_an_estimate_is_what_the_whole_photo_shows(effect: str):
 def test_what_is_promised_is_met(asked: int):
     view, known = scene(SLANTED), planner("slanted")
     plan = known.plan(parse_target(f"{asked}dB", None))
-    full = photograph(view, CAMERA, known.facts.full).clean
-    error = photograph(view, CAMERA, plan.fidelity).clean - full
+    full = capture(view, CAMERA, known.facts.full).clean
+    error = capture(view, CAMERA, plan.fidelity).clean - full
     assert decibels(float(error.square().mean().sqrt())) >= asked - 1
     assert plan.error_db >= asked
 
@@ -159,7 +158,7 @@ def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
     """Against the whole photo: a map beside a recipe without a mask disperses, and scatters light."""
     found, view, relief = planner_with_map()
     estimate = found.estimates.by_name()[effect]
-    how = functools.partial(photograph, view, CAMERA.with_height(relief))
+    how = functools.partial(capture, view, CAMERA.with_height(relief))
     full = found.facts.full
     difference = how(full.changed(estimate.levels[0].change)).clean - how(full).clean
     ratio = overall(estimate.errors[0]) / float(difference.square().mean().sqrt())
@@ -169,7 +168,7 @@ def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
 @pytest.mark.parametrize("asked", [40, 50, 60])
 def test_what_is_promised_with_a_height_map_is_met(asked: int):
     found, view, relief = planner_with_map()
-    how = functools.partial(photograph, view, CAMERA.with_height(relief))
+    how = functools.partial(capture, view, CAMERA.with_height(relief))
     plan = found.plan(parse_target(f"{asked}dB", None))
     difference = how(plan.fidelity).clean - how(found.facts.full).clean
     assert -20 * difference.square().mean().sqrt().log10() > asked - 1
@@ -202,7 +201,7 @@ def test_an_accuracy_beyond_the_rendering_is_answered_with_why():
 def test_an_accuracy_that_the_user_stands_in_the_way_of_is_answered_with_why():
     plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["exact lens"]}, parse_target("70dB", None))
     assert "70.0 dB cannot be had with exact lens" in plan.note and plan.error_db < 70
-    everything = planner("slanted").facts.full.changed({"exact_lens": False})
+    everything = planner("slanted").facts.full.changed({"spherical_aberration": False})
     assert measured(scene(SLANTED), CAMERA, vars(plan.fidelity)) == pytest.approx(
         measured(scene(SLANTED), CAMERA, vars(everything)), rel=1e-3
     )
@@ -214,7 +213,7 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
     sensor = Sensor(read_noise=0.005, exposure=3.0, saturation=True, bayer="RGGB")
     camera = Camera.from_recipe(CAMERA.recipe.model_copy(update={"sensor": sensor}))
     plan = plan_photo(scene(SLANTED), camera)
-    photo = photograph(scene(SLANTED), camera, planner("slanted").facts.full).clean
+    photo = capture(scene(SLANTED), camera, planner("slanted").facts.full).clean
     clipped = (photo - photo.clamp(0, 1)).square().mean().sqrt()
     kept_out = photo.square().mean((1, 2)) * torch.tensor([0.75, 0.5, 0.75])
     assert decibels(overall(row(plan, "saturation").error)) == pytest.approx(decibels(float(clipped)), abs=3)
@@ -222,7 +221,7 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
     assert decibels(overall(row(plan, "Bayer mosaic").error)) == pytest.approx(expected, abs=1)
     assert plan.fidelity.saturation and plan.fidelity.mosaic
     plain = plan_photo(scene(SLANTED), camera, {"without": ["Bayer mosaic", "saturation"]}).fidelity
-    image = photograph(scene(SLANTED), camera, plain).image
+    image = capture(scene(SLANTED), camera, plain).image
     assert float(image.max()) > 1 and float((image == 0).float().mean()) < 0.01
     assert row(plan_photo(scene(SLANTED), CAMERA), "Bayer mosaic").error is None
 
@@ -230,7 +229,7 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
 def test_what_the_user_insists_on_is_done_and_marked():
     overrule = {"layers": 3, "occlusion": None, "without": ["exact lens"]}
     plan = plan_photo(scene(SLANTED), CAMERA, overrule)
-    assert plan.fidelity.layers == 3 and not plan.fidelity.exact_lens
+    assert plan.fidelity.layers == 3 and not plan.fidelity.spherical_aberration
     assert {d.effect for d in plan.decisions if d.overruled} == {"depth layers", "exact lens"}
     with pytest.raises(InputError, match="effect 'exact lense' is not known"):
         plan_photo(scene(SLANTED), CAMERA, {"with_": ["exact lense"]})
@@ -252,13 +251,19 @@ def test_an_effect_is_a_file_and_a_line():
     """What the README shows: the estimate of an effect of one's own is what the photo shows without it."""
     mine = Effect(
         name="half the window",
-        levels=lambda facts: [Level("half", {"window": 16}), Level("whole", {})],
+        levels=lambda facts: [Level("half", {"window_px": 16}), Level("whole", {})],
         why=lambda facts: "blur has tails",
-        sample={"groups": 1, "colours": 1, "layers": 2, "occlusion": "none", "window": None},
+        sample={
+            "band_groups": 1,
+            "group_wavelengths": 1,
+            "layers": 2,
+            "occlusion": "none",
+            "window_px": None,
+        },
     )
     known = planner_of(scene(FLAT), CAMERA, effects=(*EFFECTS[:1], mine))
     found = row(known.plan(parse_target("full", None)), "half the window")
-    truth = measured(scene(FLAT), CAMERA, {"window": 16})
+    truth = measured(scene(FLAT), CAMERA, {"window_px": 16})
     assert decibels(overall(found.error)) == pytest.approx(decibels(truth), abs=3)
 
 
@@ -334,14 +339,14 @@ def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]
     monkeypatch.setattr(prepare, "psf_bank", bank)
     monkeypatch.setattr(layered, "add_convolved", convolved)
     monkeypatch.setattr(blurring.Blurring, "coverage", coverage)
-    photograph(view, CAMERA, plan.fidelity)
+    capture(view, CAMERA, plan.fidelity)
     return calls
 
 
 def test_one_depth_takes_one_convolution_a_group_and_no_coverage(monkeypatch: pytest.MonkeyPatch):
     plan = planner("flat").plan()
     calls = counted(monkeypatch, scene(FLAT), plan)
-    groups = 3 * plan.fidelity.groups or len(BANDS)
+    groups = 3 * plan.fidelity.band_groups or len(BANDS)
     assert calls["coverages"] == 0 and calls["convolutions"] == groups
 
 
@@ -374,24 +379,29 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
     for plan, parts in (
         (known.plan(parse_target("20dB", None)), 1),
         (without, 1),
-        (known.plan(parse_target("full", None)), known.facts.full.pupil_parts),
+        (known.plan(parse_target("full", None)), known.facts.full.sub_apertures),
     ):
-        assert photograph(scene(STEP, hidden=True), CAMERA, plan.fidelity).how["pupil_parts"] == parts
+        assert capture(scene(STEP, hidden=True), CAMERA, plan.fidelity).how["sub_apertures"] == parts
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in():
     """What parts change is simulated in one group of bands a channel and few layers: against all bands and
     layers, each part composited by itself, where every pixel has a spectrum of its own."""
     view, full = scene(STEP, hidden=True), planner("step").facts.full
-    one, some = (photograph(view, CAMERA, full.changed({"pupil_parts": n})).clean for n in (1, 3))
-    how = {"method": "layered", "exposure": 1.0, "layers": "auto"}
+    one, some = (capture(view, CAMERA, full.changed({"sub_apertures": n})).clean for n in (1, 3))
     finely = Camera.from_recipe(
         CAMERA.recipe.model_copy(
             update={"psf": CAMERA.recipe.psf.model_copy(update={"oversampling": full.oversampling})}
         )
     )
-    factor = photograph(view, CAMERA, full).exposure
-    slow = [factor * expose(view, finely, pupil_parts=n, **how).clean for n in (1, 3)]
+    factor = capture(view, CAMERA, full).exposure
+    slow = [
+        factor
+        * capture(
+            view, finely, Fidelity(sub_apertures=n, sub_apertures_in_full=True, layers_db=50.0), exposure=1.0
+        ).clean
+        for n in (1, 3)
+    ]
     change = slow[1] - slow[0]
     assert change.abs().max() > 1e-3
     assert (some - one - change).square().mean().sqrt() < 0.25 * change.square().mean().sqrt()
@@ -400,11 +410,11 @@ def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in
 def test_parts_of_the_pupil_are_taken_on_request():
     """Through parts the photo changes where both sides of an edge are blurred; its light stays nearly all."""
     view = scene(STEP, hidden=True)
-    plan = plan_photo(view, CAMERA, {"pupil_parts": 2})
-    four = photograph(view, CAMERA, plan.fidelity)
-    one = photograph(view, CAMERA, replace(plan.fidelity, pupil_parts=1))
-    assert plan.fidelity.occlusion == "hidden" and four.how["pupil_parts"] == 2
+    plan = plan_photo(view, CAMERA, {"sub_apertures": 2})
+    four = capture(view, CAMERA, plan.fidelity)
+    one = capture(view, CAMERA, replace(plan.fidelity, sub_apertures=1))
+    assert plan.fidelity.occlusion == "hidden" and four.how["sub_apertures"] == 2
     assert not torch.equal(one.clean, four.clean)
     assert (one.clean - four.clean).abs().mean() < 0.05 * one.clean.mean()
     with pytest.raises(InputError, match="hidden"):
-        plan_photo(view, CAMERA, {"occlusion": "over", "pupil_parts": 2})
+        plan_photo(view, CAMERA, {"occlusion": "over", "sub_apertures": 2})

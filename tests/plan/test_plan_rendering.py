@@ -22,7 +22,7 @@ def test_nothing_left_out_is_the_recipe_itself():
 def test_what_is_left_out_of_rendering_is_out_of_the_recipe():
     recipe = load_scene("stilllife").recipe
     bare = simpler_recipe(
-        recipe, Fidelity(hidden_pass=False, bounces=2, samples=8, margin=16, glass_dispersion=False)
+        recipe, Fidelity(hidden_surfaces=False, bounces=2, samples=8, margin_px=16, scene_dispersion=False)
     )
     assert not bare.render.hidden and bare.render.max_depth == 2 and bare.render.samples == 8
     assert bare.frame.margin_px == 16 and not disperses(bare)
@@ -30,7 +30,7 @@ def test_what_is_left_out_of_rendering_is_out_of_the_recipe():
 
 def test_a_plan_never_renders_more_than_the_recipe_says():
     recipe = load_scene("wall").recipe
-    same = simpler_recipe(recipe, Fidelity(bounces=9, samples=9999, margin=999))
+    same = simpler_recipe(recipe, Fidelity(bounces=9, samples=9999, margin_px=999))
     assert same.render == recipe.render and same.frame == recipe.frame
 
 

@@ -36,10 +36,14 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     )
     sample = sample_of(view, CAMERA)
     assert len({float(tile.inverse_depth.mean()) for tile in sample.tiles}) > 1
-    full = full_fidelity(CAMERA, view).changed({"occlusion": "none", "window": 48})
-    every = sample.photo(full.changed({"groups": 0, "colours": 0}))
+    full = full_fidelity(CAMERA, view).changed({"occlusion": "none", "window_px": 48})
+    every = sample.photo(full.changed({"band_groups": 0, "group_wavelengths": 0}))
     errors = [
-        float((sample.photo(full.changed({"groups": groups, "colours": 0})) - every).square().sum())
+        float(
+            (sample.photo(full.changed({"band_groups": groups, "group_wavelengths": 0})) - every)
+            .square()
+            .sum()
+        )
         for groups in (1, 2, 4, 8, bands)
     ]
     assert all(more < 0.8 * fewer for fewer, more in zip(errors, errors[1:], strict=False))

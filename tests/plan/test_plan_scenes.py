@@ -134,7 +134,7 @@ def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
     plan = plan_photo(view, camera, target=parse_target("50dB", None))
     calls.clear()
     # what parts of the pupil change has bands and layers of its own
-    photo = photograph(view, camera, plan.fidelity.changed({"pupil_parts": 1}))
+    photo = photograph(view, camera, plan.fidelity.changed({"sub_apertures": 1}))
     return photo.how["bands"], calls["psfs"] // photo.how["layers"]
 
 

@@ -88,8 +88,8 @@ def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, foc
     truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
     photos, factor = occlusion.composites(view, where, taken)
     scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
-    assert scores["parts"] > 36
-    assert scores["parts"] > max(scores[way] for way in occlusion.OCCLUSIONS) + 5
+    assert scores["sub_apertures"] > 36
+    assert scores["sub_apertures"] > max(scores[way] for way in occlusion.OCCLUSIONS) + 5
 
 
 @pytest.mark.slow

@@ -14,16 +14,25 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edofsim.capture import expose
+from edofsim.capture import Fidelity, capture
 from edofsim.optics import psf_bank, response
 from edofsim.recipe import load_camera, load_scene
 from edofsim.recipe.load import load_train, shipped, shipped_folder
 from edofsim.render import engine
 from edofsim.render.keys import view_key
 from edofsim.render.view import View
-from edofsim.stability.photos import METHODS, distance
+from edofsim.stability.photos import METHODS, SHIPPED, distance
 from edofsim.stability.pupils import bank
-from edofsim.stability.views import MASKS, PADDED, QUIET, WINDOW, camera_with, flat, free_height, uniform
+from edofsim.stability.views import (
+    MASKS,
+    PADDED,
+    WINDOW,
+    camera_with,
+    flat,
+    free_height,
+    uniform,
+    with_free_height,
+)
 
 few = settings(max_examples=8, deadline=None, derandomize=True, database=None)
 seeds = st.integers(0, 2**31 - 1)
@@ -34,8 +43,8 @@ dioptres = st.floats(0.0, 2.0)
 def photo(view: View, mask: str, **how: Any) -> torch.Tensor:
     """Clean photo, float64."""
     camera = camera_with(MASKS[mask])
-    options = {"exposure": 1.0, "effects": QUIET, "occlusion": "none", **how}
-    return expose(view, camera.with_height(free_height(camera)), dtype=torch.float64, **options).clean
+    fidelity = Fidelity(**{**SHIPPED, "occlusion": "none", **how})
+    return capture(view, with_free_height(camera), fidelity, exposure=1.0, dtype=torch.float64).clean
 
 
 def two_depths(seed: int) -> View:
@@ -61,15 +70,13 @@ def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
     rest = psf_bank(camera.with_height(height), view.wavelengths, [depth], dtype=torch.float64).rest[0]
     weights = response(camera, view.wavelengths).double()
     whole = weights @ point.sum(1)
-    made = expose(
-        view, camera.with_height(height), method=method, occlusion="none", exposure=1.0, effects=QUIET,
-        dtype=torch.float64, tolerance_db=80.0,
-    )  # fmt: skip
+    fidelity = Fidelity(method=method, occlusion="none", rank_db=80.0)
+    made = capture(view, camera.with_height(height), fidelity, exposure=1.0, dtype=torch.float64)
     landed = made.clean.sum((-1, -2))
     beyond = weights @ (point.sum(1) * rest)
     inside = made.clean[0].numel() / view.pixel.numel()
     torch.testing.assert_close(landed, whole - beyond * (1 - inside), rtol=2e-3, atol=0)
-    torch.testing.assert_close(made.lost, beyond / whole, rtol=0, atol=2e-3)
+    torch.testing.assert_close(made.truncated, beyond / whole, rtol=0, atol=2e-3)
 
 
 @few
@@ -123,7 +130,7 @@ def test_more_accuracy_never_errs_more(mask: str, seed: int, low: float, more: f
     truth = photo(view, mask, method="layered", layers=9)
 
     def error(tolerance_db: float) -> float:
-        made = photo(view, mask, method="low_rank", layers=9, tolerance_db=tolerance_db)
+        made = photo(view, mask, method="low_rank", layers=9, rank_db=tolerance_db)
         return float((made - truth).square().mean().sqrt())
 
     assert error(low + more) <= error(low) * 10 ** (1 / 20) + 1e-12

@@ -8,10 +8,7 @@ geometric optics for two surfaces of which one is in focus. Where not, light fro
 f(K) = min(1, K / ENOUGH), and 1 behind the nearest slab. Without that bound the tails of a few far pixels'
 blur would fill whatever lies between them and a nearer slab.
 
-Where both are blurred, what a surface lets by is seen through one side of the pupil only, and so blurred
-otherwise than through all of it. The products above know averages over the pupil alone. With the pupil taken
-in parts (`optics.psf_parts`), each part is composited by itself, and the images are added: the more parts,
-the nearer to rays, and each costs as much as the whole.
+The products know averages over the pupil alone; `sub_apertures` tells what that leaves out.
 """
 
 from __future__ import annotations
@@ -47,20 +44,14 @@ def compose(view: View, blurring: Blurring) -> Tensor:
         return blurring.light(view, seen(view))
     tiles = tiles_to_composite(edges, view, blurring.reach)
     if not tiles:
-        return sum(composite(view, part) for part in blurring.parts())
+        return composite(view, blurring)
     photo = blurring.light(view, seen(view)).clone()
     m = view.margin
-    around = [crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach) for tile in tiles]
-    done = [torch.zeros(()).to(photo)] * len(tiles)
-    for part in blurring.parts():
-        done = [
-            so_far + each.crop_margin(composite(each, part))
-            for so_far, each in zip(done, around, strict=True)
-        ]
-    for tile, image in zip(tiles, done, strict=True):
-        photo[:, m + tile.top : m + tile.top + tile.height, m + tile.left : m + tile.left + tile.width] = (
-            image
-        )
+    for tile in tiles:
+        around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
+        rows = slice(m + tile.top, m + tile.top + tile.height)
+        columns = slice(m + tile.left, m + tile.left + tile.width)
+        photo[:, rows, columns] = around.crop_margin(composite(around, blurring))
     return photo
 
 

@@ -1,7 +1,10 @@
-"""What changes where the pupil is composited in parts, for PSFs of few bands that are held in memory.
+"""What changes at depth edges where each sub-aperture is composited by itself.
 
-The same images as those of `hidden.compose` with `Blurring.parts`. The light and the coverage of each slab
-are transformed once for all parts, and each part's PSFs once for all slabs of a tile. Without gradients.
+Where what hides and what is hidden are both blurred, light that passes an occluding edge fills only part of
+the pupil, and is blurred otherwise than by the whole of it. The products of `hidden.compose` know averages
+over the pupil alone. Composited through each sub-aperture (`optics.sub_aperture_psfs`) and added, the image
+comes nearer to that of rays, the more sub-apertures the nearer. The light and the coverage of each slab are
+transformed once for all of them, and their PSFs once for all slabs of a tile.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from torch import Tensor
 
 from ...optics.threads import in_threads
 from ...render.view import View
-from ..blurring import Blurring, has_left
+from ..blurring import Blurring
 from ..convolution import Grid, image_of, spectrum
 from ..crop import crop
 from ..kernels import Kernels
@@ -22,12 +25,19 @@ from ..light import Light, light_of
 from .hidden import merged, slabs_of, tiles_to_composite
 from .slabs import cuts, hides, revealed
 
+HELD_SHARE = 0.5
+"""Least share of a sub-aperture's light, of that at the depth that its window holds most of it at, for which
+its PSF may be normalised."""
+LEAST_LIGHT = 1e-3
+"""Of all light: sub-apertures of less hold nothing but the diffraction of others' borders."""
 
-def change_in_parts(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
-    """[channel, y, x] of the padded frame: composited through each part of the pupil and added, minus
-    composited through all of it at once.
 
-    blurring: through all of the pupil; parts: its PSFs shared out (`psf_parts`), at the same nodes.
+def change_by_sub_apertures(view: View, blurring: Blurring, through: Sequence[Kernels]) -> Tensor:
+    """[channel, y, x] of the padded frame: composited through each sub-aperture and added, minus composited
+    through the whole pupil.
+
+    blurring: through the whole pupil; through: its PSFs shared out, at the same nodes. Gradients reach light
+    and PSFs.
     """
     edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
     change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
@@ -35,17 +45,17 @@ def change_in_parts(view: View, blurring: Blurring, parts: Sequence[Kernels]) ->
         return change
     tiles = tiles_to_composite(edges, view, blurring.reach)
     if not tiles:
-        return _change(view, blurring, parts)
+        return _change(view, blurring, through)
     m = view.margin
     for tile in tiles:
         around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)
-        change[:, rows, columns] = around.crop_margin(_change(around, blurring, parts))
+        change[:, rows, columns] = around.crop_margin(_change(around, blurring, through))
     return change
 
 
-def _change(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
+def _change(view: View, blurring: Blurring, through: Sequence[Kernels]) -> Tensor:
     grid = Grid(*view.padded_shape, view.margin, blurring.kernels.window)
     slabs = []
     for which in slabs_of(view, cuts(view, blurring.gap)):
@@ -59,13 +69,15 @@ def _change(view: View, blurring: Blurring, parts: Sequence[Kernels]) -> Tensor:
     whole = _Psfs(blurring.kernels, used, grid)
     change = -_composite(slabs, whole, whole.blocking(response), response, grid)
 
-    def through(kernels: Kernels) -> Tensor:
-        part = _Psfs(kernels, used, grid)
-        return _composite(slabs, part, part.blocking(response, whole, has_left(kernels)), response, grid)
+    def one(kernels: Kernels) -> Tensor:
+        psfs = _Psfs(kernels, used, grid)
+        return _composite(slabs, psfs, psfs.blocking(response, whole, has_left(kernels)), response, grid)
 
+    if change.requires_grad:
+        return sum((one(kernels) for kernels in through), change)
     at_once = max(1, torch.get_num_threads())
-    for start in range(0, len(parts), at_once):
-        for image in in_threads(through, parts[start : start + at_once], change.device):
+    for start in range(0, len(through), at_once):
+        for image in in_threads(one, through[start : start + at_once], change.device):
             change = change + image
     return change
 
@@ -121,3 +133,15 @@ def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
     """weights [channel, band] of spectra [band, ky, kx]: [channel, ky, kx]."""
     parts = torch.view_as_real(spectra)
     return torch.view_as_complex((weights @ parts.reshape(len(parts), -1)).reshape(-1, *parts.shape[1:]))
+
+
+def has_left(kernels: Kernels) -> Tensor:
+    """Where so much of the light through a sub-aperture lies outside the window that what is left of it does
+    not tell what the sub-aperture is blocked by: bool [node, band]. The whole pupil stands in for it there.
+
+    A blur that is wider than the window moves all light of an outer sub-aperture out of it. What stays is the
+    diffraction of its border, of either sign, and must not be divided by its sum.
+    """
+    sums = torch.stack([kernels.layer(node).sum((-2, -1)) for node in range(kernels.nodes.numel())])
+    most = sums.amax(0)
+    return (sums < HELD_SHARE * most) | (most < LEAST_LIGHT)

@@ -20,11 +20,15 @@ def levels(facts: Facts) -> list[Level]:
     # Without occlusion the light of all surfaces at an edge adds up, and so would their errors
     sample = {"occlusion": facts.full.occlusion}
     few = [
-        Level(_label(groups, colours, channels), {"groups": groups, "colours": colours}, sample=sample)
+        Level(
+            _label(groups, colours, channels),
+            {"band_groups": groups, "group_wavelengths": colours},
+            sample=sample,
+        )
         for groups, colours in GATHERED
         if groups * max(colours, 1) < facts.bands_a_channel
     ]
-    return [*few, Level(f"{facts.view.bands} bands", {"groups": 0, "colours": 0})]
+    return [*few, Level(f"{facts.view.bands} bands", {"band_groups": 0, "group_wavelengths": 0})]
 
 
 def _label(groups: int, colours: int, channels: int) -> str:
@@ -41,5 +45,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"layers": 5, "snapped": True, "groups": 0, "colours": 0},
+    sample={"layers": 5, "snapped": True, "band_groups": 0, "group_wavelengths": 0},
 )

@@ -8,7 +8,7 @@ from ..sample import FINEST_LAYERS
 
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33)
 FEW = 2
-COARSE = {"layers": 13, "colours": 2}
+COARSE = {"layers": 13, "group_wavelengths": 2}
 """With one or two layers what errs is the size of the blur, which many wavelengths share: it is seen against
 few layers and in several wavelengths, with occlusion, without which surfaces that meet at an edge would each
 err there alone. With more it is the fine structure of each wavelength's PSF."""
@@ -49,5 +49,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 1, "occlusion": "none", "layers": None},
+    sample={"band_groups": 1, "group_wavelengths": 1, "occlusion": "none", "layers": None},
 )

@@ -26,6 +26,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True},
+    sample={"band_groups": 1, "group_wavelengths": 3, "layers": 9, "snapped": True},
     stage="psf",
 )

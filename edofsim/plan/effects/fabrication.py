@@ -26,6 +26,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 2, "layers": 5, "snapped": True, "occlusion": "none"},
+    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 5, "snapped": True, "occlusion": "none"},
     stage="psf",
 )

@@ -16,7 +16,7 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     # layers that are filled from beside lie at the depth nodes: it would take many of them
-    beside = {"occlusion": "normalised", "hidden_pass": False}
+    beside = {"occlusion": "normalised", "hidden_surfaces": False}
     return [
         Level("filled from beside", beside, allowed=False),
         Level(f"{facts.hidden} fragments", {}),
@@ -32,6 +32,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 2, "layers": 9},
+    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 9},
     within="occlusion",
 )

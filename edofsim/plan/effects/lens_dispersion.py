@@ -29,6 +29,12 @@ EFFECT = Effect(
     why,
     absent,
     # without dispersion a lens may be farther out of focus than a coarse pupil allows
-    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True, "pupil_um": None},
+    sample={
+        "band_groups": 1,
+        "group_wavelengths": 3,
+        "layers": 9,
+        "snapped": True,
+        "pupil_sampling_um": None,
+    },
     stage="psf",
 )

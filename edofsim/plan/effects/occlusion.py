@@ -11,7 +11,7 @@ def absent(facts: Facts) -> str:
 
 
 def levels(facts: Facts) -> list[Level]:
-    return [Level("none", {"occlusion": "none", "hidden_pass": False}), Level("front to back", {})]
+    return [Level("none", {"occlusion": "none", "hidden_surfaces": False}), Level("front to back", {})]
 
 
 def why(facts: Facts) -> str:
@@ -20,5 +20,9 @@ def why(facts: Facts) -> str:
 
 # The whole window: what shines far beyond an edge, as lamps do, is seen to be blocked only by that
 EFFECT = Effect(
-    "occlusion", levels, why, absent, sample={"groups": 1, "colours": 2, "layers": 9, "window": None}
+    "occlusion",
+    levels,
+    why,
+    absent,
+    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 9, "window_px": None},
 )

@@ -12,7 +12,7 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     reach = min(facts.view.margin, facts.camera.recipe.psf.window_px // 2)
-    few = [Level(f"{n} px" if n else "the border's own", {"margin": n}) for n in (0, 16, 32) if n < reach]
+    few = [Level(f"{n} px" if n else "the border's own", {"margin_px": n}) for n in (0, 16, 32) if n < reach]
     return [*few, Level(f"{reach} px", {})]
 
 
@@ -26,6 +26,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 2, "layers": 4, "window": None},
+    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 4, "window_px": None},
     stage="render",
 )

@@ -23,6 +23,6 @@ EFFECT = Effect(
     "pixel integration",
     levels,
     why,
-    sample={"groups": 1, "colours": 0, "layers": 13, "occlusion": "none"},
+    sample={"band_groups": 1, "group_wavelengths": 0, "layers": 13, "occlusion": "none"},
     stage="psf",
 )

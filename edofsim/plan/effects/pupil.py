@@ -22,7 +22,7 @@ def levels(facts: Facts) -> list[Level]:
     if ratio < 1.05:
         return [Level(f"{finest:.1f} um", {})]
     pitches = [coarsest, finest * ratio**0.5] if ratio > BETWEEN else [coarsest]
-    coarser = [Level(f"{pitch:.1f} um", {"pupil_um": pitch}) for pitch in pitches]
+    coarser = [Level(f"{pitch:.1f} um", {"pupil_sampling_um": pitch}) for pitch in pitches]
     return [*coarser, Level(f"{finest:.1f} um", {})]
 
 
@@ -45,13 +45,13 @@ EFFECT = Effect(
     absent,
     # in the whole window: the replicas of a coarse pupil come in from its rim
     sample={
-        "groups": 1,
-        "colours": 2,
+        "band_groups": 1,
+        "group_wavelengths": 2,
         "layers": 5,
         "snapped": True,
         "occlusion": "none",
-        "window": None,
-        "pupil_um": None,
+        "window_px": None,
+        "pupil_sampling_um": None,
     },
     stage="psf",
 )

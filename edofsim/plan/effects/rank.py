@@ -15,14 +15,14 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     # gathered bands and few layers leave so few convolutions that finding the combinations costs more
-    low = Level("rank of 50 dB", {"method": "low_rank", "tolerance_db": 50.0}, allowed=False)
+    low = Level("rank of 50 dB", {"method": "low_rank", "rank_db": 50.0}, allowed=False)
     return [low, Level("every PSF", {})]
 
 
 def error(facts: Facts, level: Level) -> Errors:
     """What the factorisation is asked for bounds the worst depth and a rank is a whole number: the photo as a
     whole errs by less."""
-    tolerance = 10 ** (-level.change["tolerance_db"] / 20) if "tolerance_db" in level.change else 0.0
+    tolerance = 10 ** (-level.change["rank_db"] / 20) if "rank_db" in level.change else 0.0
     return (SHARE * tolerance,) * len(facts.sample.response)
 
 

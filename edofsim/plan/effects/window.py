@@ -10,7 +10,7 @@ WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
 
 def levels(facts: Facts) -> list[Level]:
     most = facts.camera.recipe.psf.window_px
-    few = [Level(f"{n} px", {"window": n}) for n in WINDOWS if n < most]
+    few = [Level(f"{n} px", {"window_px": n}) for n in WINDOWS if n < most]
     return [*few, Level(f"{most} px", {})]
 
 
@@ -22,6 +22,6 @@ EFFECT = Effect(
     "PSF window",
     levels,
     why,
-    sample={"groups": 1, "colours": 2, "layers": 4, "window": None},
+    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 4, "window_px": None},
     stage="psf",
 )

@@ -37,7 +37,7 @@ HELD_BYTES = 256 << 20
 """Of parts that are computed together: they share work."""
 
 
-def psf_parts(
+def sub_aperture_psfs(
     camera: Camera,
     wavelengths: Tensor | Sequence[float],
     inverse_depths: Tensor | Sequence[float],

@@ -13,16 +13,16 @@ def absent(facts: Facts) -> str:
         return "there are no depth edges: nothing stops light in one part of the pupil alone"
     if not facts.hidden:
         return "what edges hide is not known, so nothing is there to be seen past them"
-    if facts.full.pupil_parts == 1:
+    if facts.full.sub_apertures == 1:
         return "depths differ so little that diffraction hides what parts of the pupil would tell"
     return ""
 
 
 def levels(facts: Facts) -> list[Level]:
-    full = facts.full.pupil_parts
-    against = {"pupil_parts": full}
+    full = facts.full.sub_apertures
+    against = {"sub_apertures": full}
     some = [FEWER] if full > FEWER else []
-    fewer = [Level(_label(across), {"pupil_parts": across}, sample=against) for across in (1, *some)]
+    fewer = [Level(_label(across), {"sub_apertures": across}, sample=against) for across in (1, *some)]
     return [*fewer, Level(_label(full), {})]
 
 
@@ -39,7 +39,7 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 1, "layers": 5},
+    sample={"band_groups": 1, "group_wavelengths": 1, "layers": 5},
     within="hidden surfaces",
     beside=True,
 )

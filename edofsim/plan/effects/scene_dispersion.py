@@ -15,7 +15,7 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     return [
-        Level("one index for all bands", {"glass_dispersion": False}),
+        Level("one index for all bands", {"scene_dispersion": False}),
         Level("behind the glass alone", {}),
     ]
 

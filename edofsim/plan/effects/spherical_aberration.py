@@ -13,7 +13,7 @@ def absent(facts: Facts) -> str:
 
 
 def levels(facts: Facts) -> list[Level]:
-    return [Level("parabola", {"exact_lens": False}), Level("exact sag", {})]
+    return [Level("parabola", {"spherical_aberration": False}), Level("exact sag", {})]
 
 
 def waves(facts: Facts) -> float:
@@ -34,6 +34,6 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"groups": 1, "colours": 3, "layers": 9, "snapped": True},
+    sample={"band_groups": 1, "group_wavelengths": 3, "layers": 9, "snapped": True},
     stage="psf",
 )

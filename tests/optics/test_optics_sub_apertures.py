@@ -11,11 +11,11 @@ from edofsim.capture.blurring import opaque_kernels
 from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
-from edofsim.optics import Camera, plan_sampling, psf_bank, psf_parts
+from edofsim.optics import Camera, plan_sampling, psf_bank, sub_aperture_psfs
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
-from edofsim.optics.parts import pupil_windows
+from edofsim.optics.sub_apertures import pupil_windows
 from edofsim.recipe import CameraRecipe, load_camera
 from edofsim.recipe.camera import PsfSettings
 
@@ -27,7 +27,7 @@ DEPTHS = [0.0, 1.0, 1.9]
 @pytest.mark.parametrize("across", [1, 2, 5])
 def test_parts_sum_up_to_the_whole(mask, across):
     camera = Camera.from_recipe(CameraRecipe(name="parts", mask=mask))
-    parts = list(psf_parts(camera, WAVELENGTHS, DEPTHS, across, window_px=32, dtype=torch.float64))
+    parts = list(sub_aperture_psfs(camera, WAVELENGTHS, DEPTHS, across, window_px=32, dtype=torch.float64))
     whole = psf_bank(camera, WAVELENGTHS, DEPTHS, window_px=32, dtype=torch.float64).values
     assert (sum(parts) - whole).abs().max() < 1e-12
     assert 1 <= len(parts) <= across**2
@@ -42,8 +42,8 @@ def test_parts_that_share_work_are_those_of_two_whole_waves_each(pupil_um):
     draw = torch.Generator().manual_seed(1)
     height = 1e-6 * torch.rand(40, 40, generator=draw, dtype=torch.float64)
     how = {"window_px": 32, "dtype": torch.float64}
-    fast = list(psf_parts(camera.with_height(height), WAVELENGTHS, DEPTHS, 5, **how))
-    slow = list(psf_parts(camera.with_height(height.requires_grad_()), WAVELENGTHS, DEPTHS, 5, **how))
+    fast = list(sub_aperture_psfs(camera.with_height(height), WAVELENGTHS, DEPTHS, 5, **how))
+    slow = list(sub_aperture_psfs(camera.with_height(height.requires_grad_()), WAVELENGTHS, DEPTHS, 5, **how))
     assert len(fast) == len(slow) > 9
     for one, other in zip(fast, slow, strict=True):
         assert (one - other.detach()).abs().max() < 1e-13
@@ -61,7 +61,7 @@ def test_a_part_sends_its_light_where_its_rays_go():
     disc = disc_coverage(grid, grid.radius)
     windows = pupil_windows(grid, across, disc)
     right, up = grid.normalised()
-    given = psf_parts(camera, [546e-9], depths, across, window_px=window, dtype=torch.float64)
+    given = sub_aperture_psfs(camera, [546e-9], depths, across, window_px=window, dtype=torch.float64)
     for values, part in zip(given, windows, strict=True):
         light = values.sum((-1, -2)).squeeze(1)
         weight = part * disc
@@ -94,7 +94,7 @@ def test_gradients_reach_the_height_map():
     camera = Camera.from_recipe(recipe)
     height = (torch.rand(32, 32, generator=torch.Generator().manual_seed(1)) * 1e-6).requires_grad_()
     camera = camera.with_height(height)
-    third = list(psf_parts(camera, [546e-9], [1.5], 2, window_px=16, dtype=torch.float64))[2]
+    third = list(sub_aperture_psfs(camera, [546e-9], [1.5], 2, window_px=16, dtype=torch.float64))[2]
     third[0, 0, 9, 5].backward()
     assert torch.isfinite(height.grad).all()
     assert height.grad.abs().max() > 0
@@ -104,7 +104,7 @@ def test_gradients_reach_the_height_map():
 def test_a_number_of_parts_out_of_range(across):
     camera = Camera.from_recipe(CameraRecipe(name="parts"))
     with pytest.raises(InputError, match="parts"):
-        next(psf_parts(camera, [546e-9], [1.0], across))
+        next(sub_aperture_psfs(camera, [546e-9], [1.0], across))
 
 
 def test_what_blocks_a_part_whose_light_has_left_the_window():
@@ -116,7 +116,7 @@ def test_what_blocks_a_part_whose_light_has_left_the_window():
     whole = HeldKernels(psf_bank(camera, bands, nodes, window_px=24).values, nodes, bands)
     response = torch.tensor([[1.0, 0.0], [0.5, 0.5]])
     worst, naive = 0.0, 0.0
-    for values in psf_parts(camera, bands, nodes, 6, window_px=24):
+    for values in sub_aperture_psfs(camera, bands, nodes, 6, window_px=24):
         part = HeldKernels(values, nodes, bands)
         opaque = opaque_kernels(part, response, whole).values
         assert (opaque.sum((-2, -1)) - 1).abs().max() < 1e-5

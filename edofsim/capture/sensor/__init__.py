@@ -1,0 +1,72 @@
+"""From light on the sensor to numbers: exposure, and the sensor's effects, one kind a file.
+
+Full scale is 1. The recipe's own keys come first, in the order of a sensor: mosaic, shot noise, read noise,
+saturation, quantisation; then its list `sensor.effects`, in the order in which it names them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from ...optics import Camera
+from ..fidelity import Fidelity
+from .base import SensorEffect, Signal
+from .mosaic import Mosaic
+from .quantisation import Quantisation
+from .read_noise import ReadNoise
+from .saturation import Saturation
+from .shot_noise import ShotNoise
+
+WHITE_PERCENTILE = 99.5
+WHITE_LEVEL = 0.9
+"""Automatic exposure puts the 99.5th percentile of the ideal image, over all channels, at 0.9."""
+ROOM = 1e-3
+"""Part of a precision's range that exposed images may fill: sums over pixels must fit into it too."""
+
+__all__ = ["SensorEffect", "Signal", "automatic_exposure", "record", "sensor_effects"]
+
+
+def automatic_exposure(ideal: Tensor) -> float:
+    """Factor from radiance to full scale for an ideal image of any shape; 1 where the image is black.
+
+    Smaller where a photo of so little light, or of a lamp in it, would not fit into the image's precision.
+    """
+    values = ideal.detach().flatten()
+    index = min(values.numel() - 1, round(WHITE_PERCENTILE / 100 * (values.numel() - 1)))
+    white = float(torch.kthvalue(values, index + 1).values)  # torch.quantile refuses large images
+    if not white > 0:
+        return 1.0
+    room = ROOM * torch.finfo(values.dtype).max / max(float(values.max()), 1.0)
+    return min(WHITE_LEVEL / white, room)
+
+
+def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[SensorEffect, ...]:
+    """What the camera's sensor does, in order, without what a fidelity leaves out."""
+    sensor, fidelity = camera.recipe.sensor, fidelity or Fidelity()
+    found: list[SensorEffect] = []
+    if sensor.bayer and fidelity.mosaic:
+        found.append(Mosaic(pattern=sensor.bayer))
+    if sensor.full_well_electrons and fidelity.shot_noise:
+        found.append(ShotNoise(full_well_electrons=sensor.full_well_electrons))
+    if sensor.read_noise and fidelity.read_noise:
+        found.append(ReadNoise(deviation=sensor.read_noise))
+    if sensor.saturation and fidelity.saturation:
+        found.append(Saturation())
+    if sensor.bits and fidelity.quantisation:
+        found.append(Quantisation(bits=sensor.bits))
+    return (*found, *(effect for effect in sensor.effects if isinstance(effect, SensorEffect)))
+
+
+def record(clean: Tensor, effects: Sequence[SensorEffect], seed: int) -> Tensor:
+    """What the sensor makes of noise-free exposed images [..., channel, y, x]; same shape.
+
+    The same seed gives the same noise on every device.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    signal = Signal(clean)
+    for effect in effects:
+        signal = effect.act(signal, generator)
+    return signal.image

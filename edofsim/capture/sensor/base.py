@@ -1,0 +1,29 @@
+"""What a sensor effect is asked for. A new kind is a class in a file of its own, and a line in the
+registry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...recipe.kinds import KindModel
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An exposed image on its way through the sensor, [..., channel, y, x], full scale 1; seen: 1 where a
+    pixel sees a channel, else 0, [channel, y, x], None where every pixel sees every channel."""
+
+    image: Tensor
+    seen: Tensor | None = None
+
+
+class SensorEffect(KindModel):
+    """Something that the sensor does to an exposed image."""
+
+    def act(self, signal: Signal, generator: torch.Generator) -> Signal:
+        """The signal after the effect. generator: of everything random, on the CPU, so that the same seed
+        gives the same noise on every device; gradients pass where the effect lets them."""
+        raise NotImplementedError

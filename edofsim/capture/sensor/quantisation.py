@@ -1,0 +1,22 @@
+"""Quantisation: the converter knows so many steps."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import torch
+from pydantic import Field
+
+from .base import SensorEffect, Signal
+
+
+class Quantisation(SensorEffect):
+    """Rounds to whole steps of a converter of so many bits, which clips at 0 and at full scale. Gradients
+    pass as if it did not round."""
+
+    kind: Literal["quantisation"] = "quantisation"
+    bits: Annotated[int, Field(ge=1, le=24)]
+
+    def act(self, signal: Signal, generator: torch.Generator) -> Signal:
+        image, steps = signal.image.clamp(0, 1), 2**self.bits - 1
+        return Signal(image + ((image.detach() * steps).round() / steps - image.detach()), signal.seen)
