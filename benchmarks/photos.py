@@ -9,7 +9,6 @@ has their making on both sides. Both run in one process, one after the other.
 from __future__ import annotations
 
 import gc
-import json
 import math
 import multiprocessing
 import os
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture
@@ -34,11 +34,13 @@ from edofsim.capture.methods.low_rank import blur_with
 from edofsim.capture.photograph import all_in_focus
 from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights, choose_nodes
 from edofsim.capture.sensor import automatic_exposure
+from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion import smooth_relief
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe import load_camera, load_scene
 from edofsim.record import machine, peak_memory_mib
 from edofsim.render.view import View
+from edofsim.report.plot import BLUE, WIDE_IN, Plot, new_figure
 
 Progress = Callable[[float, str], None]
 
@@ -68,6 +70,7 @@ def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, 
     """
     say = progress or (lambda fraction, text: None)
     figures: dict[str, float] = {}
+    kept = None if out is None else Kept(out / "expose.jsonl")
     pieces: dict[str, Callable[[Progress], dict[str, float]]] = {
         f"{mask}-{scene}": lambda tell, m=mask, s=scene: speed(
             m, s, tell, None if out is None else out / f"expose-{m}-{s}.half"
@@ -82,26 +85,27 @@ def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, 
         def tell(fraction: float, text: str, number: int = number, name: str = name) -> None:
             say((number + fraction) / len(pieces), f"{name}: {text}")
 
-        figures |= _kept(None if out is None else out / f"expose-{name}.json", lambda m=measure: m(tell))
+        figures |= _once(kept, name, lambda m=measure: m(tell))
     if out is not None:
         plot(figures, out / "expose-cost.png")
     say(1.0, "done")
     return figures
 
 
-def _kept(path: Path | None, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
-    """Figures of a piece that was finished before, on this machine with these settings, or measured now."""
-    about = {"machine": machine(), "torch": torch.__version__, "size": SIZE, "tolerances": TOLERANCES}
-    about = json.loads(json.dumps({**about, "depths": BRUTE_DEPTHS, "samples": SAMPLES}))
-    if path is not None and path.is_file():
-        before = json.loads(path.read_text(encoding="utf-8"))
-        if before["about"] == about:
-            return before["figures"]
-    figures = measure()
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps({"about": about, "figures": figures}, indent=1), encoding="utf-8")
-    return figures
+def _once(kept: Kept | None, name: str, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
+    """Figures of a piece that was finished before, by this code on this machine, or measured now."""
+    key = _key(piece=name)
+    found = None if kept is None else kept.get(key)
+    if found is None:
+        found = measure()
+        if kept is not None:
+            kept.put(key, found)
+    return found
+
+
+def _key(**parts: object) -> str:
+    """A key of a measurement, which the benchmarks' own code decides too."""
+    return key_of(machine=machine(), benchmarks=code_of(Path(__file__).parent), **parts)
 
 
 def cameras() -> dict[str, Camera]:
@@ -166,9 +170,7 @@ def against_brute(
     for tolerance in TOLERANCES:
         name = f"{tolerance:.0f}db"
         say(0.85, f"low rank at {tolerance:.0f} dB")
-        few = choose_nodes(
-            depth, view.coverage[which], camera, shortest, "low_rank", "auto", tolerance
-        )
+        few = choose_nodes(depth, view.coverage[which], camera, shortest, "low_rank", "auto", tolerance)
         psfs, psf_seconds = _timed(lambda few=few: _bank(camera, view.wavelengths, few))
         kernels = HeldKernels(psfs, few, view.wavelengths)
         factors, factor_seconds = _timed(lambda k=kernels, t=tolerance: factorise(k, groups, t))
@@ -212,9 +214,15 @@ def _by_brute_force(
     """
     light = light_of(view.to(dtype=torch.float64), nodes, seen(view))
     grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
-    state: dict[str, Any] = {"photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
+    key = _key(
+        light=float(view.radiance.double().sum()),
+        nodes=nodes.tolist(),
+        camera=camera.recipe.model_dump_json(),
+    )
+    state: dict[str, Any] = {"key": key, "photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
     if kept is not None and kept.is_file():
-        state = torch.load(kept, weights_only=True)
+        before = torch.load(kept, weights_only=True)
+        state = before if before.get("key") == key else state
     while state["done"] < nodes.numel():
         block = range(state["done"], min(state["done"] + BLOCK, nodes.numel()))
         say(0.05 + 0.8 * block.start / nodes.numel(), f"brute force, {block.start} of {nodes.numel()} depths")
@@ -231,6 +239,7 @@ def _by_brute_force(
         part = _SomeNodes(**vars(light), nodes=block)
         photo, seconds = _timed(lambda blur=blur, part=part: blur(part, grid))
         state = {
+            "key": key,
             "photo": state["photo"] + photo,
             "seconds": state["seconds"] + seconds,
             "psf_seconds": state["psf_seconds"] + psf_seconds,
@@ -252,7 +261,7 @@ def growth(say: Progress) -> dict[str, float]:
     camera = cameras()["cubic"]
     view = synthetic_view(256, 31)
     nodes = torch.linspace(0, 2, 129, dtype=torch.float64)
-    psfs = _bank(Camera(camera), view.wavelengths, nodes)
+    psfs = _bank(camera, view.wavelengths, nodes)
 
     def seconds(view: View, step: int = 4, tolerance: float = 50.0, bands: int = 31) -> tuple[float, int]:
         groups = torch.tensor_split(torch.arange(31), bands)
@@ -330,23 +339,27 @@ def synthetic_view(size: int, bands: int, pixel_angle: float = 1.626e-4, margin:
 
 def plot(figures: dict[str, float], path: Path) -> Path:
     """Time against depth nodes, bands, pixels and rank, each relative to its first. Returns the path."""
-    from edofsim.experiments.drawing import OKABE_ITO, new_figure, save
-
     labels = {"depths": "depth nodes", "bands": "bands", "pixels": "pixels", "tolerance_db": "rank"}
-    figure, grid = new_figure(1, len(labels))
-    for axes, (name, label) in zip(grid[0], labels.items(), strict=True):
-        points = {
-            key.rsplit(".", 1)[1]: value
-            for key, value in figures.items()
-            if key.startswith(f"growth.{name}.")
-        }
-        ranks = {n: figures[f"growth_rank.{n}"] for n in points} if name == "tolerance_db" else {}
-        pairs = sorted((ranks.get(n, float(n)), value) for n, value in points.items())
-        axes.plot(*zip(*pairs, strict=True), "o-", color=OKABE_ITO[0])
-        axes.set_xlabel(label)
-        axes.set_ylabel("time, relative to the first")
-        axes.set_ylim(bottom=0)
-    return save(figure, path)
+
+    def paint() -> Figure:
+        figure = new_figure(WIDE_IN, 2.8)
+        grid = figure.subplots(1, len(labels))
+        for axes, (name, label) in zip(grid, labels.items(), strict=True):
+            points = {
+                key.rsplit(".", 1)[1]: value
+                for key, value in figures.items()
+                if key.startswith(f"growth.{name}.")
+            }
+            ranks = {n: figures[f"growth_rank.{n}"] for n in points} if name == "tolerance_db" else {}
+            pairs = sorted((ranks.get(n, float(n)), value) for n, value in points.items())
+            axes.plot(*zip(*pairs, strict=True), "o-", color=BLUE)
+            axes.set_xlabel(label)
+            axes.set_ylabel("time, relative to the first")
+            axes.set_ylim(bottom=0)
+        return figure
+
+    about = "Time of a photo against depth nodes, bands, pixels and rank, relative to the first."
+    return Plot(paint, about, about).save(path)
 
 
 def _bank(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> Tensor:

@@ -9,24 +9,30 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor
 
 from .capture import Photo, capture
-from .errors import InputError
+from .capture.device import torch_device
 from .optics import Camera
-from .plan import Looked, Plan, Target, decibels, look, overall, plan_scene, simpler_recipe
+from .plan import (
+    Looked,
+    Plan,
+    Target,
+    checked_overrule,
+    look,
+    plan_figures,
+    plan_scene,
+    simpler_recipe,
+)
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, render
 from .restore import restore
-from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, network_of
+from .restore.checkpoint import Checkpoint
+from .restore.choice import choose_network, depths_between
 from .restore.scores import DepthScore, Score, score, score_by_depth, within_scale
 
 Progress = Callable[[float, str], None]
-
-WIENER = "wiener"
-"""In place of a checkpoint: Wiener deconvolution, whatever the camera."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +60,22 @@ class Run:
 
 @dataclass
 class Stopwatch:
-    """Seconds of each stage, by name."""
+    """Seconds of each stage, by name; progress: of all stages together."""
 
+    progress: Progress | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str, progress: Progress | None, fraction: float) -> Iterator[None]:
-        if progress:
-            progress(fraction, name)
+    def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:
+        """Time a stage that goes from one fraction of the whole to another; gives its own progress."""
+
+        def tell(done: float, text: str) -> None:
+            if self.progress:
+                self.progress(begin + done * (end - begin), text)
+
+        tell(0.0, name)
         start = time.perf_counter()
-        yield
+        yield tell
         self.seconds[name] = time.perf_counter() - start
 
 
@@ -81,38 +93,32 @@ def run(
 ) -> Run:
     """Photograph a scene, restore the photo, and score both.
 
-    cache: folder of rendered views, None for the default one. network: checkpoint (file or shipped name)
-    that restores, and whose DOE the camera then has; `wiener` for Wiener deconvolution; None for the network
-    that was trained with the camera's mask, or Wiener deconvolution where there is none. overrule: what
+    cache: folder of rendered views, None for the default one. network: see `choose_network`. overrule: what
     replaces the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of
     the sensor's noise. device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
-    watch = Stopwatch()
+    watch = Stopwatch(progress)
     compute = torch_device(device)
     checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
-    with watch.stage("plan", progress, 0.0):
-        looked = look(scene.recipe, scene.base, optics, cache=cache, device=device)
-        plan = plan_scene(
-            looked, optics, overrule=overrule, target=target, progress=_part(progress, 0.0, 0.2)
-        )
-    with watch.stage("render", progress, 0.2):
-        view = view_as_planned(looked, plan, scene.base, cache, device, _part(progress, 0.2, 0.7))
-    with watch.stage("expose", progress, 0.72):
+    view, plan = planned_view(
+        scene, optics, watch, overrule=overrule, target=target, cache=cache, device=device
+    )
+    with watch.stage("expose", 0.72, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
-    with watch.stage("lens alone", progress, 0.82):
+    with watch.stage("lens alone", 0.82, 0.92):
         lens_alone = capture(
             view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure
         )
-    with watch.stage("restore", progress, 0.92):
+    with watch.stage("restore", 0.92, 0.94):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)
     wiener = None
     if checkpoint is not None:
-        with watch.stage("wiener", progress, 0.94):
+        with watch.stage("wiener", 0.94, 0.96):
             wiener, _ = restore(photo.image, optics, view.wavelengths, depths)
-    with watch.stage("score", progress, 0.96):
+    with watch.stage("score", 0.96, 0.98):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
         images = {
             "photo": photo.image,
@@ -144,19 +150,33 @@ def run(
     )
 
 
-def choose_network(
-    network: str | Path | None, camera: Loaded[CameraRecipe]
-) -> tuple[Checkpoint | None, Camera]:
-    """What restores (None: Wiener deconvolution), and the camera with the mask that it was trained with.
+def planned_view(
+    scene: Loaded[SceneRecipe],
+    camera: Camera,
+    watch: Stopwatch,
+    *,
+    overrule: Mapping[str, Any] | None = None,
+    target: Target | None = None,
+    cache: Path | None = None,
+    device: str = "auto",
+) -> tuple[View, Plan]:
+    """The stages `plan` and `render`: the view of a scene, and the plan of its photo. See `run`."""
+    checked_overrule(overrule)
+    with watch.stage("plan", 0.0, 0.2) as tell:
+        looked = look(scene.recipe, scene.base, camera, cache=cache, device=device)
+        plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
+    with watch.stage("render", 0.2, 0.7) as tell:
+        return view_as_planned(looked, plan, scene.base, cache, device, tell), plan
 
-    network: see `run`. Raises InputError for a checkpoint that is damaged or of another camera.
-    """
-    if network == WIENER:
-        return None, Camera.from_recipe(camera.recipe, camera.base)
-    checkpoint = network_of(camera) if network is None else load_checkpoint(network, camera.recipe)
-    if checkpoint is None:
-        return None, Camera.from_recipe(camera.recipe, camera.base)
-    return checkpoint, camera_with_mask(camera.recipe, checkpoint, camera.base)
+
+def view_as_planned(
+    looked: Looked, plan: Plan, base: Path, cache: Path | None, device: str, progress: Progress | None
+) -> View:
+    """The view that a plan was made on, or a rendering with what the plan leaves out left out."""
+    if looked.facts.final:
+        return looked.facts.view
+    planned = simpler_recipe(looked.recipe, plan.fidelity)
+    return render(planned, base, cache=cache, device=device, progress=progress)
 
 
 def figures(result: Run) -> dict[str, float]:
@@ -174,44 +194,3 @@ def figures(result: Run) -> dict[str, float]:
     found["render_noise"] = result.view.noise
     found |= plan_figures(result.plan)
     return found
-
-
-def view_as_planned(
-    looked: Looked, plan: Plan, base: Path, cache: Path | None, device: str, progress: Progress | None
-) -> View:
-    """The view that a plan was made on, or a rendering with what the plan leaves out left out."""
-    if looked.facts.final:
-        return looked.facts.view
-    planned = simpler_recipe(looked.recipe, plan.fidelity)
-    return render(planned, base, cache=cache, device=device, progress=progress)
-
-
-def plan_figures(plan: Plan) -> dict[str, float]:
-    """What a plan predicts, flat."""
-    found: dict[str, float] = {"plan.psnr_db": plan.error_db, "plan.memory_mib": plan.memory_mib}
-    found["plan.seconds"] = sum(plan.seconds.values())
-    found |= {f"plan.seconds.{stage}": value for stage, value in plan.seconds.items()}
-    for decision in plan.decisions:
-        name = decision.effect.replace(" ", "_")
-        found[f"called_for.{name}"] = int(decision.called_for)
-        if decision.error is not None:
-            found[f"psnr_db.without_{name}"] = decibels(overall(decision.error))
-            found[f"plan.seconds.{name}"] = decision.seconds
-    return found
-
-
-def depths_between(far: Tensor, near: Tensor, count: int = 9) -> Tensor:
-    """Inverse depths that stand for a scene, equally spaced over what it spans, [depth]."""
-    return torch.linspace(float(far), float(near), 1 if far == near else count)
-
-
-def torch_device(device: str) -> str:
-    """The torch device for `auto`, `cpu` or `cuda`. Raises InputError for CUDA where there is none."""
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: PyTorch finds no CUDA device here; use --device cpu or auto")
-    return ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
-
-
-def _part(progress: Progress | None, start: float, end: float) -> Progress | None:
-    """Progress of a stage as progress of the whole."""
-    return None if progress is None else lambda done, text: progress(start + done * (end - start), text)

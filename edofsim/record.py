@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
 import platform
 import resource
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,17 @@ def write_record(path: Path, content: Mapping[str, Any]) -> Path:
     return path
 
 
+def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
+    """Write rows as CSV; numbers with six significant digits. Returns the path."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(
+            [f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in rows
+        )
+    return path
+
+
 def _plain(value: float) -> float | int | str:
     """JSON has no infinity: a PSNR of equal images is written as the string `inf`."""
     number = value if isinstance(value, int) else float(value)
@@ -120,4 +132,19 @@ def writable_folder(path: Path) -> Path:
         raise InputError(
             f"{path}: nothing can be written there ({reason}); name another folder with --out"
         ) from None
+    return path
+
+
+def writable_file(path: Path) -> Path:
+    """`path`, whose folder is made if need be. Raises InputError where no such file can be written."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file with --json")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        probe = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"{path}: cannot be written ({reason}); name another file with --json") from None
     return path

@@ -57,12 +57,12 @@ class Fidelity:
 
     band_groups: int = _knob(
         0,
-        "many bands",
+        "bands",
         "1",
         "groups that each channel's bands are gathered in, each blurred once; 0: every band",
     )
     group_wavelengths: int = _knob(
-        0, "many bands", "1", "wavelengths at which the PSF of a group is computed; 0: all of its bands"
+        0, "bands", "1", "wavelengths at which the PSF of a group is computed; 0: all of its bands"
     )
     layers: int | None = _knob(
         None, "depth layers", "1", "depth nodes, light between them is shared; None: as `layers_db` asks for"

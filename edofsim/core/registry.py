@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import inspect
 from collections.abc import Iterator, Mapping
@@ -9,6 +10,7 @@ from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -44,6 +46,18 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __contains__(self, name: object) -> bool:
         return name in self._places
+
+    def about(self, name: str) -> str:
+        """The docstring of a thing, read from its source without importing it; empty where it has none."""
+        module, _, attribute = self._places[name].partition(":")
+        try:
+            spec = find_spec(module)  # imports the packages around it alone
+            tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8")) if spec and spec.origin else None
+        except (ImportError, OSError, SyntaxError, ValueError):
+            return ""
+        kinds = (ast.FunctionDef, ast.ClassDef)
+        found = (node for node in tree.body if isinstance(node, kinds)) if tree else ()
+        return next((ast.get_docstring(node) or "" for node in found if node.name == attribute), "")
 
     def __getitem__(self, name: str) -> T:
         """The thing of that name. Raises InputError for an unknown name, or one that cannot be imported."""

@@ -1,1 +1,36 @@
-"""How good an image is, and the experiments of the paper."""
+"""The experiments of the paper and ours, each in a file. To add one: a file, and a line in `EXPERIMENTS`.
+
+The file holds a function `run(folder, progress, ...)` whose further parameters are the options of
+`edofsim evaluate NAME`, annotated as Typer wants them, and whose docstring is its help. It writes into the
+folder and returns `Findings`. Decorated with `in_paper`, it is part of `edofsim evaluate paper` too. Another
+package adds one by an entry point of the group `edofsim.experiments`, `NAME = "package.module:run"`.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from ..core.registry import Registry
+
+if TYPE_CHECKING:
+    from .experiment import Findings, InPaper
+
+EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper]" = Registry(
+    "edofsim.experiments",
+    "experiment",
+    {
+        "bandwidth": "edofsim.experiments.bandwidth:run",
+        "mtf": "edofsim.experiments.mtf:run",
+        "table": "edofsim.experiments.table:run",
+        "noise": "edofsim.experiments.noise:run",
+        "fabrication": "edofsim.experiments.fabrication:run",
+        "broadband": "edofsim.experiments.broadband:run",
+        "scene3d": "edofsim.experiments.scene3d:run",
+        "bench-scene": "edofsim.experiments.bench_scene:run",
+        "occlusion": "edofsim.experiments.occlusion:run",
+        "predictions": "edofsim.experiments.predictions:run",
+        "stability": "edofsim.experiments.stability:run",
+        "bench": "edofsim.experiments.bench:run",
+    },
+)
+
+__all__ = ["EXPERIMENTS"]

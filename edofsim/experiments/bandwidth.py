@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
@@ -17,7 +18,11 @@ import torch
 
 from ..optics import PAPER_COLOURS, Camera, defocus, sampling_bound
 from ..recipe.camera import CameraRecipe
-from .drawing import OKABE_ITO, new_figure, save, write_csv
+from ..record import write_csv
+from ..report import Key, Keys, Page, Plot, Section, Text, line_plot
+from ..report.plot import WIDE_IN
+from ..report.words import number
+from .experiment import Findings, Progress, in_paper
 
 RADIUS = 2.5e-3
 PITCH = 30e-6
@@ -53,35 +58,76 @@ def paper_curve() -> list[tuple[float, float]]:
     return [(float(row["psi"]), float(row["bandwidth_ratio"])) for row in rows if float(row["psi"]) > 0]
 
 
-def run(out: Path) -> dict[str, float]:
-    """Write `bandwidth.csv` and `bandwidth.png` into `out`; return the figures.
+@in_paper(lambda paper: {})
+def run(folder: Path, progress: Progress) -> Findings:
+    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6).
 
-    ratio_difference_percent.psi_5_up: the largest difference from the paper's curve for Psi >= 5;
-    psi_max: the largest |Psi| of the paper's camera for its three colours between 0.5 m and infinity;
-    sampling_bound_um: the pupil sampling it asks for, Eq. `MinSampling`.
+    Figures: ratio_difference_percent.{psi_5_up,all}, the largest difference from the paper's curve;
+    psi_max, the largest |Psi| of the paper's camera for its three colours between 0.5 m and infinity;
+    sampling_bound_um, the pupil sampling it asks for, Eq. MinSampling.
     """
     rows = [(psi, bandwidth_ratio(psi), paper) for psi, paper in paper_curve()]
-    write_csv(out / "bandwidth.csv", ("psi", "bandwidth_ratio", "bandwidth_ratio_paper"), rows)
-    _draw(rows, out / "bandwidth.png")
     camera = Camera.from_recipe(CameraRecipe(name="paper"))
     psi = defocus(camera, PAPER_COLOURS[:, None], torch.tensor([0.0, PAPER_NEAREST]))
     largest = float(psi.abs().max())
     differences = {psi: abs(ratio / paper - 1) * 100 for psi, ratio, paper in rows}
-    return {
+    figures = {
         "ratio_difference_percent.psi_5_up": max(d for psi, d in differences.items() if psi >= 5),
         "ratio_difference_percent.all": max(differences.values()),
         "psi_max": largest,
         "sampling_bound_um": sampling_bound(camera, largest) * 1e6,
     }
+    curves, header = _curves(rows), ("psi", "bandwidth_ratio", "bandwidth_ratio_paper")
+    outputs = {
+        "table": write_csv(folder / "bandwidth.csv", header, rows),
+        "chart": curves.save(folder / "bandwidth.png"),
+    }
+    return Findings(figures, page(figures, rows, curves), outputs=outputs)
 
 
-def _draw(rows: list[tuple[float, float, float]], path: Path) -> None:
-    figure, [[left, right]] = new_figure(1, 2)
+def page(figures: Mapping[str, float], rows: Sequence[tuple[float, float, float]], curves: Plot) -> Page:
+    """The bandwidth of the defocus chirp beside the paper's curve."""
+    difference = figures["ratio_difference_percent.psi_5_up"]
+    keys = (
+        Key(
+            "from the paper's curve",
+            number(difference, 2),
+            "%",
+            "largest difference for Ψ of 5 and more",
+            True,
+        ),
+        Key("largest defocus", number(figures["psi_max"]), "rad", "of the paper's camera, 0.5 m to infinity"),
+        Key("pupil sampling", number(figures["sampling_bound_um"]), "µm", "that it asks for at most"),
+    )
+    about = (
+        "Defocus is a chirp across the pupil; its slope says which frequencies it has, and so how finely the "
+        "mask must be sampled (Eq. MinSampling). Its edges add tails: the observed width is that of the band "
+        f"which holds {ENERGY:.1%} of the energy."
+    )
+    apart = line_plot(
+        [("difference", [r[0] for r in rows], [(r[1] / r[2] - 1) * 100 for r in rows])],
+        x="defocus Ψ (rad)",
+        y="difference from the paper (%)",
+        alt=f"Difference from the paper's curve, at most {difference:.1f} % from Ψ = 5 on.",
+        caption="How far both are apart.",
+        width=WIDE_IN,
+    )
+    return Page(
+        "Bandwidth of defocus",
+        "How finely a mask must be sampled for the depth range.",
+        (Section("Curves", (curves, apart)),),
+        (Keys(keys), Text(about)),
+    )
+
+
+def _curves(rows: Sequence[tuple[float, float, float]]) -> Plot:
     psi = [row[0] for row in rows]
-    left.plot(psi, [row[2] for row in rows], color=OKABE_ITO[1], linewidth=3, alpha=0.5, label="paper")
-    left.plot(psi, [row[1] for row in rows], color=OKABE_ITO[0], linewidth=1, label="here")
-    left.set(xlabel="defocus Psi (rad)", ylabel="bandwidth / 2 w_z", ylim=(0, 10), xlim=(0, 100))
-    left.legend(fontsize=8)
-    right.plot(psi, [(row[1] / row[2] - 1) * 100 for row in rows], color=OKABE_ITO[0], linewidth=1)
-    right.set(xlabel="defocus Psi (rad)", ylabel="difference (%)", xlim=(0, 100))
-    save(figure, path)
+    return line_plot(
+        [("the paper", psi, [r[2] for r in rows]), ("here", psi, [r[1] for r in rows])],
+        x="defocus Ψ (rad)",
+        y="observed over theoretical bandwidth",
+        alt=f"Bandwidth over theory against defocus: both curves fall from {rows[0][1]:.1f} towards 1.",
+        caption="Observed bandwidth as a multiple of 4Ψ/r.",
+        log_y=True,
+        width=WIDE_IN,
+    )

@@ -16,26 +16,31 @@ the PSFs, and are told those of the response (`restore.telling`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
+import typer
 from torch import Tensor
 
 from ..capture.sensor import automatic_exposure
 from ..capture.srgb import srgb_encode
-from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
+from ..options import CacheOption, SeedOption, SystemsOption, numbers
+from ..recipe import load_scene
 from ..recipe.camera import CameraRecipe
+from ..record import write_csv
+from ..render import render
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import psnr
 from .chromatic import Chromatic, chromatic
-from .cubes import Cube
-from .drawing import write_csv
+from .cubes import Cube, Reading, from_view, read_cubes
+from .experiment import Findings, Progress, in_paper, part
 from .kept import Kept, key_of
-from .planes import PROTOCOL, Shown, middle, noisy, save_png, through
+from .planes import Shown, middle, noisy, save_png, through
 from .systems import (
     READ_NOISE,
     WITHOUT_TRAINING,
@@ -47,7 +52,6 @@ from .systems import (
     paper_test,
 )
 
-Progress = Callable[[float, str], None]
 DEPTHS_M = (0.5, 1.0, math.inf)
 CHANNELS = ("red", "green", "blue")
 SHOWN_PX = 300
@@ -90,42 +94,97 @@ def sensor_bands_nm() -> np.ndarray:
     return np.round(curves[0].numpy() * 1e9, 6)
 
 
+@in_paper(
+    lambda paper: {
+        "data": [paper.cubes] if paper.cubes else None,
+        "scenes": ["desk"],
+        "systems": paper.systems,
+        "seed": paper.seed,
+        "cache": paper.cache,
+    }
+)
 def run(
-    out: Path,
-    cubes: Sequence[Cube],
-    *,
-    problems: Sequence[str] = (),
-    systems: Sequence[str | Path] | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-) -> Result:
-    """Measure every cube by every system, and write OUT/broadband.csv and OUT/broadband-bands.csv.
+    folder: Path,
+    progress: Progress,
+    data: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--data",
+            metavar="PATH",
+            help="Spectral cube (folder with a picture a band, .mat, spectral .exr) or a folder of cubes.",
+        ),
+    ] = None,
+    scenes: Annotated[
+        list[str] | None,
+        typer.Option("--scene", metavar="SCENE", help="Scene to render, as one plane; repeatable."),
+    ] = None,
+    bands: Annotated[
+        str | None, typer.Option("--bands", metavar="LOW,HIGH", help="Only a cube's bands between these, nm.")
+    ] = None,
+    crop: Annotated[
+        str | None, typer.Option("--crop", metavar="L,T,R,B", help="Pixels to cut off a cube's sides.")
+    ] = None,
+    start_nm: Annotated[
+        float | None,
+        typer.Option("--start-nm", help="First band where a cube does not tell; CAVE is known."),
+    ] = None,
+    step_nm: Annotated[float | None, typer.Option("--step-nm", help="Band to band, with --start-nm.")] = None,
+    key: Annotated[str | None, typer.Option("--key", help="Array in a .mat file; dots lead inwards.")] = None,
+    systems: SystemsOption = None,
+    seed: SeedOption = 0,
+    cache: CacheOption = None,
+) -> Findings:
+    """Spectral cubes at 0.5 m, 1 m and infinity, restored by networks trained with three wavelengths.
 
-    systems: as for the table. Finished ones are kept in OUT. Figures: psnr_db.SYSTEM.CUBE.DEPTH of the
-    restored (DEPTH is 0.5m, 1m or infinity), with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.DEPTH;
-    psnr_db.SYSTEM.CUBE.three.DEPTH with the three wavelengths of the training;
-    psnr_db.SYSTEM.CUBE.filter.DEPTH of a Wiener filter that knows distance and mask;
-    left_out_percent.CUBE.COLOUR; cubes_left_out. Raises InputError for cubes and systems that cannot be used.
+    Bands of the sensor (420 to 720 nm) that a cube lacks are left out of photo and truth alike. Without
+    --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from there.
+
+    Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;
+    psnr_db.SYSTEM.CUBE.three.* in three wavelengths, psnr_db.SYSTEM.CUBE.filter.* of a Wiener filter that
+    knows distance and mask; left_out_percent.CUBE.COLOUR; cubes_left_out.
     """
-    if not cubes:
-        raise InputError("broadband: give a spectral cube (--data) or a rendered scene (--scene)")
+    from .broadband_page import page
+
+    low_high = None if bands is None else numbers(bands, "--bands", "430,690", 2)
+    sides = (0,) * 4 if crop is None else tuple(int(n) for n in numbers(crop, "--crop", "4,0,0,0", 4))
+    reading = Reading(key=key, start_nm=start_nm, step_nm=step_nm, bands=low_high, crop=sides)
+    loaded = [load_scene(scene) for scene in scenes or ([] if data else ["desk"])]
+    cubes: list[Cube] = []
+    problems: list[str] = []
+    for path in data or ():
+        found, wrong = read_cubes(path, sensor_bands_nm(), reading)
+        cubes += found
+        problems += wrong
+    for scene in loaded:
+        view = render(scene.recipe, scene.base, cache=cache, progress=part(progress, 0.0, 0.0))
+        cubes.append(from_view(scene.recipe.name, view))
+    result = measure(folder, cubes, problems, systems, seed, progress)
+    outputs = _write(folder, result)
+    return Findings(result.figures, page(result), outputs=outputs, problems=problems)
+
+
+def measure(
+    folder: Path,
+    cubes: Sequence[Cube],
+    problems: Sequence[str],
+    systems: Sequence[str] | None,
+    seed: int,
+    progress: Progress,
+) -> Result:
+    """Every cube by every system. Finished ones are kept in the folder."""
     names = list(systems or (*shipped_checkpoints(), *WITHOUT_TRAINING))
-    kept = Kept(out / "finished.jsonl")
+    kept = Kept(folder / "finished.jsonl")
     rows: list[Row] = []
     optics: dict[str, Chromatic] = {}
     figures: dict[str, float] = {}
-    for number, name in enumerate(names):
-        for index, cube in enumerate(cubes):
-
-            def say(done: float, text: str, at: int = number * len(cubes) + index) -> None:
-                if progress:
-                    progress((at + done) / (len(names) * len(cubes)), text)
-
-            system, of_three = contestant(name, cube.wavelengths), contestant(name)
-            rows += judge(system, of_three, cube, out, kept, seed, say)
-            if system.name not in optics:
-                say(0.9, f"{system.name}: colours of its optics")
-                optics[system.name] = _optics(system, kept)
+    jobs = [(name, cube) for name in names for cube in cubes]
+    for number, (name, cube) in enumerate(jobs):
+        say = part(progress, number / len(jobs), (number + 1) / len(jobs))
+        system, of_three = contestant(name, cube.wavelengths), contestant(name)
+        rows += judge(system, of_three, cube, folder, kept, seed, say)
+        if system.name not in optics:
+            say(0.9, f"{system.name}: colours of its optics")
+            optics[system.name] = _optics(system, kept)
     left_out = {cube.name: _left_out(cube.wavelengths) for cube in cubes}
     for row in rows:
         base, label = f"psnr_db.{row.system}.{row.cube}", label_of(row.depth_m)
@@ -139,7 +198,6 @@ def run(
         figures |= {f"left_out_percent.{cube}.{c}": 100 * share for c, share in named}
     figures["cubes_left_out"] = len(problems)
     bands = {cube.name: tuple((cube.wavelengths * 1e9).tolist()) for cube in cubes}
-    _write(out, rows, bands)
     return Result(tuple(rows), optics, bands, left_out, tuple(problems), figures)
 
 
@@ -156,7 +214,6 @@ def judge(
     fabrication = paper_test(seed)
     keys = [
         key_of(
-            protocol=PROTOCOL,
             system=system.digest,
             filter="known",
             told="response",
@@ -265,7 +322,7 @@ def _photographed(
 
 def _optics(system: Contestant, kept: Kept) -> Chromatic:
     """Its chromatic measures, kept too."""
-    key = key_of(protocol=PROTOCOL, optics=system.digest)
+    key = key_of(optics=system.digest)
     found = kept.get(key)
     if found is None:
         measured = chromatic(system)
@@ -289,7 +346,7 @@ def _left_out(wavelengths: Tensor) -> tuple[float, ...]:
     return tuple((values[:, outside].sum(1) / values.sum(1)).tolist())
 
 
-def _write(out: Path, rows: Sequence[Row], bands: dict[str, tuple[float, ...]]) -> None:
+def _write(out: Path, result: Result) -> dict[str, Path]:
     names = ("all", *CHANNELS)
     header = (
         "system",
@@ -298,20 +355,21 @@ def _write(out: Path, rows: Sequence[Row], bands: dict[str, tuple[float, ...]]) 
         *(f"photo_db_{n}" for n in names),
         *(f"restored_db_{n}" for n in names),
     )
-    write_csv(
+    scores = write_csv(
         out / "broadband.csv",
         (*header, "three_wavelengths_db", "filter_db"),
         (
             (r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db, r.filter_db)
-            for r in rows
+            for r in result.rows
         ),
     )
-    write_csv(
+    bands = write_csv(
         out / "broadband-bands.csv",
         ("system", "cube", "depth", "wavelength_nm", "relative_error"),
         (
             (r.system, r.cube, label_of(r.depth_m), nm, error)
-            for r in rows
-            for nm, error in zip(bands[r.cube], r.band_errors, strict=True)
+            for r in result.rows
+            for nm, error in zip(result.bands_nm[r.cube], r.band_errors, strict=True)
         ),
     )
+    return {"table": scores, "table of bands": bands}

@@ -3,14 +3,13 @@
 Errors are those of the noise-free photo against the full fidelity, in sensor units, as PSNR; seconds are
 medians over repeats in which all cases take turns, so that what else the machine does meets them alike; or,
 by another clock, those of the processor. Effects that depth edges are not needed for are left out where the
-pupil is one part, and judged so. Every measurement is appended to a file as it comes in, and the same
-call goes on from there.
+pupil is one part, and judged so. Every measurement is kept as it comes in, and the same call goes on from
+there.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import statistics
 import time
@@ -26,22 +25,19 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from ..capture import Photo, capture
-from ..capture.photo import PHOTO_MODEL_VERSION
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import Fidelity, Planner, parse_target
 from ..plan.work import STAGES
-from ..record import machine, versions
+from ..record import machine, write_csv
 from ..render.view import View
-from .drawing import write_csv
-
-Progress = Callable[[float, str], None]
+from .experiment import Progress
+from .kept import Kept, key_of
 
 TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
 FINE_DB = 60.0
 """Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
 err the same, and take hours."""
-LINES = "measurements.jsonl"
 
 
 @dataclass(frozen=True)
@@ -82,8 +78,8 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     cases.append(
         _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
     )
-    parts = planner.estimates.by_name().get("pupil parts")
-    fixed = {"pupil parts": parts.full} if parts else {}
+    parts = planner.estimates.by_name().get("sub-apertures")
+    fixed = {"sub-apertures": parts.full} if parts else {}
     finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None), fixed)
     fine, its_own = finely.fidelity, 10 ** (-finely.error_db / 20)
     for row in planner.estimates.rows:
@@ -110,9 +106,7 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     return cases
 
 
-def _case(
-    name: str, kind: str, fidelity: Fidelity, planner: Planner, asked: float, predicted: float
-) -> Case:
+def _case(name: str, kind: str, fidelity: Fidelity, planner: Planner, asked: float, predicted: float) -> Case:
     seconds = planner.seconds_of(fidelity)
     return Case(name, kind, fidelity, asked, predicted, sum(seconds[stage] for stage in STAGES))
 
@@ -134,31 +128,25 @@ def measure(
     folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
     pace: what tells how fast the machine is just then, asked before and after each case.
     """
-    path = folder / LINES
-    identity = _identity(view, camera, clock)
-    _read(path, identity)
+    kept = Kept(folder / "measurements.jsonl")
+    about = _about(view, camera, clock)
     (case,) = [case for case in cases if case.kind == "full"]
-    how = (folder, device, clock, pace)
+    how = (folder, kept, about, device, clock, pace)
     full = _reference(view, camera, case, *how)
     whole = full
     if any(case.one_part for case in cases):
         alone = case.fidelity.changed({"sub_apertures": 1})
         whole = _reference(view, camera, replace(case, name="full, one part", fidelity=alone), *how)
-    known = _read(path, identity)
-    todo = [
-        (repeat, case)
-        for repeat in range(repeats)
-        for case in cases
-        if repeat < (1 if case.kind == "full" else repeats) and repeat >= len(known.get(_key(case), []))
-    ]
-    for number, (_, case) in enumerate(todo):
+    turns = [(turn, case) for turn in range(repeats) for case in cases if turn == 0 or case.kind != "full"]
+    keys = {(turn, case): _key(about, case, turn) for turn, case in turns}
+    todo = [each for each in turns if kept.get(keys[each]) is None]
+    for number, (turn, case) in enumerate(todo):
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
         photo, entry = _timed(view, camera, case, device, clock, pace)
         entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
-        known.setdefault(_key(case), []).append(entry)
-        _append(path, entry)
-    return [_row(case, known[_key(case)]) for case in cases]
+        kept.put(keys[turn, case], entry)
+    return [_row(case, [kept.get(keys[each]) or {} for each in turns if each[1] is case]) for case in cases]
 
 
 def _timed(
@@ -173,7 +161,7 @@ def _timed(
     before = pace() if pace else 0.0
     started = clock()
     photo = capture(view, camera, case.fidelity, device=device, clock=clock)
-    entry = {"case": _key(case), "seconds": clock() - started, "stages": dict(photo.seconds)}
+    entry = {"case": f"{case.kind} {case.name}", "seconds": clock() - started, "stages": dict(photo.seconds)}
     if pace:
         entry["pace"] = (before + pace()) / 2
     return photo, entry
@@ -193,57 +181,35 @@ def _reference(
     camera: Camera,
     case: Case,
     folder: Path,
+    kept: Kept,
+    about: Mapping[str, Any],
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
 ) -> Tensor:
-    """The full simulation's photo, kept in the folder: it takes longest of all."""
-    name = f"{case.name.replace(', ', '-').replace(' ', '-')}-{_identity(view, camera, clock)[:16]}"
-    path = folder / f"{name}.safetensors"
+    """The full simulation's photo, kept in the folder with its measurement: it takes longest of all."""
+    key = _key(about, case, 0)
+    path = folder / f"{case.name.replace(', ', '-').replace(' ', '-')}-{key[:16]}.safetensors"
     with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
         return load_file(path)["photo"]
     photo, entry = _timed(view, camera, case, device, clock, pace)
-    entry["db"] = math.inf
-    _append(folder / LINES, entry)
     psf_memory.write_whole(path, {"photo": photo.clean.contiguous()}, {})
+    kept.put(key, {**entry, "db": math.inf})
     return photo.clean
 
 
-def _append(path: Path, entry: dict[str, Any]) -> None:
-    """A line more; one that was cut short stays alone."""
-    text = path.read_text(encoding="utf-8")
-    with path.open("a", encoding="utf-8") as file:
-        file.write(("" if text.endswith("\n") else "\n") + json.dumps(entry) + "\n")
-
-
-def _read(path: Path, identity: str) -> dict[str, list[dict[str, Any]]]:
-    """Measurements of the same view, camera, machine and versions; a half-written last line is left."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
-    if not lines or lines[0] != json.dumps({"identity": identity}):
-        path.write_text(json.dumps({"identity": identity}) + "\n", encoding="utf-8")
-        return found
-    for line in lines[1:]:
-        try:
-            entry = json.loads(line)
-            found.setdefault(entry["case"], []).append(entry)
-        except (ValueError, KeyError):
-            continue
-    return found
-
-
-def _identity(view: View, camera: Camera, clock: Callable[[], float]) -> str:
+def _about(view: View, camera: Camera, clock: Callable[[], float]) -> dict[str, Any]:
+    """What decides all measurements of a photo, for keys."""
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
-    said = [machine(), versions(), PHOTO_MODEL_VERSION, clock.__name__, torch.get_num_threads()]
-    digest.update(json.dumps(said, sort_keys=True).encode())
     height = camera.height_map
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
-    return digest.hexdigest()
+    about = {"machine": machine(), "clock": clock.__name__, "threads": torch.get_num_threads()}
+    return {**about, "photo": digest.hexdigest()}
 
 
-def _key(case: Case) -> str:
-    return f"{case.kind} {case.name} {hashlib.sha256(repr(case.fidelity).encode()).hexdigest()[:16]}"
+def _key(about: Mapping[str, Any], case: Case, turn: int) -> str:
+    return key_of(**about, case=[case.kind, case.name, repr(case.fidelity)], turn=turn)
 
 
 def _psnr(image: Tensor, truth: Tensor) -> float:

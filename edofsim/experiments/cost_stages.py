@@ -6,18 +6,17 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..capture import Photo, capture
-from ..capture.photo import PHOTO_MODEL_VERSION
 from ..errors import InputError
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import parse_target, plan_photo
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
-from ..record import machine, versions
+from ..record import machine, write_csv
 from ..render import View, render
 from ..render.fetch import run_of
 from ..restore import restore
@@ -30,10 +29,8 @@ from ..restore.checkpoint import (
 )
 from ..restore.scores import psnr, within_scale
 from ..restore.telling import forget as forget_told
-from .drawing import write_csv
+from .experiment import Progress
 from .kept import Kept, key_of
-
-Progress = Callable[[float, str], None]
 
 FEWEST_SAMPLES = 4
 DEPTHS = 9
@@ -141,14 +138,11 @@ def restore_points(
 
 def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:
     return [
-        "within scale, told",  # how it was measured
-        PHOTO_MODEL_VERSION,
         camera.recipe.model_dump(mode="json"),
         float(view.radiance.double().sum()),
         [view.height, view.width],
         None if mask is None else dict(mask.card),
         machine(),
-        versions(),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import os
@@ -10,6 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import EdofsimError
+from ..record import versions
+
+PACKAGE = Path(__file__).parents[1]
 
 
 class Kept:
@@ -60,5 +64,18 @@ class Kept:
 
 
 def key_of(**parts: Any) -> str:
-    """A key of everything that decides a finding: JSON values by name."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:24]
+    """A key of everything that decides a finding: JSON values by name, and the code that makes it."""
+    said = {"code": code_of(PACKAGE), "versions": _versions(), **parts}
+    return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:24]
+
+
+@functools.cache
+def code_of(folder: Path) -> str:
+    """SHA-256 of all Python sources in a folder: another line of code is another version."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+_versions = functools.cache(versions)

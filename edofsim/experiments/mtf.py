@@ -6,11 +6,14 @@ Problem Formulation), and the camera's mask at three depths in three colours (se
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from ..optics import Camera, defocus
@@ -19,8 +22,14 @@ from ..optics.masks.clear import ClearMask
 from ..optics.masks.coded import CodedMask
 from ..optics.masks.cubic import CubicMask
 from ..optics.mtf import mtf
+from ..options import CameraOption
+from ..recipe import load_camera
 from ..recipe.camera import CameraRecipe, Lens
-from .drawing import DASHES, OKABE_ITO, new_figure, save, write_csv
+from ..record import write_csv
+from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text
+from ..report.plot import DASHES, MUTED, NARROW_IN, SERIES, WIDE_IN, new_figure
+from ..report.words import listed, number
+from .experiment import Findings, Progress, in_paper
 
 GREEN = 543e-9
 PSIS = (0.0, 20.0, 40.0)
@@ -30,6 +39,9 @@ DEPTHS_M = (0.5, 1.3, math.inf)
 FREQUENCIES_PER_MM = torch.arange(0.0, 121.0, dtype=torch.float64)
 
 
+TITLES = {"clear": "clear aperture", "levin": "coded aperture (Levin et al.)", "cubic": "cubic mask"}
+
+
 @dataclass(frozen=True)
 class Curve:
     """One curve: its panel, what it is of, and its MTF [frequency]."""
@@ -37,6 +49,24 @@ class Curve:
     panel: str
     label: str
     values: Tensor
+
+    @property
+    def title(self) -> str:
+        """What a reader calls its panel."""
+        return TITLES.get(self.panel, self.panel.replace("_", " "))
+
+    @property
+    def name(self) -> str:
+        """What a reader calls it."""
+        return self.label.replace("psi_", "Ψ = ").replace("_", " ")
+
+    def mean(self, nyquist: int) -> float:
+        """Up to the sensor's Nyquist frequency, whole cycles per mm."""
+        return float(self.values[: nyquist + 1].mean())
+
+    def least(self, nyquist: int) -> float:
+        """Smallest value up to half of it."""
+        return float(self.values[: nyquist // 2 + 1].min())
 
 
 def classic_curves() -> list[Curve]:
@@ -63,55 +93,110 @@ def camera_curves(camera: Camera) -> list[Curve]:
     return curves
 
 
-def run(out: Path, camera: Camera) -> dict[str, float]:
-    """Write `mtf.csv` and `mtf.png` into `out`; return the figures.
+@in_paper(lambda paper: {})
+def run(folder: Path, progress: Progress, camera: CameraOption = None) -> Findings:
+    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7).
 
-    mean_mtf.PANEL.CURVE: mean from 0 to the sensor's Nyquist frequency; least_mtf.PANEL: the smallest value
-    up to half of it over the panel's curves (0 is what no deconvolution brings back).
+    The camera is paper-learned unless another one is named.
+
+    Figures: mean_mtf.PANEL.CURVE up to the sensor's Nyquist frequency; least_mtf.PANEL up to half of it,
+    the smallest of its curves (0 is what no deconvolution brings back).
     """
-    curves = [*classic_curves(), *camera_curves(camera)]
-    header = ("panel", "curve", "frequency_per_mm", "mtf")
-    frequencies = FREQUENCIES_PER_MM.tolist()
-    write_csv(
-        out / "mtf.csv",
-        header,
-        (
-            (c.panel, c.label, f, v)
-            for c in curves
-            for f, v in zip(frequencies, c.values.tolist(), strict=True)
-        ),
+    loaded = load_camera(camera or "paper-learned")
+    optics = Camera.from_recipe(loaded.recipe, loaded.base)
+    progress(0.0, "classic apertures")
+    classic = classic_curves()
+    progress(0.5, loaded.recipe.name)
+    own = camera_curves(optics)
+    curves, frequencies = [*classic, *own], FREQUENCIES_PER_MM.tolist()
+    rows = (
+        (c.panel, c.label, f, v) for c in curves for f, v in zip(frequencies, c.values.tolist(), strict=True)
     )
-    _draw(curves, camera, out / "mtf.png")
-    nyquist = int(0.5e-3 / camera.pixel)
-    figures = {f"mean_mtf.{c.panel}.{c.label}": float(c.values[: nyquist + 1].mean()) for c in curves}
+    nyquist = int(0.5e-3 / optics.pixel)
+    figures = {f"mean_mtf.{c.panel}.{c.label}": c.mean(nyquist) for c in curves}
     for panel in dict.fromkeys(curve.panel for curve in curves):
-        figures[f"least_mtf.{panel}"] = min(
-            float(c.values[: nyquist // 2 + 1].min()) for c in curves if c.panel == panel
-        )
-    return figures
+        figures[f"least_mtf.{panel}"] = min(c.least(nyquist) for c in curves if c.panel == panel)
+    plots = [
+        _panels(classic, optics, "the paper's lens as a parabola, 543 nm"),
+        _panels(own, optics, f"{loaded.recipe.name}, three depths"),
+    ]
+    outputs = {
+        "table": write_csv(folder / "mtf.csv", ("panel", "curve", "frequency_per_mm", "mtf"), rows),
+        "chart": plots[1].save(folder / "mtf.png"),
+        "chart of classic apertures": plots[0].save(folder / "mtf-classic.png"),
+    }
+    shows = page(optics, classic, own, plots)
+    return Findings(figures, shows, outputs=outputs, inputs={"camera": loaded.recipe.name})
 
 
 def _parabolic(mask: Mask) -> Camera:
     return Camera.from_recipe(CameraRecipe(name="parabolic", lens=Lens(thickness="parabolic"), mask=mask))
 
 
-def _draw(curves: list[Curve], camera: Camera, path: Path) -> None:
-    panels = list(dict.fromkeys(curve.panel for curve in curves))
-    figure, axes = new_figure(2, 3)
+def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: Sequence[Plot]) -> Page:
+    """Transfer functions of the classic masks and of a camera's own; plots: of both."""
     nyquist = 0.5e-3 / camera.pixel
-    frequencies = FREQUENCIES_PER_MM.numpy()
-    for axis, panel in zip([axis for row in axes for axis in row], panels, strict=True):
-        for index, curve in enumerate(c for c in curves if c.panel == panel):
-            label = curve.label.replace("psi_", "Psi = ").replace("_", " ")
-            look = {"linestyle": DASHES[index], "color": OKABE_ITO[index], "linewidth": 1.2}
-            axis.plot(frequencies, curve.values.numpy(), label=label, **look)
-        axis.axvline(nyquist, color="0.6", linewidth=0.8)
-        axis.text(nyquist, 0.98, " sensor's Nyquist", fontsize=6, color="0.4", va="top")
-        own = panel.endswith("_nm")
-        name = f"{camera.recipe.name}, {panel.replace('_', ' ')}" if own else f"{panel}, 543 nm"
-        axis.set_title(name, fontsize=9)
-        axis.set(
-            xlabel="frequency (cycles/mm)", ylabel="MTF", ylim=(0, 1), xlim=(0, float(FREQUENCIES_PER_MM[-1]))
-        )
-        axis.legend(fontsize=7)
-    save(figure, path)
+    flat = min(curve.least(int(nyquist)) for curve in own)
+    keys = (
+        Key("least transfer", number(flat, 3), "", f"of {camera.recipe.name}, up to half of Nyquist", True),
+        Key("Nyquist frequency", number(nyquist), "cycles/mm", f"of {camera.pixel * 1e6:g} µm pixels"),
+    )
+    about = (
+        "A transfer function without zeros that hardly changes with depth can be undone by one restoration "
+        "for all depths. The clear aperture loses whole bands of frequencies out of focus, the coded one "
+        "fewer; a cubic mask loses none, at the price of contrast everywhere."
+    )
+    sections = (
+        Section("Classic apertures", (plots[0],)),
+        Section(camera.recipe.name, (plots[1],)),
+        Section("Means", (_means([*classic, *own], int(nyquist)),)),
+    )
+    return Page(
+        "Modulation transfer",
+        "How much contrast of each fineness the optics pass on, in focus and out of it.",
+        sections,
+        (Keys(keys), Text(about)),
+        {"Camera": camera.recipe.name},
+    )
+
+
+def _panels(curves: Sequence[Curve], camera: Camera, what: str) -> Plot:
+    """One panel beside another."""
+    titles = list(dict.fromkeys(curve.title for curve in curves))
+    frequencies, nyquist = FREQUENCIES_PER_MM.tolist(), 0.5e-3 / camera.pixel
+
+    def paint(narrow: bool = False) -> Figure:
+        count = len(titles)
+        figure = new_figure(NARROW_IN if narrow else WIDE_IN, 2.5 * count if narrow else 3.4)
+        panels = figure.subplots(*((count, 1) if narrow else (1, count)), sharex=True, sharey=True)
+        for place, (axes, title) in enumerate(zip(panels, titles, strict=True)):
+            for i, c in enumerate(curve for curve in curves if curve.title == title):
+                axes.plot(frequencies, c.values, color=SERIES[i], linestyle=DASHES[i], label=c.name)
+            axes.axvline(nyquist, color=MUTED, linewidth=1, linestyle=(0, (2, 2)))
+            axes.set_title(title, loc="left")
+            axes.set_ylim(0, 1.02)
+            axes.set_xlim(0, frequencies[-1])
+            if narrow or place == 0:
+                axes.set_ylabel("modulation transfer")
+            if not narrow or place == count - 1:
+                axes.set_xlabel("frequency on the sensor (cycles/mm)")
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
+        return figure
+
+    return Plot(
+        paint,
+        alt=f"Modulation transfer functions of {listed(titles)}: {what}.",
+        caption=f"Modulation transfer: {what}. Dotted: the sensor's Nyquist frequency, {nyquist:.0f}/mm.",
+        paint_narrow=functools.partial(paint, True),
+    )
+
+
+def _means(curves: Sequence[Curve], nyquist: int) -> Table:
+    rows = tuple((c.title, c.name, c.mean(nyquist), c.least(nyquist)) for c in curves)
+    columns = (
+        Column("Aperture"),
+        Column("At"),
+        Column("mean up to Nyquist", "", 3),
+        Column("least up to half of it", "", 3),
+    )
+    return Table(columns, rows, "Modulation transfer. 0 is what no restoration brings back.")

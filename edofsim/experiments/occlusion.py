@@ -17,13 +17,14 @@ surfaces alone.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import torch
+import typer
+from matplotlib.figure import Figure
 from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
@@ -40,16 +41,22 @@ from ..optics import Camera
 from ..optics.camera import focus_distance
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.cubic import CubicMask
+from ..options import CacheOption, Device, DeviceOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
 from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
+from ..record import write_csv
 from ..reference import clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
+from ..render import render
+from ..render.keys import view_key
 from ..render.view import View
+from ..report import Column, Plot, Table
+from ..report.plot import new_figure, picture_axes
 from ..restore.scores import psnr
+from ..scene import build_scene
 from ..scene.model import SceneModel
-from .drawing import new_figure, save, without_grid, write_csv
-
-Progress = Callable[[float, str], None]
+from .experiment import Findings, Progress, part
+from .kept import Kept, key_of
 
 SCENES = ("desk", "foliage", "bench")
 MASKS = ("clear", "cubic", "smooth")
@@ -96,34 +103,41 @@ def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6
 
 def run(
     folder: Path,
-    scenes: Sequence[str] = SCENES,
-    *,
-    cache: Path | None = None,
-    device: str = "auto",
-    progress: Progress | None = None,
-) -> dict[str, float]:
-    """Figures psnr_db.{scene}.{mask}.{focus}.{none,over,normalised,hidden,sub_apertures},
-    {near,far}_dpt.{scene}.
+    progress: Progress,
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Default: desk, foliage, bench.")
+    ] = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+) -> Findings:
+    """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
+    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind;
+    the clear aperture also against Mitsuba's thin lens, whose rays meet all surfaces.
 
-    The mask `thin-lens` is a clear aperture without aberrations against Mitsuba's thin lens, others stand
-    against clipped pupils; `sub_apertures` is `hidden` through 4 x 4 of them. Writes
-    occlusion.csv and a picture a scene. References and finished scenes are kept in the folder, and gone on
-    from.
+    Interrupt it at any time: references and scenes that are finished are kept in --out.
+
+    Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,sub_apertures}, {near,far}_dpt.SCENE; MASK
+    also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is `hidden` through 4 x 4
+    of them.
     """
-    say = progress or (lambda fraction, text: None)
+    loaded = [load_scene(scene) for scene in scenes or SCENES]
+    kept = Kept(folder / "finished.jsonl")
     figures: dict[str, float] = {}
-    for number, scene in enumerate(scenes):
-
-        def tell(fraction: float, text: str, number: int = number, scene: str = scene) -> None:
-            say((number + fraction) / len(scenes), f"{scene}: {text}")
-
-        kept = folder / f"occlusion-{scene}.json"
-        if not kept.is_file():
-            found = of_scene(scene, folder, cache, device, tell)
-            kept.write_text(json.dumps(found, indent=1), encoding="utf-8")
-        figures |= json.loads(kept.read_text(encoding="utf-8"))
-    write_csv(folder / "occlusion.csv", ("scene", "mask", "focus", *WAYS), table(figures))
-    return figures
+    outputs: dict[str, Path] = {}
+    for number, source in enumerate(loaded):
+        scene = source.recipe.name
+        tell = part(progress, number / len(loaded), (number + 1) / len(loaded), scene)
+        picture = outputs[f"picture of {scene}"] = folder / f"occlusion-{scene}.png"
+        key = key_of(view=view_key(three_bands(source), source.base), device=str(device))
+        found = kept.get(key)
+        if found is None or not picture.is_file():
+            found = of_scene(source, folder, cache, str(device), tell)
+            kept.put(key, found)
+        figures |= found
+    header, rows = ("scene", "mask", "focus", *WAYS), table(figures)
+    outputs["table"] = write_csv(folder / "occlusion.csv", header, rows)
+    columns = (*(Column(name) for name in header[:3]), *(Column(way, "dB", 2) for way in WAYS))
+    return Findings(figures, shown=[Table(columns, tuple(rows))], outputs=outputs)
 
 
 def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
@@ -132,14 +146,13 @@ def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
     return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in WAYS)) for case in cases]
 
 
-def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Progress) -> dict[str, float]:
+def of_scene(
+    loaded: Loaded[SceneRecipe], folder: Path, cache: Path | None, device: str, say: Progress
+) -> dict[str, float]:
     """Figures of one scene, and its picture."""
-    from ..render import render
-    from ..scene import build_scene
-
-    loaded = load_scene(scene)
+    scene = loaded.recipe.name
     recipe = three_bands(loaded)
-    view = render(recipe, loaded.base, cache=cache, device=device, progress=lambda f, t: say(0.2 * f, t))
+    view = render(recipe, loaded.base, cache=cache, device=device, progress=part(say, 0.0, 0.2))
     view = chosen_bands(view, [GREEN])
     edge = busiest_edge(view)
     model = build_scene(recipe, loaded.base)
@@ -155,7 +168,7 @@ def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Pro
         takes,
         edge.where,
         device,
-        lambda f, t: say(0.2 + 0.7 * f, t),
+        part(say, 0.2, 0.9),
     )
     say(0.9, "compositing")
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
@@ -170,17 +183,17 @@ def of_scene(scene: str, folder: Path, cache: Path | None, device: str, say: Pro
         loaded.base,
         cache=cache,
         device=device,
-        progress=lambda f, t: say(0.9, t),
+        progress=part(say, 0.9, 0.95),
     )
     for focus, distance in focus_distances(edge).items():
         taken = take(THIN_LENS, distance, view.pixel_angle)
         depth, where = recipe.render.max_depth, edge.where
-        truth = by_rays(model, fine, GREEN, where, taken, depth, device, lambda f, t: say(0.95, t))
+        truth = by_rays(model, fine, GREEN, where, taken, depth, device, part(say, 0.95, 1.0))
         photos, factor = composites(chosen_bands(fine, [GREEN]), where, taken)
         for way, photo in photos.items():
             figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
         shown[THIN_LENS, focus] = {"reference": truth * factor, **photos}
-    draw(shown, folder / f"occlusion-{scene}.png")
+    crops_plot(shown).save(folder / f"occlusion-{scene}.png")
     return figures
 
 
@@ -222,7 +235,7 @@ def references(
 ) -> list[Tensor]:
     """The reference photo of each take, from the file if it holds those of this very view and crop."""
     light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
-    said = json.dumps({"view": light, "where": vars(where), "takes": [".".join(take) for take in takes]})
+    said = key_of(view=light, where=asdict(where), takes=[".".join(take) for take in takes])
     if kept.is_file():
         with safe_open(kept, "pt") as file:
             if (file.metadata() or {}).get("of") == said:
@@ -317,21 +330,26 @@ def composites(view: View, where: Crop, camera: Camera) -> tuple[dict[str, Tenso
     return photos, factor
 
 
-def draw(shown: dict[tuple[str, str], dict[str, Tensor]], path: Path) -> Path:
+def crops_plot(shown: dict[tuple[str, str], dict[str, Tensor]]) -> Plot:
     """For each mask and focus the reference, and for each way the photo with its error below, times ten."""
-    figure, grid = new_figure(2 * len(shown), 1 + len(WAYS), width=1.3, height=1.3)
-    for number, ((mask, focus), images) in enumerate(shown.items()):
-        truth = images["reference"]
-        for column, (name, image) in enumerate(images.items()):
-            above, below = grid[2 * number][column], grid[2 * number + 1][column]
-            for axes in (above, below):
-                without_grid(axes)
-            above.imshow(image.clamp(0, 1).pow(1 / 2.2).permute(1, 2, 0).numpy(), interpolation="nearest")
-            above.set_title(name if column else f"{mask}, {focus}", fontsize=7)
-            if column:
-                error = (0.5 + 10 * (image - truth)).clamp(0, 1)
-                below.imshow(error.permute(1, 2, 0).numpy(), interpolation="nearest")
-                below.set_title(f"{psnr(image, truth):.1f} dB, error x 10", fontsize=6)
-            else:
-                below.set_visible(False)
-    return save(figure, path)
+    columns = 1 + len(WAYS)
+
+    def paint() -> Figure:
+        figure = new_figure(1.3 * columns, 2.6 * len(shown))
+        grid = figure.subplots(2 * len(shown), columns, squeeze=False)
+        for number, ((mask, focus), images) in enumerate(shown.items()):
+            truth = images["reference"]
+            for column, (name, image) in enumerate(images.items()):
+                above, below = grid[2 * number][column], grid[2 * number + 1][column]
+                picture_axes(above, below)
+                above.imshow(image.clamp(0, 1).pow(1 / 2.2).permute(1, 2, 0).numpy(), interpolation="nearest")
+                above.set_title(name if column else f"{mask}, {focus}", fontsize=7)
+                if column:
+                    error = (0.5 + 10 * (image - truth)).clamp(0, 1)
+                    below.imshow(error.permute(1, 2, 0).numpy(), interpolation="nearest")
+                    below.set_title(f"{psnr(image, truth):.1f} dB, error x 10", fontsize=6)
+                else:
+                    below.set_visible(False)
+        return figure
+
+    return Plot(paint, "Depth edges composited each way.", "Below each photo its error, times ten.")

@@ -22,18 +22,26 @@ from torch import Tensor
 from ..capture.planes import photograph, surroundings
 from ..optics import PAPER_COLOURS, psf_bank
 from ..recipe.fabrication import Fabrication
+from ..record import write_csv
+from ..report import Gallery, Notes, Picture
+from ..report.page import Block
+from ..report.pictures import picture_file
+from ..report.words import decibels, listed
 from ..restore.borders import mirrored
 from ..restore.scores import psnr
-from .drawing import write_csv
+from .experiment import Progress
 from .kept import Kept, key_of
-from .photographs import Photograph
+from .photographs import Photograph, Photographs
 from .systems import NEAREST_PER_M, Contestant, described, made
 
-Progress = Callable[[float, str], None]
 RANDOM = "random"
-PROTOCOL = 5
-"""Raised whenever the same inputs would give other figures: what was kept before is then measured again."""
 SHOWN_PX = 240
+ABOUT = (
+    "8-bit values are taken as intensities; red, green and blue are 611, 543 and 482 nm; the mask is sampled "
+    "every 3 µm and has height errors; mirror images continue a picture beyond its border. PSNR over all "
+    "channels, averaged over the pictures."
+)
+MIDDLES = "The middle of the picture, pixel for pixel; the PSNR is of the whole picture."
 
 
 @dataclass(frozen=True)
@@ -96,7 +104,6 @@ def measure(
         for picture, depth in zip(pictures, depths, strict=True):
             inverse = depth if condition.inverse_depth is None else condition.inverse_depth
             key = key_of(
-                protocol=PROTOCOL,
                 system=system.digest,
                 picture=picture.sha256,
                 label=condition.label,
@@ -127,7 +134,7 @@ def random_depths(pictures: Sequence[Photograph], seed: int) -> list[float]:
     """An inverse depth in 1/m for each picture, decided by the seed and its place in the folder: one that is
     left out changes no other's."""
     last = max(picture.place for picture in pictures)
-    generator = torch.Generator().manual_seed(seed * 1_000_003)
+    generator = torch.Generator().manual_seed(seed * 1_000_003 % 2**64)
     drawn = NEAREST_PER_M * torch.rand(last + 1, generator=generator)
     return [float(drawn[picture.place]) for picture in pictures]
 
@@ -222,3 +229,33 @@ def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, sh
 def _row(job: Job, system: Contestant, photo_db: float, restored_db: float, files: Shown | None) -> Row:
     name, label = job.picture.name, job.condition.label
     return Row(system.name, name, label, job.inverse_depth, photo_db, restored_db, files)
+
+
+def pairs(rows: Sequence[Row], system: str, said: Callable[[Row], str]) -> Gallery:
+    """Sensor and output side by side, condition below condition."""
+    pictures: list[Picture] = []
+    for row in rows:
+        if row.shown is None:
+            continue
+        for path, what, db in (
+            (row.shown.photo, "sensor", row.photo_db),
+            (row.shown.restored, "output", row.restored_db),
+        ):
+            alt = f"{row.picture}, {what} of {system}, {said(row)}: {decibels(db)}."
+            pictures.append(picture_file(path, f"{said(row)}, {what}", alt, note=decibels(db)))
+    return Gallery(tuple(pictures), MIDDLES, columns=4, pixels=True, title=system)
+
+
+def sharp(rows: Sequence[Row], name: str) -> Gallery:
+    """The middle of a picture as it is."""
+    shown = next(r.shown for r in rows if r.picture == name and r.shown)
+    truth = picture_file(shown.sharp, "truth", f"{name}, the middle of the picture as it is.")
+    return Gallery((truth,), "What is photographed.", columns=4, pixels=True)
+
+
+def left_out(data: Photographs) -> tuple[Block, ...]:
+    """Pictures that could not be used, if any."""
+    if not data.problems:
+        return ()
+    names = listed([Path(problem.split(": ")[0]).name for problem in data.problems])
+    return (Notes((f"Left out, since they cannot be used: {names}.", *data.problems)),)

@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from ..capture import capture
 from ..optics import Camera
 from ..optics.threads import one_thread
+from ..options import CacheOption
 from ..plan import (
     Fidelity,
     decibels,
@@ -30,12 +33,12 @@ from ..plan import (
 from ..recipe import SceneRecipe, load_camera, load_scene
 from ..record import machine
 from ..render import View, render
+from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.scores import psnr
 from . import cost
+from .experiment import Findings, Progress
 from .kept import Kept, key_of
-
-Progress = Callable[[float, str], None]
 
 SCENES = (
     "wall",
@@ -84,25 +87,46 @@ def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> Sc
 
 def run(
     folder: Path,
-    *,
-    scenes: Sequence[str] = SCENES,
+    progress: Progress,
+    scenes: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
+    cache: CacheOption = None,
+) -> Findings:
+    """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
+    learned), on one thread. Interrupt it at any time: the same command goes on from there.
+
+    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
+    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
+    """
+    outcomes = measure(folder, progress, scenes or SCENES, quick=quick, cache=cache)
+    numbers = figures(outcomes) | {f"times_faster.{name}": value for name, value in saved(outcomes).items()}
+    totals = Table((Column("figure"), Column("value", "", 3)), tuple(numbers.items()))
+    return Findings(numbers, shown=[_table(outcomes), totals], outputs={"measurements": folder})
+
+
+def measure(
+    folder: Path,
+    progress: Progress,
+    scenes: Sequence[str],
     masks: Sequence[str] = MASKS,
+    *,
     quick: bool = False,
     cache: Path | None = None,
-    device: str = "auto",
-    progress: Progress | None = None,
 ) -> list[Outcome]:
-    """Measure every scene and mask, on one thread. folder: keeps what was measured, and is gone on from;
-    quick: the scenes' small versions."""
+    """Every scene and mask, on one thread. folder: keeps what was measured, and is gone on from; quick: the
+    scenes' small versions."""
+    loaded = [load_scene(scene) for scene in scenes]  # a wrong name is refused before any time is spent
     found = []
-    for number, (scene, mask) in enumerate((scene, mask) for scene in scenes for mask in masks):
-        if progress:
-            progress(number / (len(scenes) * len(masks)), f"{scene}, {mask}")
-        loaded = load_scene(scene)
-        recipe = small_version(loaded.recipe) if quick else loaded.recipe
-        view = render(recipe, loaded.base, cache=cache, device=device)
+    jobs = [(scene, mask) for scene in loaded for mask in masks]
+    for number, (scene, mask) in enumerate(jobs):
+        name = scene.recipe.name
+        progress(number / len(jobs), f"{name}, {mask}")
+        recipe = small_version(scene.recipe) if quick else scene.recipe
+        view = render(recipe, scene.base, cache=cache)
         camera = camera_of(mask)
-        place = folder / f"{scene}-{mask}"
+        place = folder / f"{name}-{mask}"
         place.mkdir(parents=True, exist_ok=True)
         with one_thread():
             cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
@@ -111,9 +135,8 @@ def run(
             )
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
-        how = {"cache": cache, "device": device}
-        rendering = _rendering(recipe, loaded.base, view, camera, place, how)
-        found.append(Outcome(scene, mask, (*paced, *rendering)))
+        rendering = _rendering(recipe, scene.base, view, camera, place, {"cache": cache})
+        found.append(Outcome(name, mask, (*paced, *rendering)))
     return found
 
 
@@ -136,7 +159,7 @@ def _rendering(
     if 2 in shorter:
         changes["interreflection"] = (Fidelity(bounces=2), shorter[2])
     if plain:
-        changes["hero wavelengths"] = (Fidelity(scene_dispersion=False), plain)
+        changes["dispersion of scene glass"] = (Fidelity(scene_dispersion=False), plain)
     kept, rows = Kept(place / "rendering.jsonl"), []
     for name, (change, error) in changes.items():
         key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
@@ -193,6 +216,27 @@ def saved(outcomes: Sequence[Outcome]) -> Mapping[str, float]:
     return found
 
 
-def _share(answers) -> float:
-    answers = list(answers)
+def _share(of: Iterable[bool]) -> float:
+    answers = list(of)
     return sum(answers) / len(answers) if answers else math.nan
+
+
+def _table(outcomes: Sequence[Outcome]) -> Table:
+    """Effects that matter and targets: measured beside predicted."""
+    names = (("PSNR", "dB", 1), ("predicted", "dB", 1), ("time", "s", 2), ("predicted", "s", 2))
+    columns = (*map(Column, ("scene", "mask", "case")), *(Column(*each) for each in names))
+    rows = tuple(
+        (
+            outcome.scene,
+            outcome.mask,
+            f"{row.case.kind} {row.case.name}",
+            row.measured_db,
+            row.case.predicted_db,
+            row.seconds,
+            row.case.predicted_seconds,
+        )
+        for outcome in outcomes
+        for row in outcome.rows
+        if row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB
+    )
+    return Table(columns, rows)

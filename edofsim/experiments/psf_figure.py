@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from torch import Tensor
 
 from ..capture.files import write_channels
@@ -19,7 +21,10 @@ from ..optics.mtf import mtf, strehl
 from ..optics.pupil import aperture
 from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
-from .drawing import DASHES, OKABE_ITO, new_figure, save, without_grid, write_csv
+from ..record import write_csv
+from ..report import Plot
+from ..report.plot import DASHES, SERIES, new_figure, picture_axes
+from .experiment import Progress, silent
 
 COLOURS_NM = (611.0, 543.0, 482.0)
 DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
@@ -35,8 +40,10 @@ def run(
     *,
     wavelengths_nm: Sequence[float] = COLOURS_NM,
     depths_m: Sequence[float] = DEPTHS_M,
-) -> dict[str, float]:
-    """Write `psf.png`, `psf.exr`, `mtf.exr` and `psf.csv` into `out`; return the figures.
+    device: str = "cpu",
+    progress: Progress = silent,
+) -> tuple[dict[str, float], dict[str, Path]]:
+    """Write `psf.png`, `psf.exr`, `mtf.exr` and `psf.csv` into `out`; return the figures and the files.
 
     The EXR files hold a channel for each depth and wavelength, `0.5m.543nm`: the PSF as `psf_bank` gives
     it, and the modulus of its two-dimensional transfer function, pixel included, frequency 0 in the middle.
@@ -45,39 +52,52 @@ def run(
     """
     wavelengths = torch.tensor(list(wavelengths_nm), dtype=torch.float64) * 1e-9
     inverse_depths = torch.tensor([1 / depth for depth in depths_m], dtype=torch.float64)
-    bank = psf_bank(camera, wavelengths, inverse_depths)
+    progress(0.0, "point spread functions")
+    bank = psf_bank(camera, wavelengths, inverse_depths, device=device)
+    bank = replace(bank, values=bank.values.cpu(), rest=bank.rest.cpu())
+    progress(0.3, "Strehl ratios")
     ratios = strehl(camera, wavelengths, inverse_depths)
     names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
-    _write_exr(out / "psf.exr", names, bank.values, camera, bank)
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
-    _write_exr(out / "mtf.exr", names, transfer, camera, bank)
     rows = [
         (name, float(bank.rest[d, b]), float(ratios[d, b]), float(bank.values[d, b].max()))
         for d, row in enumerate(names)
         for b, name in enumerate(row)
     ]
-    write_csv(out / "psf.csv", ("psf", "rest", "strehl", "peak_pixel"), rows)
-    _draw(camera, bank, list(wavelengths_nm), list(depths_m), out / "psf.png")
+    progress(0.6, "pictures")
+    outputs = {
+        "PSFs (EXR)": _write_exr(out / "psf.exr", names, bank.values, camera, bank),
+        "MTFs (EXR)": _write_exr(out / "mtf.exr", names, transfer, camera, bank),
+        "table": write_csv(out / "psf.csv", ("psf", "rest", "strehl", "peak_pixel"), rows),
+        "picture": psfs_plot(camera, bank, list(wavelengths_nm), list(depths_m)).save(out / "psf.png"),
+    }
     figures = {f"rest_percent.{name}": rest * 100 for name, rest, _, _ in rows}
     figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows}
-    return figures | {"transmission_percent": bank.transmission * 100}
+    return figures | {"transmission_percent": bank.transmission * 100}, outputs
 
 
-def gallery(out: Path) -> Path:
+def gallery(out: Path, progress: Progress = silent) -> Path:
     """Write `masks.png`: every kind of mask with its defaults, its PSF near and far. Returns the path."""
     entries = catalogue()
-    figure, axes = new_figure(len(entries), 4, width=1.9, height=1.9)
-    for row, entry in zip(axes, entries, strict=True):
-        camera = Camera.from_recipe(CameraRecipe(name="gallery", mask=entry.example))
-        draw_mask(row[0], camera, entry.example)
-        row[0].set_ylabel(entry.kind, fontsize=9)
-        bank = psf_bank(camera, [543e-9], [2.0, 1 / 1.3, 0.0], window_px=64)
-        for axis, image, depth in zip(
-            row[1:], bank.values[:, 0], ("0.5 m", "1.3 m", "infinity"), strict=True
-        ):
-            _picture(axis, image)
-            axis.set_title(depth, fontsize=7)
-    return save(figure, out / "masks.png")
+
+    def paint() -> Figure:
+        figure = new_figure(1.9 * 4, 1.9 * len(entries))
+        axes = figure.subplots(len(entries), 4, squeeze=False)
+        for number, (row, entry) in enumerate(zip(axes, entries, strict=True)):
+            progress(number / len(entries), entry.kind)
+            camera = Camera.from_recipe(CameraRecipe(name="gallery", mask=entry.example))
+            draw_mask(row[0], camera, entry.example)
+            row[0].set_ylabel(entry.kind, fontsize=9)
+            bank = psf_bank(camera, [543e-9], [2.0, 1 / 1.3, 0.0], window_px=64)
+            for axis, image, depth in zip(
+                row[1:], bank.values[:, 0], ("0.5 m", "1.3 m", "infinity"), strict=True
+            ):
+                _picture(axis, image)
+                axis.set_title(depth, fontsize=7)
+        return figure
+
+    about = "Every kind of mask beside its PSF at 0.5 m, 1.3 m and infinity."
+    return Plot(paint, about, about).save(out / "masks.png")
 
 
 def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
@@ -86,7 +106,7 @@ def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
     regions = aperture(camera, grid).regions
     amplitude, light = mask_amplitude(mask, grid)
     relief = sum(part * height for part, height in regions if height is not None)
-    without_grid(axis)
+    picture_axes(axis)
     if isinstance(relief, Tensor) and float(relief.abs().max()) > 0:
         shown = torch.where(light > 0.5, relief - relief[light > 0.5].min(), torch.nan)
         image = axis.imshow((shown * 1e6).numpy(), cmap="viridis")
@@ -97,48 +117,53 @@ def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
         axis.imshow(amplitude.numpy(), cmap="gray", vmin=0, vmax=1)
 
 
-def _draw(
-    camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths_m: list[float], path: Path
-) -> None:
-    columns = len(depths_m) + 1
-    figure, axes = new_figure(len(wavelengths_nm) + 1, columns, width=1.9, height=2.0)
-    for b, nm in enumerate(wavelengths_nm):
-        without_grid(axes[b][0])
-        axes[b][0].axis("off")
-        for d, depth in enumerate(depths_m):
-            axis = axes[b][d + 1]
-            _picture(axis, bank.values[d, b])
-            if b == 0:
-                axis.set_title(_metres(depth), fontsize=9)
-            if d == 0:
-                axis.set_ylabel(f"{nm:g} nm", fontsize=9)
-            axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
-    draw_mask(axes[0][0], camera, camera.recipe.mask)
-    axes[0][0].axis("on")
-    axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
-    half_width = bank.values.shape[-1] * camera.pixel * 0.5e3
-    axes[1][0].text(
-        0, 0.5, f"windows are\n{2 * half_width:.3g} mm wide,\nbrightness is the\nsquare root", fontsize=7
-    )
-    frequencies = torch.linspace(0, 0.5 / camera.pixel, 65, dtype=torch.float64)
-    middle = wavelengths_nm[len(wavelengths_nm) // 2]
-    for axis, direction in zip(axes[-1], (0, 90, 45, 135), strict=False):
-        curves = mtf(camera, middle * 1e-9, bank.inverse_depths, frequencies, angle_deg=direction)
-        for index, (depth, curve) in enumerate(zip(depths_m, curves, strict=True)):
-            colour, dash = OKABE_ITO[index % len(OKABE_ITO)], DASHES[index % len(DASHES)]
-            at = (frequencies * 1e-3).numpy()
-            axis.plot(at, curve.numpy(), dash, color=colour, linewidth=1, label=_metres(depth))
-        axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
-        axis.set(ylim=(0, 1), xlim=(0, float(frequencies[-1]) * 1e-3))
-        axis.set_xlabel("cycles/mm", fontsize=7)
-    axes[-1][0].legend(fontsize=5)
-    for axis in axes[-1][4:]:
-        axis.axis("off")
-    save(figure, path)
+def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths_m: list[float]) -> Plot:
+    """The mask, each PSF over wavelength and depth, and MTFs along four directions."""
+
+    def paint() -> Figure:
+        columns = len(depths_m) + 1
+        figure = new_figure(1.9 * columns, 2.0 * (len(wavelengths_nm) + 1))
+        axes = figure.subplots(len(wavelengths_nm) + 1, columns, squeeze=False)
+        for b, nm in enumerate(wavelengths_nm):
+            picture_axes(axes[b][0])
+            axes[b][0].axis("off")
+            for d, depth in enumerate(depths_m):
+                axis = axes[b][d + 1]
+                _picture(axis, bank.values[d, b])
+                if b == 0:
+                    axis.set_title(_metres(depth), fontsize=9)
+                if d == 0:
+                    axis.set_ylabel(f"{nm:g} nm", fontsize=9)
+                axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
+        draw_mask(axes[0][0], camera, camera.recipe.mask)
+        axes[0][0].axis("on")
+        axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
+        if len(wavelengths_nm) > 1:
+            width = bank.values.shape[-1] * camera.pixel * 1e3
+            said = f"windows are\n{width:.3g} mm wide,\nbrightness is the\nsquare root"
+            axes[1][0].text(0, 0.5, said, fontsize=7)
+        frequencies = torch.linspace(0, 0.5 / camera.pixel, 65, dtype=torch.float64)
+        middle = wavelengths_nm[len(wavelengths_nm) // 2]
+        for axis, direction in zip(axes[-1], (0, 90, 45, 135), strict=False):
+            curves = mtf(camera, middle * 1e-9, bank.inverse_depths, frequencies, angle_deg=direction)
+            for index, (depth, curve) in enumerate(zip(depths_m, curves, strict=True)):
+                look = {"color": SERIES[index % len(SERIES)], "linestyle": DASHES[index % len(DASHES)]}
+                at = (frequencies * 1e-3).numpy()
+                axis.plot(at, curve.numpy(), linewidth=1, label=_metres(depth), **look)
+            axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
+            axis.set(ylim=(0, 1), xlim=(0, float(frequencies[-1]) * 1e-3))
+            axis.set_xlabel("cycles/mm", fontsize=7)
+        axes[-1][0].legend(fontsize=5)
+        for axis in axes[-1][4:]:
+            axis.axis("off")
+        return figure
+
+    about = f"The mask of {camera.recipe.name}, its PSFs by depth and wavelength, and its MTFs."
+    return Plot(paint, about, about)
 
 
 def _picture(axis: Axes, psf: Tensor) -> None:
-    without_grid(axis)
+    picture_axes(axis)
     shown = (psf / psf.max()).clamp_min(DARKEST).sqrt().numpy()
     axis.imshow(shown, cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
 

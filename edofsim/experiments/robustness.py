@@ -1,26 +1,47 @@
-"""How much sensor noise and how much fabrication error the restoration bears.
+"""How much an error is borne: what the experiments on sensor noise and on fabrication have in common.
 
-Akpinar et al., section "Noise Analysis": an object at the green focus; read noise beyond the training's, and
-height errors of the mask beyond the training's. The paper shows one natural image; here it is a folder.
+Akpinar et al., section "Noise Analysis": an object at the green focus. The paper shows one natural image;
+here it is a folder.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..optics import focus_distance
-from ..recipe.fabrication import Fabrication
+from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text, line_plot
+from ..report.page import Block
+from ..report.plot import WIDE_IN
+from ..report.words import decibels, number
+from .experiment import Findings, Progress, part
 from .photographs import Photographs, chosen, photographs
-from .planes import Condition, Progress, Row, averages, measure, write_rows
-from .systems import READ_NOISE, Contestant, contestants, paper_test
+from .planes import ABOUT, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows
+from .systems import Contestant, contestants
 
-SIGMAS_S = (0.005, 0.009, 0.015, 0.020)
-SIGMAS_D_NM = (20.0, 30.0, 40.0, 50.0)
-DEVICE = "device"
 GREEN = 543e-9
-PITCH_UM = 3.0
+
+
+@dataclass(frozen=True)
+class Study:
+    """An error and its strengths. name: of the files; column: of the CSV, that names the strength;
+    conditions: for a system and a seed, from the least to the most; labels: those strengths as numbers,
+    others stand beside; paper: PSNR by strength, of its one image; title, purpose, setting: for the page; axis, said: the
+    strength with its unit, and in a text; source: the paper's figure.
+    """
+
+    name: str
+    column: str
+    conditions: Callable[[Contestant, int], list[Condition]]
+    labels: Mapping[str, float]
+    paper: Mapping[float, float]
+    title: str
+    purpose: str
+    axis: str
+    said: str
+    setting: str
+    source: str
 
 
 @dataclass(frozen=True)
@@ -33,89 +54,114 @@ class Result:
     figures: dict[str, float]
 
 
-def run_noise(out: Path, data: Path | None, **options: object) -> Result:
-    """Measure at each of `SIGMAS_S` with a height error of 30 nm, and write OUT/noise.csv. See `_run`.
-
-    Figures: psnr_db.SYSTEM.SIGMA, psnr_db.SYSTEM.photo.SIGMA, loss_db.SYSTEM from the least to the most.
-    """
-    result = _run(out, data, noise_conditions, "sigma_s", **options)
-    write_rows(out / "noise.csv", result.rows, "sigma_s")
-    return result
-
-
-def run_fabrication(out: Path, data: Path | None, **options: object) -> Result:
-    """Measure at each of `SIGMAS_D_NM` and for the device that the paper made and measured, read noise 0.005,
-    and write OUT/fabrication.csv. See `_run`.
-
-    Figures: psnr_db.SYSTEM.{20nm,...,device}, psnr_db.SYSTEM.photo.*, loss_db.SYSTEM from 20 to 50 nm.
-    """
-    result = _run(out, data, fabrication_conditions, "fabrication", **options)
-    write_rows(out / "fabrication.csv", result.rows, "fabrication")
-    return result
-
-
-def noise_conditions(system: Contestant, seed: int) -> list[Condition]:
-    """The paper's read noises at the green focus."""
-    depth = 1 / green_focus(system)
-    return [Condition(f"{sigma:g}", depth, sigma, paper_test(seed)) for sigma in SIGMAS_S]
-
-
-def fabrication_conditions(system: Contestant, seed: int) -> list[Condition]:
-    """The paper's height errors at the green focus, the same draw at each strength, and its measured device.
-
-    A relief deeper than the device allows is wrapped by one wave of the mask's design wavelength.
-    """
-    depth = 1 / green_focus(system)
-    errors = [
-        Condition(
-            f"{sigma:g}nm",
-            depth,
-            READ_NOISE,
-            Fabrication(pitch_um=PITCH_UM, height_noise_nm=sigma, seed=seed),
-        )
-        for sigma in SIGMAS_D_NM
-    ]
-    wave = getattr(system.camera.recipe.mask, "design_wavelength_nm", None)
-    device = Fabrication(preset="paper-device", wrap_wavelength_nm=wave, seed=seed)
-    return [*errors, Condition(DEVICE, depth, READ_NOISE, device)]
-
-
 def green_focus(system: Contestant) -> float:
     """Distance in metres that is sharp at 543 nm: z_fG of the paper."""
     return float(focus_distance(system.camera, GREEN))
 
 
-def _run(
-    out: Path,
-    data: Path | None,
-    conditions_of: Callable[[Contestant, int], list[Condition]],
-    what: str,
+def measured(
+    study: Study,
+    folder: Path,
+    progress: Progress,
     *,
-    systems: Sequence[str | Path] | None = None,
-    show: Sequence[str] = (),
-    seed: int = 0,
-    limit: int | None = None,
-    progress: Progress | None = None,
-) -> Result:
-    """data: folder of pictures, None for scikit-image's; systems: as for the table; show: names of pictures,
-    the first by default; limit: only so many pictures. Raises InputError for what cannot be used."""
+    data: Path | None,
+    systems: Sequence[str] | None,
+    show: Sequence[str] | None,
+    limit: int | None,
+    seed: int,
+) -> Findings:
+    """The options are those of the experiments. Raises InputError for what cannot be used."""
     found = photographs(data, limit)
-    shown = chosen(found.pictures, show, 1)
+    shown = chosen(found.pictures, show or (), 1)
     every = contestants(systems)
     rows: list[Row] = []
     figures: dict[str, float] = {}
     for index, system in enumerate(every):
-
-        def part(done: float, text: str, index: int = index) -> None:
-            if progress:
-                progress((index + done) / len(every), text)
-
-        conditions = conditions_of(system, seed)
-        own = measure(system, found.pictures, conditions, out, seed=seed, show=shown, progress=part)
+        tell = part(progress, index / len(every), (index + 1) / len(every))
+        conditions = study.conditions(system, seed)
+        own = measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=tell)
         means = averages(own)
-        ends = [c.label for c in conditions if c.label != DEVICE]
+        ends = list(study.labels)
         least, most = (means[f"psnr_db.{system.name}.{label}"] for label in (ends[0], ends[-1]))
         figures |= means | {f"loss_db.{system.name}": least - most}
         rows += own
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
-    return Result(tuple(rows), found, shown, figures)
+    outputs = {"table": write_rows(folder / f"{study.name}.csv", rows, study.column)}
+    shows = page(study, Result(tuple(rows), found, shown, figures))
+    inputs = {"data": found.source}
+    return Findings(figures, shows, outputs=outputs, problems=found.problems, inputs=inputs)
+
+
+def page(study: Study, result: Result) -> Page:
+    """Scores by strength beside the paper's, and the pictures."""
+    systems = list(dict.fromkeys(row.system for row in result.rows))
+    conditions = list(dict.fromkeys(row.condition for row in result.rows))
+    figures = result.figures
+    labels, paper = study.labels, study.paper
+    said = {c: study.said.format(f"{labels[c]:g}") if c in labels else "the made device" for c in conditions}
+    first, last = list(labels)[0], list(labels)[-1]
+    paper_loss = list(paper.values())[0] - list(paper.values())[-1]
+    keys = tuple(
+        Key(
+            f"{system}: loss",
+            number(figures[f"loss_db.{system}"], 2),
+            "dB",
+            f"from {said[first]} to {said[last]}; the paper {number(paper_loss, 2)}",
+            strong=index == 0,
+        )
+        for index, system in enumerate(systems[:3])
+    )
+    columns = (Column("Condition"), *(Column(s, "dB", 2) for s in systems), Column("The paper", "dB", 2))
+    rows = tuple(
+        (
+            said[c],
+            *(figures[f"psnr_db.{s}.{c}"] for s in systems),
+            paper.get(labels[c]) if c in labels else None,
+        )
+        for c in conditions
+    )
+    photos = tuple((said[c], *(figures[f"psnr_db.{s}.photo.{c}"] for s in systems)) for c in conditions)
+    count = len(result.data.pictures)
+    blocks: tuple[Block, ...] = (
+        _curves(study, figures, systems),
+        Table(columns, rows, f"Restored pictures, mean of {count}; {study.source}: one image."),
+        Table(columns[:-1], photos, "The photos themselves."),
+    )
+    sections = [Section("Scores", blocks)]
+    for picture in result.shown:
+        galleries = [
+            pairs(
+                [r for r in result.rows if (r.system, r.picture) == (system, picture)],
+                system,
+                lambda row: said[row.condition],
+            )
+            for system in systems
+        ]
+        sections.append(Section(picture, (sharp(result.rows, picture), *galleries)))
+    about = f"{ABOUT} Here: {study.setting}."
+    facts = {"Pictures": Path(result.data.source).name}
+    head = (Keys(keys), Text(about), *left_out(result.data))
+    return Page(study.title, study.purpose, tuple(sections), head, facts)
+
+
+def _curves(study: Study, figures: Mapping[str, float], systems: Sequence[str]) -> Plot:
+    """PSNR over the strength of an error, the paper's figures among them."""
+    series = [
+        (
+            system,
+            list(study.labels.values()),
+            [figures[f"psnr_db.{system}.{label}"] for label in study.labels],
+        )
+        for system in systems[:4]
+    ]
+    series.append(("the paper (one image)", list(study.paper), list(study.paper.values())))
+    ends = "; ".join(f"{n} from {decibels(ys[0])} to {decibels(ys[-1])}" for n, _, ys in series)
+    return line_plot(
+        series,
+        x=study.axis,
+        y="PSNR of the restored (dB)",
+        alt=f"{study.title}: PSNR of the restored pictures against {study.axis}: {ends}.",
+        caption="Mean PSNR of the restored pictures. The paper's points are of its one image: compare "
+        "slopes, not heights.",
+        width=WIDE_IN,
+    )

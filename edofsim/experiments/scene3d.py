@@ -13,39 +13,36 @@ otherwise. Finished scenes are kept in the folder, and gone on from.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import typer
 from torch import Tensor
 
-from ..capture.photo import PHOTO_MODEL_VERSION
-from ..errors import EdofsimError
-from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera
-from ..record import write_record
+from ..errors import EdofsimError, InputError
+from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
+from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
+from ..recipe.load import shipped, shipped_folder
+from ..record import writable_folder, write_csv
 from ..render import View, render
 from ..render.keys import view_key
-from ..restore.checkpoint import find_checkpoint, shipped_checkpoints
+from ..report import Link, write_page
+from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
 from ..restore.scores import Score, depth_ranges, score, score_parts, within_scale
 from .depth_edges import near_edges
-from .drawing import write_csv
-from .predictions import SCENES, small_version
+from .experiment import Findings, Progress, in_paper, part
+from .kept import Kept
+from .kept import key_of as kept_key
+from .predictions import small_version
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
-
-Progress = Callable[[float, str], None]
-
-__all__ = ["SCENES", "Measured", "Row", "Seen", "figures", "measure", "run", "write_table"]
 
 WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
-VERSION = 4
-"""Raised when the same scene and camera would give other scores, so that those in a folder are left."""
-
 TRUTH_SAMPLES = 512
 """The fewest that a scene is rendered with. A rendering's grain is in the truth, but a blurred photo hardly
 holds it: it counts as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
@@ -117,53 +114,153 @@ class Outcome:
     failed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
+@in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
 def run(
+    folder: Path,
+    progress: Progress,
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SCENE...]", help="Recipes or shipped names; default all shipped."),
+    ] = None,
+    networks: NetworksOption = None,
+    camera: CameraOption = None,
+    quick: QuickOption = False,
+    seed: SeedOption = 0,
+    cache: CacheOption = None,
+) -> Findings:
+    """Deep scenes through the lens alone and through learned masks, by the paper's protocol and by ours:
+    scores whole, by depth and near depth edges, and what each way to simulate concludes (paper, Fig. 13).
+
+    Interrupt it at any time: scenes that are finished are kept in --out. What cannot be read is named at the
+    end, and the others are finished. Scenes are rendered with at least 512 samples a pixel, as the noise of
+    the truth counts against every restoration.
+
+    Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
+    gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;
+    WAY: paper, linear, none, over, normalised, hidden, parts (ours).
+    """
+    from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
+
+    loaded, broken = readable(scenes or list(shipped(shipped_folder("scenes"))))
+    if broken and not loaded:
+        raise InputError([text for texts in broken.values() for text in texts])
+    sources = names_of(networks)
+    names = list(sources.values())
+    each = writable_folder(folder / "scenes")
+
+    def show(measured: Measured, seen: Seen) -> None:
+        for system in seen.systems[1:]:
+            page = scene_page(measured, seen, system, Link("../scene3d.html", "Deep scenes"))
+            write_page(each / f"{measured.scene}-{system.name}.html", page)
+        ours = seen.taken[OURS, seen.systems[1].name]
+        alone = seen.taken[OURS, LENS_ALONE]
+        shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
+        (each / f"{measured.scene}.png").write_bytes(shown.png)
+
+    outcome = measured_scenes(
+        folder,
+        loaded,
+        networks=list(sources),
+        camera=camera,
+        quick=quick,
+        seed=seed,
+        cache=cache,
+        show=show,
+        progress=progress,
+    )
+    outcome = Outcome(outcome.measured, {**broken, **outcome.failed})
+    every = outcome.measured
+    links = []
+    for m in every:
+        for name in names:
+            title = m.scene if len(names) == 1 else f"{m.scene}, {name}"
+            links.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, each / f"{m.scene}.png"))
+    lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
+    shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
+    worsts = [
+        f"worst of {name}: {low.scene}, {low.score(OURS, name, 'restored').psnr_db:.2f} dB"
+        for name, low in lows.items()
+    ]
+    return Findings(
+        figures(outcome, names),
+        overview_page(outcome, names, links),
+        shown=[*shown, *worsts],
+        outputs={"scores": write_table(folder / "scene3d.csv", outcome)},
+        problems=[text for texts in outcome.failed.values() for text in texts],
+        inputs={"scenes": [m.scene for m in every], "networks": list(sources)},
+        record={"worst": {n: lows[n].scene if n in lows else None for n in names}, "failed": outcome.failed},
+    )
+
+
+def readable(
+    scenes: Sequence[str],
+) -> tuple[list[Loaded[SceneRecipe]], dict[str, tuple[str, ...]]]:
+    """The recipes that can be read, and what is wrong with the others, by what was typed."""
+    loaded: list[Loaded[SceneRecipe]] = []
+    broken: dict[str, tuple[str, ...]] = {}
+    for scene in scenes:
+        try:
+            recipe = load_scene(scene)
+        except InputError as error:
+            broken[str(scene)] = error.problems
+            continue
+        twin = next((other for other in loaded if other.recipe.name == recipe.recipe.name), None)
+        if twin is None:
+            loaded.append(recipe)
+        elif twin.path.resolve() != recipe.path.resolve():
+            problem = (
+                f"{scene}: its name is {recipe.recipe.name!r}, as that of {twin.path}; rename one of them"
+            )
+            broken[str(scene)] = (problem,)
+    return loaded, broken
+
+
+def names_of(networks: Sequence[str] | None) -> Mapping[str, str]:
+    """Names of the systems by what was typed, of all that ship for None. Raises InputError for a checkpoint
+    that cannot be used, and for two of one name."""
+    sources = dict.fromkeys(networks or shipped_checkpoints())
+    names = {source: load_checkpoint(source).name for source in sources}
+    if len(set(names.values())) < len(names):
+        raise InputError(f"{', '.join(names)}: two of these checkpoints have the same name; give one of them")
+    return names
+
+
+def measured_scenes(
     folder: Path,
     scenes: Sequence[Loaded[SceneRecipe]],
     *,
-    networks: Sequence[str] | None = None,
+    networks: Sequence[str],
+    progress: Progress,
     camera: str | None = None,
     quick: bool = False,
     seed: int = 0,
     cache: Path | None = None,
-    device: str = "auto",
     show: Callable[[Measured, Seen], None] | None = None,
-    progress: Progress | None = None,
 ) -> Outcome:
-    """Measure every scene. folder: keeps a record of each that is finished, which is not measured again.
+    """Measure every scene. folder: keeps each that is finished, which is not measured again.
 
-    networks: checkpoints, files or shipped names, None for all that ship; camera: in place of what the scene
-    names; quick: the scenes' small versions; seed: of the sensor's noise; show: called with each scene's
-    images before it counts as finished. A scene that cannot be read, rendered or photographed is left and
-    told in the outcome.
+    networks: checkpoints, files or shipped names; camera: in place of what the scene names; quick: the
+    scenes' small versions; seed: of the sensor's noise; show: called with each scene's images before it
+    counts as finished. A scene that cannot be read, rendered or photographed is left and told in the outcome.
     """
-    say = progress or (lambda fraction, text: None)
-    networks = networks or list(shipped_checkpoints())
+    kept = Kept(folder / "finished.jsonl")
     done: list[Measured] = []
     failed: dict[str, tuple[str, ...]] = {}
     for number, scene in enumerate(scenes):
         name = scene.recipe.name
-
-        def tell(fraction: float, text: str, number: int = number, name: str = name) -> None:
-            say((number + fraction) / len(scenes), f"{name}: {text}")
-
+        tell = part(progress, number / len(scenes), (number + 1) / len(scenes), name)
         try:
             taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
             recipe = scored_version(scene.recipe, quick=quick)
             key = key_of(recipe, scene.base, taker, networks, seed)
-            path = record_path(folder, name)
-            known = read(path, key)
+            known = remembered(kept, key)
             if known is None:
-                view = render(
-                    recipe, scene.base, cache=cache, device=device, progress=lambda f, t: tell(0.4 * f, t)
-                )
+                view = render(recipe, scene.base, cache=cache, progress=part(tell, 0.0, 0.4))
                 systems = tuple(systems_of(taker, networks))
-                known, taken, edges = measure(
-                    name, view, systems, seed=seed, progress=lambda f, t: tell(0.4 + 0.6 * f, t)
-                )
+                known, taken, edges = measure(name, view, systems, seed=seed, progress=part(tell, 0.4, 1.0))
                 if show:
                     show(known, Seen(scene, taker, view, systems, taken, edges))
-                write(path, key, known)
+                kept.put(key, asdict(known))
             done.append(known)
         except EdofsimError as error:
             failed[name] = getattr(error, "problems", (str(error),))
@@ -291,38 +388,12 @@ def write_table(path: Path, outcome: Outcome) -> Path:
     )
 
 
-def record_path(folder: Path, scene: str) -> Path:
-    """Where a finished scene is kept."""
-    return folder / f"{scene}.json"
-
-
-def read(path: Path, key: str) -> Measured | None:
-    """The finished scene of a record; None where there is none, or of other inputs, or it is damaged."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["key"] != key:
-            return None
-        rows = tuple(Row(**{**row, **_numbers(row)}) for row in content["rows"])
-        return Measured(content["scene"], rows, _numbers(content["facts"]))
-    except (OSError, ValueError, KeyError, TypeError):
+def remembered(kept: Kept, key: str) -> Measured | None:
+    """The finished scene of a key; None where there is none."""
+    found = kept.get(key)
+    if found is None:
         return None
-
-
-def write(path: Path, key: str, measured: Measured) -> None:
-    rows = [{name: _plain(value) for name, value in asdict(row).items()} for row in measured.rows]
-    facts = {name: _plain(value) for name, value in measured.facts.items()}
-    write_record(path, {"key": key, "scene": measured.scene, "facts": facts, "rows": rows})
-
-
-def _plain(value: Any) -> Any:
-    """JSON has neither infinity nor NaN."""
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _numbers(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        n: float(v) if isinstance(v, str) and v in ("inf", "-inf", "nan") else v for n, v in values.items()
-    }
+    return Measured(found["scene"], tuple(Row(**row) for row in found["rows"]), found["facts"])
 
 
 def _with_mean(values: Mapping[str, float], name: Callable[[str], str]) -> dict[str, float]:
@@ -332,9 +403,10 @@ def _with_mean(values: Mapping[str, float], name: Callable[[str], str]) -> dict[
 def key_of(
     recipe: SceneRecipe, base: Path, camera: Loaded[CameraRecipe], networks: Sequence[str], seed: int
 ) -> str:
-    """What a record's scores depend on."""
-    said = [VERSION, PHOTO_MODEL_VERSION, view_key(recipe, base), camera.recipe.model_dump(mode="json"), seed]
-    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-    for network in networks:
-        digest.update(hashlib.sha256(find_checkpoint(network).read_bytes()).digest())
-    return digest.hexdigest()
+    """What a scene's scores depend on."""
+    return kept_key(
+        view=view_key(recipe, base),
+        camera=camera.recipe.model_dump(mode="json"),
+        seed=seed,
+        networks=[hashlib.sha256(find_checkpoint(name).read_bytes()).hexdigest() for name in networks],
+    )

@@ -97,7 +97,12 @@ def made(camera: Camera, fabrication: Fabrication) -> Camera:
 
 def paper_test(seed: int) -> Fabrication:
     """A mask as the paper tests it: at 3 um, with a height error of 30 nm."""
-    return Fabrication(preset="paper-test", seed=seed)
+    return Fabrication(preset="paper-test", seed=fabrication_seed(seed))
+
+
+def fabrication_seed(seed: int) -> int:
+    """The 31 bits of a seed that a fabrication has."""
+    return seed % 2**31
 
 
 def colour_psfs(camera: Camera) -> Tensor:

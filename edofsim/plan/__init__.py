@@ -2,7 +2,9 @@
 
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
 from .effect import Decision, Effect, Level, Plan, decibels, overall
-from .effects import EFFECTS
+from .effects import EFFECTS, all_effects
+from .figures import plan_figures
+from .overrule import checked_overrule
 from .photo import Planner, plan_photo, planner_of
 from .scene import Looked, look, plan_scene, seen_in_thumbnails
 from .target import Target, parse_target
@@ -18,11 +20,14 @@ __all__ = [
     "Plan",
     "Planner",
     "Target",
+    "all_effects",
+    "checked_overrule",
     "decibels",
     "full_fidelity",
     "look",
     "overall",
     "parse_target",
+    "plan_figures",
     "plan_photo",
     "plan_scene",
     "planner_of",

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..capture.fidelity import FULL_SUB_APERTURES, Fidelity
-from ..capture.methods import METHODS
-from ..capture.occlusion import OCCLUSIONS
-from ..errors import InputError
 from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
 from .effect import Decision, Effect, Level, Plan, decibels, overall
-from .effects import EFFECTS
+from .effects import all_effects
 from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
+from .overrule import checked_overrule
 from .rates import Rates, rates
 from .remember import remembered
 from .target import Target
@@ -180,7 +178,7 @@ def planner_of(
     view: View,
     camera: Camera,
     *,
-    effects: Sequence[Effect] = EFFECTS,
+    effects: Sequence[Effect] | None = None,
     more: Mapping[str, Level] | None = None,
     facts: Facts | None = None,
     progress: Progress | None = None,
@@ -190,7 +188,7 @@ def planner_of(
     how: further fields of `Planner`."""
     facts = facts or facts_of(view, camera)
     known = rates()
-    found = remembered(facts, effects, more, progress)
+    found = remembered(facts, effects or all_effects(), more, progress)
     return Planner(facts, shape_of(view, camera), found, known, **how)
 
 
@@ -206,14 +204,14 @@ def plan_photo(
 ) -> Plan:
     """Decide on the effects of a photo.
 
-    overrule: what the user insists on: `layers`, `occlusion`, `pupil_parts`, `method`, `without` and `with_`
+    overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `method`, `without` and `with_`
     (names of effects); None values are left to the plan. target: None for the default. height: height map of
     the mask in place of the recipe's. Raises InputError for an effect that is not known.
     """
-    insisted = {name: value for name, value in (overrule or {}).items() if value is not None}
-    more = _levels_of(insisted)
+    given = checked_overrule(overrule)
+    more = _levels_of(given)
     planner = planner_of(view, camera, more=more, facts=facts, progress=progress, **how)
-    return planner.plan(target, fixed_levels(planner.estimates, insisted, more))
+    return planner.plan(target, fixed_levels(planner.estimates, given, more))
 
 
 def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
@@ -225,17 +223,13 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     parts = insisted.get("sub_apertures")
     if "occlusion" in insisted or (parts or 1) != 1:
         way = insisted.get("occlusion", "hidden")
-        _known(way, OCCLUSIONS, "occlusion")
-        if (parts or 1) != 1 and way != "hidden":
-            raise InputError(f"the pupil is taken in parts for the occlusion `hidden` alone, not for {way!r}")
         more["occlusion"] = Level(way, {"occlusion": way})
     if parts is not None:
         said = "one part" if parts == 1 else f"{parts} x {parts} parts"
-        more["pupil parts"] = Level(
+        more["sub-apertures"] = Level(
             said, {"sub_apertures": parts}, sample={"sub_apertures": FULL_SUB_APERTURES}
         )
     if "method" in insisted:
-        _known(insisted["method"], METHODS, "method")
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
     return more
 
@@ -248,19 +242,13 @@ def fixed_levels(
     fixed = {name: rows[name].levels.index(level) for name, level in more.items()}
     for option, full in (("without", False), ("with_", True)):
         for name in insisted.get(option) or ():
-            _known(name, rows, "effect")
             fixed[name] = rows[name].full if full else 0
     way = insisted.get("occlusion")
     if more.get("occlusion") and "hidden surfaces" in rows:
         fixed["hidden surfaces"] = rows["hidden surfaces"].full
-    if way not in (None, "hidden") and "pupil parts" in rows:
-        fixed["pupil parts"] = 0  # no other way knows parts
+    if way not in (None, "hidden") and "sub-apertures" in rows:
+        fixed["sub-apertures"] = 0  # no other way knows them
     return fixed
-
-
-def _known(name: str, names: Any, what: str) -> None:
-    if name not in names:
-        raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")
 
 
 def _counts(facts: Facts, groups: int, colours: int) -> tuple[int, int]:

@@ -21,6 +21,7 @@ from .plot import (
     WIDE_IN,
     Plot,
     new_figure,
+    picture_axes,
     spread,
 )  # fmt: skip
 from .words import distance, percent, significant
@@ -62,9 +63,7 @@ def psf_plot(psfs: Psfs) -> Plot:
                 depth, channel = (row, column) if narrow else (column, row)
                 tile_values = tiles[picked[depth], channel]
                 last = axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
-                axes.set_xticks([])
-                axes.set_yticks([])
-                axes.spines[:].set_visible(False)
+                picture_axes(axes)
                 at = distance(psfs.depths_m[picked[depth]])
                 if row == 0:
                     axes.set_title(CHANNELS[channel] if narrow else at)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
-from ..experiments.cost import Row
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
 from ..plan import Plan, overall
 from ..record import machine, versions
 from ..restore import channel_psfs
-from .cost_chart import cost_plot
 from .model import ImageScore, PlanRow, Psfs, RunReport
+from .plot import Plot
 from .run_page import write_report
 
 if TYPE_CHECKING:
@@ -28,16 +27,15 @@ PSF_DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
 PICTURE = 250  # samples across the picture of the DOE
 
 
-def write_run_report(path: Path, result: Run, cost: Sequence[Row] = ()) -> Path:
-    """The page of a run, one file. cost: what `evaluate.cost` measured, for a chart. Returns the path.
+def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
+    """The page of a run, one file. cost: chart of what accuracy costs. Returns the path.
 
     Raises InputError where it cannot be written.
     """
     camera = result.optics
-    trained = result.checkpoint.height if result.checkpoint else None
-    height, width = _relief(camera, trained)
+    height, width = _relief(camera)
     inverse_depths = torch.tensor([1 / depth for depth in PSF_DEPTHS_M])
-    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths, trained)
+    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths)
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -65,7 +63,7 @@ def write_run_report(path: Path, result: Run, cost: Sequence[Row] = ()) -> Path:
             for d in result.plan.decisions
         ),
         target=_target(result.plan),
-        cost=cost_plot(cost, scene.name) if cost else None,
+        cost=cost,
         seconds=result.seconds,
         peak_memory_mib=result.peak_memory_mib,
         recipes={item.path.name: item.text for item in (result.scene, result.camera)},
@@ -85,11 +83,11 @@ def _target(plan: Plan) -> str:
     return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 
 
-def _relief(camera: Camera, trained: Tensor | None) -> tuple[Tensor | None, float | None]:
+def _relief(camera: Camera) -> tuple[Tensor | None, float | None]:
     """Height of the DOE inside the pupil, [y, x] in metres, NaN outside, and its width in metres; None for
-    masks that only block light. trained: height map in place of the recipe's."""
+    masks that only block light."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
-    height = surface(camera, grid, trained)
+    height = surface(camera, grid)
     if height is None:
         return None, None
     return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch

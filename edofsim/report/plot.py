@@ -131,6 +131,15 @@ def new_figure(width: float, height: float, layout: str = "constrained") -> Figu
     return Figure(figsize=(width, height), layout=layout)
 
 
+def picture_axes(*every: Axes) -> None:
+    """Make axes fit for pictures: no lines, ticks or frames."""
+    for axes in every:
+        axes.grid(False)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        axes.spines[:].set_visible(False)
+
+
 def metre_ticks(low: float, high: float, count: int = 9) -> list[float]:
     """Inverse depths in 1/m, ascending, that have short names in metres, spread over [low, high].
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-
 from edofsim.commands.base import Done
 from edofsim.commands.paper import evaluate_broadband
+
 from edofsim.errors import InputError
 from edofsim.experiments import broadband, chromatic
 from edofsim.experiments.cubes import Reading, read_cubes, read_one

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from edofsim.report.cost_chart import cost_plot
 
 from edofsim.experiments import cost, predictions
 from edofsim.optics import Camera
@@ -15,7 +16,6 @@ from edofsim.plan import Fidelity, planner_of, rates, remember
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import Lens, PsfSettings
 from edofsim.render.view import View
-from edofsim.report.cost_chart import cost_plot
 
 CAMERA = Camera.from_recipe(
     CameraRecipe(name="test", lens=Lens(aperture_radius_mm=1.0), psf=PsfSettings(window_px=32))
@@ -61,7 +61,7 @@ def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest
     by_name = {row.case.name: row for row in rows}
     assert by_name["full"].measured_db == math.inf and by_name["full"].repeats == 1
     assert by_name["50 dB"].measured_db >= 49 and by_name["30 dB"].measured_db >= 29
-    assert by_name["exact lens"].case.kind == "without" and by_name["exact lens"].measured_db < 60
+    assert by_name["spherical aberration"].case.kind == "without" and by_name["spherical aberration"].measured_db < 60
     count = len(taken)
     assert count == 2 * (len(cases) - 1) + 1
 
@@ -96,14 +96,14 @@ def test_effects_that_edges_do_not_need_are_measured_without_parts_of_the_pupil(
         hidden=order >= side * side,
     )
     cases = {case.name: case for case in cost.cases_of(planner_of(step, CAMERA), targets=())}
-    assert cases["full"].fidelity.sub_apertures > 1 == cases["exact lens"].fidelity.sub_apertures
-    assert cases["exact lens"].one_part and not cases["pupil parts"].one_part
+    assert cases["full"].fidelity.sub_apertures > 1 == cases["spherical aberration"].fidelity.sub_apertures
+    assert cases["spherical aberration"].one_part and not cases["sub-apertures"].one_part
     rows = {
         row.case.name: row for row in cost.measure(step, CAMERA, list(cases.values()), tmp_path, repeats=1)
     }
-    for name in ("exact lens", "pupil parts", "hidden surfaces"):
+    for name in ("spherical aberration", "sub-apertures", "hidden surfaces"):
         assert rows[name].measured_db == pytest.approx(rows[name].case.predicted_db, abs=3), name
-    assert rows["full"].stages["sub_apertures"] > 0 == rows["exact lens"].stages["sub_apertures"]
+    assert rows["full"].stages["sub_apertures"] > 0 == rows["spherical aberration"].stages["sub_apertures"]
 
 
 def test_another_view_is_not_mixed_with_what_was_measured(view: View, tmp_path):

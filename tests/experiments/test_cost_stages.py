@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from edofsim.report.cost_page import cost_page, stage_plot
 
 from edofsim.experiments import cost, cost_stages
 from edofsim.experiments.cost_stages import Point, front
@@ -15,7 +16,6 @@ from edofsim.plan import Fidelity, rates, remember
 from edofsim.recipe import Loaded, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
-from edofsim.report.cost_page import cost_page, stage_plot
 
 RATES = {
     "prepare": (1e-3,) + (1e-8,) * 5,

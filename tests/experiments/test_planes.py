@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-
 from edofsim.commands.paper import evaluate_noise, evaluate_table
+
 from edofsim.errors import InputError
 from edofsim.experiments import planes, robustness, table
 from edofsim.experiments.paper_figures import FABRICATION, NOISE

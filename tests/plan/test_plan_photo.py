@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
 from edofsim.capture import Fidelity, capture
+from edofsim.capture.fidelity import describe
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.plan import (
     EFFECTS,
     Effect,
     Level,
+    all_effects,
     decibels,
     overall,
     parse_target,
@@ -27,6 +30,7 @@ from edofsim.plan.sample import Sample
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import Lens, PsfSettings, Sensor
 from edofsim.render.view import View
+from edofsim.report.effects_page import effects_page
 
 PSF = PsfSettings(window_px=32)
 CAMERA = Camera.from_recipe(
@@ -134,7 +138,7 @@ def test_a_sensor_of_three_lines_has_no_bands_to_gather():
     assert not found.called_for and found.error is None
 
 
-@pytest.mark.parametrize("effect", ["bands", "exact lens", "dispersion of the lens", "PSF window"])
+@pytest.mark.parametrize("effect", ["bands", "spherical aberration", "dispersion of the lens", "PSF window"])
 def test_an_estimate_is_what_the_whole_photo_shows(effect: str):
     """Within 3 dB, on a frame that is the sample itself; depths and the rest of the simulation differ."""
     view, known = scene(SLANTED), planner("slanted")
@@ -199,8 +203,8 @@ def test_an_accuracy_beyond_the_rendering_is_answered_with_why():
 
 
 def test_an_accuracy_that_the_user_stands_in_the_way_of_is_answered_with_why():
-    plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["exact lens"]}, parse_target("70dB", None))
-    assert "70.0 dB cannot be had with exact lens" in plan.note and plan.error_db < 70
+    plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["spherical aberration"]}, parse_target("70dB", None))
+    assert "70.0 dB cannot be had with spherical aberration" in plan.note and plan.error_db < 70
     everything = planner("slanted").facts.full.changed({"spherical_aberration": False})
     assert measured(scene(SLANTED), CAMERA, vars(plan.fidelity)) == pytest.approx(
         measured(scene(SLANTED), CAMERA, vars(everything)), rel=1e-3
@@ -227,12 +231,12 @@ def test_saturation_and_mosaic_are_told_in_their_own_size():
 
 
 def test_what_the_user_insists_on_is_done_and_marked():
-    overrule = {"layers": 3, "occlusion": None, "without": ["exact lens"]}
+    overrule = {"layers": 3, "occlusion": None, "without": ["spherical aberration"]}
     plan = plan_photo(scene(SLANTED), CAMERA, overrule)
     assert plan.fidelity.layers == 3 and not plan.fidelity.spherical_aberration
-    assert {d.effect for d in plan.decisions if d.overruled} == {"depth layers", "exact lens"}
-    with pytest.raises(InputError, match="effect 'exact lense' is not known"):
-        plan_photo(scene(SLANTED), CAMERA, {"with_": ["exact lense"]})
+    assert {d.effect for d in plan.decisions if d.overruled} == {"depth layers", "spherical aberration"}
+    with pytest.raises(InputError, match="effect 'spherical aberation' is not known"):
+        plan_photo(scene(SLANTED), CAMERA, {"with_": ["spherical aberation"]})
 
 
 def test_noise_that_the_recipe_asks_for_is_told_in_its_own_size():
@@ -261,19 +265,36 @@ def test_an_effect_is_a_file_and_a_line():
             "window_px": None,
         },
     )
-    known = planner_of(scene(FLAT), CAMERA, effects=(*EFFECTS[:1], mine))
+    known = planner_of(scene(FLAT), CAMERA, effects=(EFFECTS["bands"], mine))
     found = row(known.plan(parse_target("full", None)), "half the window")
     truth = measured(scene(FLAT), CAMERA, {"window_px": 16})
     assert decibels(overall(found.error)) == pytest.approx(decibels(truth), abs=3)
 
 
 def test_effects_are_all_listed_and_named_once():
-    from pathlib import Path
-
     import edofsim.plan.effects as package
 
     files = {path.stem for path in Path(package.__file__).parent.glob("*.py")} - {"__init__"}
-    assert len(files) == len(EFFECTS) == len({effect.name for effect in EFFECTS})
+    assert len(files) == len(EFFECTS)
+    assert [effect.name for effect in all_effects()] == list(EFFECTS)
+
+
+def test_every_knob_of_a_fidelity_belongs_to_an_effect_that_sets_it():
+    """The record of what is simulated, the effects of a plan and the page that lists them do not drift apart."""
+    knobs = {knob.name: knob for knob in describe() if knob.name != "simplifications"}
+    assert {knob.effect for knob in knobs.values()} == set(EFFECTS)
+    assert all(knob.meaning for knob in knobs.values())
+    found: dict[str, set[str]] = {}
+    known = [planner(name) for name in ("slanted", "step")]
+    for each in known:
+        for estimate in each.estimates.rows:
+            for level in estimate.levels:
+                found.setdefault(estimate.effect.name, set()).update(level.change)
+    for name, changed in found.items():
+        for field in changed:
+            assert knobs[field].effect in (name, "hidden surfaces" if name == "occlusion" else name)
+    text = Path(__file__).parents[2].joinpath("docs", "effects.md").read_text()
+    assert text == effects_page()
 
 
 @pytest.mark.parametrize("text", ["0dB", "-3dB", "good", "dB"])
@@ -361,10 +382,10 @@ def test_the_plan_takes_fewer_calls_than_the_full_simulation(monkeypatch: pytest
 
 
 def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
-    assert "edges" in row(planner("slanted").plan(), "pupil parts").why
-    assert row(plan_photo(scene(STEP), CAMERA), "pupil parts").error is None
+    assert "edges" in row(planner("slanted").plan(), "sub-apertures").why
+    assert row(plan_photo(scene(STEP), CAMERA), "sub-apertures").error is None
     known = planner("step")
-    found = known.estimates.by_name()["pupil parts"]
+    found = known.estimates.by_name()["sub-apertures"]
     one, full = (overall(errors) for errors in found.errors)
     assert one > full == 0
     truth = measured(scene(STEP, hidden=True), CAMERA, dict(found.levels[0].change), known.facts.full)
@@ -375,7 +396,7 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
         truth = measured(scene(STEP, hidden=True), CAMERA, dict(whole.levels[0].change), known.facts.full)
         assert decibels(overall(whole.errors[0])) == pytest.approx(decibels(truth), abs=2)
     without = known.plan(None, {"occlusion": 0})
-    assert "does not matter" in row(without, "pupil parts").why
+    assert "does not matter" in row(without, "sub-apertures").why
     for plan, parts in (
         (known.plan(parse_target("20dB", None)), 1),
         (without, 1),

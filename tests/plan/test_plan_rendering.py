@@ -38,7 +38,7 @@ def test_a_plan_never_renders_more_than_the_recipe_says():
 def test_hero_wavelengths_are_for_dispersive_glass_alone(scene: str, glass: bool):
     recipe = load_scene(scene).recipe
     assert bool(disperses(recipe)) is glass
-    (hero,) = [effect for effect in EFFECTS if effect.name == "hero wavelengths"]
+    hero = EFFECTS["dispersion of scene glass"]
 
     class Facts:
         pass

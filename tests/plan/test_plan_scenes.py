@@ -86,7 +86,7 @@ def called_for(plan: Plan) -> set[str]:
 @pytest.mark.parametrize("name", ["wall", "clouds"])
 def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, tmp_path, calls):
     plan, photo = run(name, tmp_path, calls)
-    never = {"depth layers", "occlusion", "hidden surfaces", "pupil parts", "hero wavelengths", "rank"}
+    never = {"depth layers", "occlusion", "hidden surfaces", "sub-apertures", "dispersion of scene glass", "rank"}
     assert not called_for(plan) & {*never, "interreflection"}
     # so few samples are those of the sketch, which serves where paths are not cut short
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
@@ -119,7 +119,7 @@ def test_glass_alone_takes_bands_apart(cache, calls):
 def test_the_still_life_says_which_glass_asks_for_it(cache):
     loaded = small("stilllife")
     looked = look(loaded.recipe, loaded.base, CAMERA, cache=cache)
-    (hero,) = [d for d in plan_scene(looked, CAMERA).decisions if d.effect == "hero wavelengths"]
+    (hero,) = [d for d in plan_scene(looked, CAMERA).decisions if d.effect == "dispersion of scene glass"]
     assert "crystal ball" in hero.why and "cloth" not in hero.why
 
 

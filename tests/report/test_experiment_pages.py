@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 import torch
-
 from edofsim.commands import paper_all
 from edofsim.commands.base import Done
+
 from edofsim.errors import EdofsimError, InputError
 from edofsim.experiments.planes import save_png
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page

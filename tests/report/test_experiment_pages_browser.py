@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 import torch
+from edofsim.report.broadband_page import broadband_page
+from edofsim.report.planes_page import fabrication_page, noise_page, table_page
 
 from edofsim.experiments import robustness, table
 from edofsim.experiments.broadband import DEPTHS_M, Result
@@ -19,10 +21,8 @@ from edofsim.experiments.broadband import Row as BroadbandRow
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
 from edofsim.experiments.planes import RANDOM, Row, Shown, averages, save_png
-from edofsim.report.broadband_page import broadband_page
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page
-from edofsim.report.planes_page import fabrication_page, noise_page, table_page
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None

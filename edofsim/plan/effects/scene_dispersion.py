@@ -28,4 +28,4 @@ def why(facts: Facts) -> str:
     return f"glass bends each wavelength differently ({', '.join(disperses(facts.recipe))})"
 
 
-EFFECT = Effect("hero wavelengths", levels, why, absent, error=error, added="bias", stage="render")
+EFFECT = Effect("dispersion of scene glass", levels, why, absent, error=error, added="bias", stage="render")

@@ -30,7 +30,7 @@ def why(facts: Facts) -> str:
 
 
 EFFECT = Effect(
-    "exact lens",
+    "spherical aberration",
     levels,
     why,
     absent,

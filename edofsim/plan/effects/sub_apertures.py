@@ -35,7 +35,7 @@ def why(facts: Facts) -> str:
 
 
 EFFECT = Effect(
-    "pupil parts",
+    "sub-apertures",
     levels,
     why,
     absent,

@@ -7,12 +7,9 @@ import functools
 import matplotlib
 from matplotlib.figure import Figure
 
-from ..experiments.broadband import CHANNELS, DEPTHS_M, Result, label_of
-from ..experiments.chromatic import Chromatic
-from ..experiments.paper_figures import BROADBAND
-from .page import Block, Column, Gallery, Key, Keys, Notes, Page, Section, Table, Text
-from .pictures import picture_file
-from .plot import (
+from ..report.page import Block, Column, Gallery, Key, Keys, Notes, Page, Section, Table, Text
+from ..report.pictures import picture_file
+from ..report.plot import (
     DEPTH_MAP,
     INK,
     NARROW_IN,
@@ -22,7 +19,10 @@ from .plot import (
     metre_ticks,
     new_figure,
 )
-from .words import decibels, distance, number, percent
+from ..report.words import decibels, distance, number, percent
+from .broadband import CHANNELS, DEPTHS_M, Result, label_of
+from .chromatic import Chromatic
+from .paper_figures import BROADBAND
 
 ABOUT = (
     "Every band is convolved with the point spread function of its own wavelength; the sensor's colours are "
@@ -31,7 +31,7 @@ ABOUT = (
 )
 
 
-def broadband_page(result: Result) -> Page:
+def page(result: Result) -> Page:
     """Broadband imaging."""
     first = result.rows[0]
     worst = min(r.restored_db[0] for r in result.rows if (r.system, r.cube) == (first.system, first.cube))

@@ -1,34 +1,25 @@
-"""What commands share: how a command ends, what it prints and records."""
+"""What commands share: how they begin, what they print and record, how they end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
 from .. import console
 from ..errors import InputError
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
-from ..record import record, write_record
+from ..record import record, writable_file, write_record
+
+if TYPE_CHECKING:
+    from ..plan import Plan
+    from ..report import Table as PageTable
 
 Progress = Callable[[float, str], None]
-
-
-@dataclass(frozen=True)
-class Aim:
-    """What a user asks a plan for, as typed: `--accuracy` or `--time`."""
-
-    accuracy: str | None = None
-    time: str | None = None
-
-    def target(self) -> Any:
-        """As `edofsim.plan.Target`. Raises InputError for what cannot be read."""
-        from ..plan import parse_target
-
-        return parse_target(self.accuracy, self.time)
 
 
 @dataclass(frozen=True)
@@ -36,17 +27,29 @@ class Done:
     """The end of a command: what it prints, last of all the paths of what it wrote. problems: what could not
     be used while the rest was finished."""
 
-    printed: Sequence[str | Table] = ()
+    printed: Sequence[str | Table | PageTable] = ()
     outputs: Mapping[str, Path] = field(default_factory=dict)
     problems: Sequence[str] = ()
 
     def show(self) -> None:
         """Print it. Raises InputError at the end if there were problems."""
         for item in self.printed:
-            console.out.print(item, markup=False) if isinstance(item, str) else console.out.print(item)
+            if isinstance(item, str):
+                console.out.print(item, markup=False)
+            else:
+                console.out.print(item if isinstance(item, Table) else _as_text(item))
         console.show_outputs(self.outputs)
         if self.problems:
             raise InputError(self.problems)
+
+
+@contextmanager
+def begun(title: str, json: Path | None, *, quiet: bool = False) -> Iterator[Progress]:
+    """Progress of a command, once it is known that its figures can be written. Raises InputError."""
+    if json:
+        writable_file(json)
+    with console.progress(title, quiet=quiet) as progress:
+        yield progress
 
 
 def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
@@ -68,7 +71,7 @@ def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loa
     return scene_recipe, camera_recipe
 
 
-def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: Any) -> dict[str, Any]:
+def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:
     return {"scene": str(scene.path), "camera": str(camera.path)} | {
         k: str(v) for k, v in more.items() if v is not None
     }
@@ -76,33 +79,33 @@ def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: 
 
 def finish(
     command: str,
-    printed: Sequence[str | Table],
-    numbers: Mapping[str, float],
+    printed: Sequence[str | Table | PageTable],
+    figures: Mapping[str, float],
     outputs: Mapping[str, Path],
     json: Path | None,
+    *,
+    problems: Sequence[str] = (),
     **more: Any,
 ) -> Done:
+    """The end of a command, after its figures are written. more: of the record."""
     if json:
         outputs = {**outputs, "json": json}
-        write_record(json, record(command, figures=numbers, outputs=outputs, **more))
-    return Done(printed, outputs)
+        write_record(json, record(command, figures=figures, outputs=outputs, **more))
+    return Done(printed, outputs, problems)
 
 
-def experiment(
-    command: str, numbers: Mapping[str, float], folder: Path, json: Path | None, inputs: dict[str, Any]
-) -> Done:
+def figures_table(figures: Mapping[str, float]) -> Table:
     table = Table("figure", "value", box=None)
-    for name, value in numbers.items():
+    for name, value in figures.items():
         table.add_row(name, f"{value:.6g}")
-    outputs = {path.name: path for path in sorted(folder.iterdir()) if path.is_file()}
-    return finish(command, [table], numbers, outputs, json, inputs=inputs)
+    return table
 
 
-def plan_rows(plan: Any) -> list[dict[str, Any]]:
+def plan_rows(plan: Plan) -> list[dict[str, object]]:
     return [vars(decision) for decision in plan.decisions]
 
 
-def plan_lines(plan: Any) -> list[str | Table]:
+def plan_lines(plan: Plan) -> list[str | Table]:
     """The plan's table, and what it comes to as a whole."""
     from ..plan import decibels, overall
 
@@ -122,3 +125,12 @@ def plan_lines(plan: Any) -> list[str | Table]:
         f"({stages}), {plan.memory_mib:.0f} MiB of memory, {plan.disk_mib:.0f} MiB of disk"
     )
     return [table, summary, *([plan.note] if plan.note else [])]
+
+
+def _as_text(table: PageTable) -> Table:
+    """A page's table for a terminal: the units beside the names, the remarks below the values."""
+    heads = (f"{column.name} / {column.unit}" if column.unit else column.name for column in table.columns)
+    text = Table(*heads, box=None)
+    for cells in table.cells():
+        text.add_row(*("\n".join(filter(None, (value, remark))) for value, remark, _ in cells))
+    return text

@@ -11,13 +11,10 @@ from pathlib import Path
 import torch
 from PIL import Image
 
-from ..experiments.protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
-from ..experiments.scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
-from ..restore.scores import DepthScore, Score
-from .crops import Crop
-from .figures import score_plot
-from .model import ImageScore, RunReport
-from .page import (
+from ..report.crops import Crop
+from ..report.figures import score_plot
+from ..report.model import ImageScore, RunReport
+from ..report.page import (
     Block,
     Column,
     Gallery,
@@ -30,13 +27,13 @@ from .page import (
     Section,
     Table,
     Text,
-    write_page,
-)  # fmt: skip
-from .pictures import Picture, display_gain, picture
-from .run_page import report_page
-from .words import DASH, decibels, distance, number, percent
-
-__all__ = ["card", "overview_page", "scene_page", "strip", "write_page"]
+)
+from ..report.pictures import Picture, display_gain, picture
+from ..report.run_page import report_page
+from ..report.words import DASH, decibels, distance, number, percent
+from ..restore.scores import DepthScore, Score
+from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
+from .scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
 
 IMAGES = ("photo", "restored", "wiener")
 LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALONE: "Lens alone"}
@@ -91,7 +88,7 @@ def scene_page(
         "Ways to simulate",
         (
             Text(ABOUT),
-            _ways_table([measured], system.name),
+            ways_table([measured], system.name),
             *_edges_table(measured, system.name),
             _paper_gallery(seen, system),
         ),
@@ -114,8 +111,8 @@ def overview_page(
         of = f" ({network})" if len(networks) > 1 else ""
         every = outcome.measured
         sections += [
-            Section(f"Scores{of}", (_scores_table(every, network), Text(SCALE))),
-            Section(f"Ways to simulate{of}", (Text(ABOUT), _ways_table(every, network))),
+            Section(f"Scores{of}", (scores_table(every, network), Text(SCALE))),
+            Section(f"Ways to simulate{of}", (Text(ABOUT), ways_table(every, network))),
             Section(f"By depth{of}", (_depth_plot(every, network),)),
             Section(f"Depth edges{of}", (_all_edges_table(every, network),)),
         ]
@@ -170,7 +167,7 @@ def _keys(outcome: Outcome, network: str) -> list[Key]:
     return keys
 
 
-def _scores_table(every: Sequence[Measured], network: str) -> Table:
+def scores_table(every: Sequence[Measured], network: str) -> Table:
     """A row a scene, and the mean."""
     wanted = [
         (OURS, LENS_ALONE, "photo"),
@@ -205,7 +202,7 @@ def _scores_table(every: Sequence[Measured], network: str) -> Table:
     )
 
 
-def _ways_table(every: Sequence[Measured], network: str) -> Table:
+def ways_table(every: Sequence[Measured], network: str) -> Table:
     """A row a way: means over scenes, and how far its conclusion is from ours."""
     ours = {m.scene: m.gain(OURS, network) for m in every}
     rows = []

@@ -1,16 +1,79 @@
-"""The page of `edofsim cost`: a chart and a table for each stage."""
+"""Charts and page of `edofsim cost`: error against seconds for the photo, and for each stage around it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from ..experiments import cost, cost_stages
-from .cost_chart import cost_plot, few_ticks
-from .page import Block, Column, Key, Keys, Page, Section, Table, Text, write_page
-from .plot import BLUE, GREEN, INK, MUTED, NARROW_IN, WIDE_IN, Plot, new_figure
+from ..report.page import Block, Column, Key, Keys, Page, Section, Table, Text, write_page
+from ..report.plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, Plot, new_figure
+from . import cost, cost_stages
+from .cost import Row, pareto
+
+
+def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
+    """The chart of `edofsim cost`: seconds of a photo across, accuracy upwards."""
+    rows = [row for row in rows if math.isfinite(row.measured_db) and row.seconds > 0]
+    targets = [row for row in rows if row.case.kind == "target"]
+    without = sorted((row for row in rows if row.case.kind == "without"), key=lambda row: row.measured_db)
+    chosen = [row for row in rows if row.case.kind == "chosen"]
+    front = pareto([*targets, *chosen])
+
+    def paint(inches: float = WIDE_IN) -> Figure:
+        figure = new_figure(inches, 4.2)
+        axes = figure.add_subplot()
+        axes.plot(
+            [row.seconds for row in front], [row.measured_db for row in front],
+            color=BLUE, linestyle="-", marker="o", label="planned, by target (Pareto front)",
+        )  # fmt: skip
+        behind = [row for row in targets if row not in front]
+        axes.plot(
+            [row.seconds for row in behind], [row.measured_db for row in behind],
+            color=MUTED, linestyle="", marker="o", label="planned, beaten by another",
+        )  # fmt: skip
+        axes.plot(
+            [row.seconds for row in without], [row.measured_db for row in without],
+            color=ORANGE, linestyle="", marker="x", label="an effect left out",
+        )  # fmt: skip
+        for index, row in enumerate(without):
+            axes.annotate(
+                row.case.name, (row.seconds, row.measured_db), xytext=(6, 3 if index % 2 else -9),
+                textcoords="offset points", fontsize=7.5, color=INK,
+            )  # fmt: skip
+        axes.plot(
+            [row.seconds for row in chosen], [row.measured_db for row in chosen],
+            color=GREEN, linestyle="", marker="*", markersize=14, label="chosen by default",
+        )  # fmt: skip
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        few_ticks(axes.xaxis, [row.seconds for row in rows])
+        axes.set_xlabel("seconds of a photo")
+        axes.set_ylabel("PSNR against the full simulation (dB)")
+        axes.legend(loc="best")
+        return figure
+
+    best = f"{chosen[0].measured_db:.1f} dB in {chosen[0].seconds:.2g} s" if chosen else "none"
+    return Plot(
+        paint,
+        alt=f"Accuracy against seconds for {scene}. Chosen: {best}.",
+        caption=f"What accuracy costs for {scene}: PSNR of the noise-free photo against the full simulation. "
+        "Crosses: one effect left out of a plan for 60 dB.",
+        paint_narrow=lambda: paint(NARROW_IN),
+    )
+
+
+def few_ticks(axis: Axis, values: Sequence[float]) -> None:
+    """Where so few decades are shown that their parts want numbers too: at 2, 3 and 5, which have room."""
+    if values and max(values) < 30 * min(values):
+        axis.set_minor_locator(LogLocator(subs=(2, 3, 5)))
+        axis.set_minor_formatter("{x:g}")
+    else:
+        axis.set_minor_formatter(NullFormatter())
 
 
 def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
@@ -68,7 +131,7 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
 def cost_page(
     path: Path,
     scene: str,
-    rows: Sequence[cost.Row],
+    rows: Sequence[Row],
     points: Sequence[cost_stages.Point],
     numbers: Mapping[str, float],
 ) -> Path:
@@ -83,16 +146,16 @@ def cost_page(
             Key("as fast as in full", f"{numbers['times_faster.chosen']:.1f}", "times", "photo alone"),
         )
     )
-    sections = [Section("Photo", (cost_plot(rows, scene), _photo_table(rows), *_said_of_parts(rows)))]
+    sections = [Section("Photo", (cost_plot(rows, scene), photo_table(rows), *_said_of_parts(rows)))]
     for stage, title in (("render", "Rendering"), ("restore", "Restoration")):
         some = [point for point in points if point.stage == stage]
         if some:
-            sections.append(Section(title, (stage_plot(some), _stage_table(some), *_said(stage))))
+            sections.append(Section(title, (stage_plot(some), stage_table(some), *_said(stage))))
     purpose = "Where more time stops paying: error, noise and quality against seconds, measured."
     return write_page(path, Page(f"What accuracy costs: {scene}", purpose, tuple(sections), (head,)))
 
 
-def _said_of_parts(rows: Sequence[cost.Row]) -> tuple[Block, ...]:
+def _said_of_parts(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not any(row.case.one_part for row in rows):
         return ()
     return (
@@ -109,7 +172,7 @@ def _said(stage: str) -> tuple[Block, ...]:
     return (Text("Each network has its own mask. Wiener deconvolution knows the PSFs, not the depth."),)
 
 
-def _photo_table(rows: Sequence[cost.Row]) -> Table:
+def photo_table(rows: Sequence[Row]) -> Table:
     columns = (
         Column("case"),
         Column("measured", "dB"),
@@ -137,7 +200,7 @@ def _finite(value: float) -> float | None:
     return value if abs(value) != float("inf") else None
 
 
-def _stage_table(points: Sequence[cost_stages.Point]) -> Table:
+def stage_table(points: Sequence[cost_stages.Point]) -> Table:
     rendering = points[0].stage == "render"
     value = Column("noise", "%", 2) if rendering else Column("PSNR", "dB", 2, "largest")
     scale = 100.0 if rendering else 1.0

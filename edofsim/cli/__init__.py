@@ -1,0 +1,80 @@
+"""The `edofsim` command. Each command is one function: its options, its help, and what it does."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from .. import __version__, console
+from ..errors import InputError
+from .cache import cache_app
+from .cost import cost
+from .evaluate import evaluate_app
+from .expose import expose
+from .plan import plan
+from .psf import psf
+from .render import render
+from .restore import restore
+from .run import run
+from .shared import Done
+from .tools import doctor, schema
+from .train import train
+
+
+def show(done: Done | None, **_: object) -> None:
+    """Print what a command came to."""
+    if done is not None:
+        done.show()
+
+
+app = typer.Typer(
+    help="A physically based 3D scene simulator for extended-depth-of-field cameras.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    result_callback=show,
+)
+for command in (run, render, expose, plan, cost, restore, train, psf):
+    app.command()(command)
+app.add_typer(evaluate_app, name="evaluate")
+app.add_typer(cache_app, name="cache")
+for command in (doctor, schema):
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"edofsim {__version__}")
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+def main() -> None:
+    """Entry point: every failure is one message and a status.
+
+    0: done, 1: failed, 2: bad input, 130: interrupted.
+    """
+    sys.exit(console.exit_status(invoke))
+
+
+def invoke(arguments: list[str] | None = None) -> None:
+    """Run the command line, by default the process's own.
+
+    Raises InputError for a wrong one, and KeyboardInterrupt where it was interrupted.
+    """
+    try:
+        ended = app(arguments, standalone_mode=False)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    except Exception as error:
+        usage = getattr(error, "format_message", None)  # click's own exceptions: a wrong option or argument
+        if usage is None:
+            raise
+        raise InputError(f"{usage()}; see `edofsim --help`") from None
+    if ended == console.INTERRUPTED:  # Typer takes an interrupt for a way to end, with this status
+        raise KeyboardInterrupt

@@ -1,0 +1,177 @@
+"""`edofsim evaluate`: a command for each experiment that is registered, the index, and all of the paper's."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from ..errors import EdofsimError, InputError
+from ..experiments import EXPERIMENTS
+from ..experiments.experiment import Findings, InPaper, Paper, part
+from ..options import CacheOption, JsonOption, OutOption, QuietOption, SeedOption
+from ..record import writable_folder
+from .shared import Done, Progress, begun, figures_table, finish
+
+LOG = logging.getLogger(__name__)
+
+
+class Experiment(TyperCommand):
+    """The command of an experiment, which is imported when it is run or its options are asked for."""
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        self.help = EXPERIMENTS.about(self.name)
+        return super().get_short_help_str(limit)
+
+    def make_context(self, *given: Any, **more: Any) -> Any:
+        alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+        alone.command(self.name)(command_of(self.name))
+        return typer.main.get_command(alone).make_context(*given, **more)
+
+
+class Experiments(TyperGroup):
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = {name: Experiment(name) for name in EXPERIMENTS} | dict(self.commands)
+
+
+evaluate_app = typer.Typer(
+    cls=Experiments,
+    help="The paper's experiments and ours: each writes a page or pictures, a CSV and a JSON.",
+    no_args_is_help=True,
+)
+
+
+def command_of(name: str) -> Callable[..., Done]:
+    """An experiment's `run` as a command: its own options, and those that all experiments have."""
+
+    def command(
+        out: OutOption = None, json: JsonOption = None, quiet: QuietOption = False, **options: object
+    ) -> Done:
+        with begun(name, json, quiet=quiet) as progress:
+            return perform(name, options, out, json, progress)
+
+    run = _run_of(name)
+    own = list(inspect.signature(run, eval_str=True).parameters.values())[2:]
+    shared = list(inspect.signature(command, eval_str=True).parameters.values())[:3]
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own, *shared)]
+    command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in every}
+    command.__doc__ = run.__doc__
+    return command
+
+
+def perform(
+    name: str, options: Mapping[str, object], out: Path | None, json: Path | None, progress: Progress
+) -> Done:
+    """Run an experiment, and write its page and JSON. json: None for OUT/NAME.json."""
+    title = f"{name}-quick" if options.get("quick") else name
+    folder = writable_folder(out or Path("out") / title)
+    found = _run_of(name)(folder, progress, **options)
+    outputs = dict(found.outputs)
+    if found.page is not None:
+        from ..report import write_page
+
+        outputs["page"] = write_page(folder / f"{name}.html", found.page)
+    given = {option: value for option, value in options.items() if option not in ("seed", "cache", "device")}
+    return finish(
+        f"evaluate {name}",
+        found.shown or [figures_table(found.figures)],
+        found.figures,
+        outputs,
+        json or folder / f"{name}.json",
+        problems=found.problems,
+        seed=options.get("seed"),
+        inputs={**given, **found.inputs},
+        left_out=list(found.problems),
+        **found.record,
+    )
+
+
+def _run_of(name: str) -> Callable[..., Findings]:
+    experiment = EXPERIMENTS[name]
+    return experiment.run if isinstance(experiment, InPaper) else experiment
+
+
+@evaluate_app.command()
+def index(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="[DIR]", help="Folder of experiments; default out."),
+    ] = None,
+) -> Done:
+    """One page of cards over all experiments in a folder."""
+    from ..report.experiments_index import write_index
+
+    return Done(outputs={"index": write_index(folder or Path("out"))})
+
+
+@evaluate_app.command()
+def paper(
+    photos: Annotated[
+        Path | None,
+        typer.Option(
+            "--photos", metavar="DIR", help="Folder of photographs; default: those of scikit-image."
+        ),
+    ] = None,
+    chart: Annotated[
+        Path | None, typer.Option("--chart", metavar="FILE", help="Picture of a test chart; default: drawn.")
+    ] = None,
+    cubes: Annotated[
+        Path | None, typer.Option("--cubes", metavar="PATH", help="Spectral cube, or a folder of them.")
+    ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="The paper's sizes: all photographs, all systems.")
+    ] = False,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", metavar="NAME", help="Only this experiment; repeatable.")
+    ] = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    cache: CacheOption = None,
+    quiet: QuietOption = False,
+) -> Done:
+    """All of the paper's experiments at a small size, and an index over their pages.
+
+    Each has a folder in --out (default out/paper) with its page, CSV and JSON. One that fails is named, and
+    the others are run. Interrupt it at any time: the same command goes on from there.
+    """
+    setting = Paper(photos, chart, cubes, full, seed, cache)
+    folder = writable_folder(out or Path("out") / "paper")
+    with begun("paper", None, quiet=quiet) as progress:
+        return _all_of(setting, only or (), folder, progress)
+
+
+def _all_of(setting: Paper, only: Sequence[str], folder: Path, progress: Progress) -> Done:
+    from ..report.experiments_index import write_index
+
+    every = {name: found for name in EXPERIMENTS if isinstance(found := EXPERIMENTS[name], InPaper)}
+    wrong = [name for name in only if name not in every]
+    if wrong:
+        raise InputError(f"no experiment {wrong[0]!r}; there are {', '.join(every)}")
+    chosen = {name: found for name, found in every.items() if not only or name in only}
+    outputs: dict[str, Path] = {}
+    problems: list[str] = []
+    failed: list[str] = []
+    for number, (name, experiment) in enumerate(chosen.items()):
+        say = part(progress, number / len(chosen), (number + 1) / len(chosen), name)
+        say(0.0, "begins")
+        try:
+            done = perform(name, experiment.options(setting), folder / name, None, say)
+        except EdofsimError as error:
+            LOG.warning("%s: %s (the others go on)", name, error)
+            failed.append(name)
+            continue
+        page = next((path for path in done.outputs.values() if path.suffix == ".html"), None)
+        if page is not None:
+            outputs[name] = page
+        problems += done.problems
+        outputs["index"] = write_index(folder)
+    if failed:
+        raise EdofsimError(f"{', '.join(failed)}: failed as told above; the others are in {folder}")
+    return Done(outputs=outputs, problems=problems)

@@ -1,0 +1,158 @@
+"""`edofsim expose`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import InputError
+from ..options import (
+    AccuracyOption,
+    CacheOption,
+    CameraOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    LayersOption,
+    MethodOption,
+    OcclusionOption,
+    OutOption,
+    QuietOption,
+    Scene,
+    SeedOption,
+    SubAperturesOption,
+    TimeOption,
+    WithOption,
+    WithoutOption,
+)
+from ..record import peak_memory_mib, writable_folder
+from .shared import Done, begun, finish, inputs_of, plan_lines, recipes_of
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from ..reference.pinhole import Crop
+
+
+def expose(
+    scene: Scene,
+    camera: CameraOption = None,
+    method: MethodOption = None,
+    layers: LayersOption = None,
+    occlusion: OcclusionOption = None,
+    sub_apertures: SubAperturesOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
+    bands: Annotated[
+        int | None,
+        typer.Option("--bands", min=1, help="Merge the view's bands into so many; default: all of them."),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option("--reference", metavar="thinlens|pupil", help="A slow, true photo of --crop beside it."),
+    ] = None,
+    crop: Annotated[
+        str | None,
+        typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
+    ] = None,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """A photo through one camera: EXR (linear) and PNG.
+
+    The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
+    is geometric and for a clear aperture.
+
+    Figures: psnr_db.{photo,against_reference}, seconds.{plan,render,expose,reference}, light_lost.{r,g,b},
+    peak_memory_mib, and what `edofsim plan` says.
+    """
+    if (reference is None) != (crop is None):
+        raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
+    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    with begun("expose", json, quiet=quiet) as progress:
+        from ..capture import capture, write_image, write_photo
+        from ..capture.bands import merged_bands
+        from ..capture.device import torch_device
+        from ..optics import Camera
+        from ..pipeline import Stopwatch, planned_view
+        from ..plan import parse_target, plan_figures
+        from ..reference import check_crop, check_reference, crop_of, reference_photo
+        from ..report import save_srgb
+        from ..restore.scores import psnr
+
+        target, compute = parse_target(accuracy, time), torch_device(device.value)
+        optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+        where = None if crop is None else crop_of(crop)
+        if reference is not None:
+            check_reference(reference, optics)
+        name = f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}"
+        folder = writable_folder(out or Path("out") / name)
+        overrule: dict[str, Any] = {"method": method, "layers": layers, "occlusion": occlusion}
+        overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
+        watch = Stopwatch(progress)
+        view, plan = planned_view(
+            scene_recipe,
+            optics,
+            watch,
+            overrule=overrule,
+            target=target,
+            cache=cache,
+            device=device.value,
+        )
+        fidelity = plan.fidelity
+        if bands is not None:  # in place of what the plan gathers them in
+            view, fidelity = merged_bands(view, bands), fidelity.changed({"groups": 0, "colours": 0})
+        if where is not None:
+            check_crop(view, where)
+        with watch.stage("expose", 0.7, 0.8):
+            photo = capture(view, optics, fidelity, seed=seed, device=compute)
+        numbers = {
+            "psnr_db.photo": psnr(photo.image, photo.ideal),
+            **plan_figures(plan),
+            **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
+        }
+        outputs = {
+            "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
+            "photo (PNG, sRGB)": save_srgb(folder / "photo.png", photo.image),
+            "ideal (PNG, sRGB)": save_srgb(folder / "ideal.png", photo.ideal),
+        }
+        lines = [
+            *plan_lines(plan),
+            f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
+        ]
+        if reference is not None and where is not None:
+            with watch.stage("reference", 0.8, 1.0) as tell:
+                true = photo.exposure * reference_photo(
+                    reference,
+                    view,
+                    scene_recipe.recipe,
+                    scene_recipe.base,
+                    optics,
+                    where,
+                    device=device.value,
+                    progress=tell,
+                )
+            numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
+            outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
+            outputs["reference (PNG, sRGB)"] = save_srgb(folder / "reference.png", true)
+            lines.append(
+                f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
+                f"{reference} reference, which took {watch.seconds['reference']:.0f} s"
+            )
+        numbers |= {f"seconds.{stage}": seconds for stage, seconds in watch.seconds.items()}
+        numbers["peak_memory_mib"] = peak_memory_mib()
+        inputs = inputs_of(scene_recipe, camera_recipe, crop=crop, reference=reference)
+        return finish("expose", lines, numbers, outputs, json, inputs=inputs, seed=seed)
+
+
+def _part(image: Tensor, where: Crop) -> Tensor:
+    """The crop of an image [..., y, x]."""
+    return image[..., where.top : where.top + where.height, where.left : where.left + where.width]

@@ -1,0 +1,54 @@
+"""`edofsim plan`."""
+
+from __future__ import annotations
+
+from ..options import (
+    AccuracyOption,
+    CacheOption,
+    CameraOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    QuietOption,
+    Scene,
+    TimeOption,
+    WithOption,
+    WithoutOption,
+)
+from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
+
+
+def plan(
+    scene: Scene,
+    camera: CameraOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """Which effects this scene and camera call for, what leaving each out would cost, and the choice.
+
+    Decided on small renderings of the scene unless its view is in the cache.
+
+    Figures: plan.{psnr_db,memory_mib,seconds}, plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and
+    for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
+    """
+    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    with begun("plan", json, quiet=quiet) as progress:
+        from ..optics import Camera
+        from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
+
+        target = parse_target(accuracy, time)
+        overrule = checked_overrule({"with_": with_, "without": without})
+        optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+        recipe, base = scene_recipe.recipe, scene_recipe.base
+        looked = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)
+        chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
+        inputs = inputs_of(scene_recipe, camera_recipe)
+        return finish(
+            "plan", plan_lines(chosen), plan_figures(chosen), {}, json, inputs=inputs, plan=plan_rows(chosen)
+        )

@@ -1,0 +1,191 @@
+"""`edofsim render`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from .. import console
+from ..errors import EdofsimError, InputError
+from ..options import (
+    AccuracyOption,
+    CacheOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    OutOption,
+    QuietOption,
+    TimeOption,
+)
+from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
+from ..record import peak_memory_mib, writable_folder
+from .shared import Done, Progress, begun, finish
+
+if TYPE_CHECKING:
+    from ..plan import Target
+    from ..render.jobs import Task
+
+
+def render(
+    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Scene recipes or shipped names.")],
+    members: Annotated[
+        int | None, typer.Option("--members", min=1, help="So many different scenes of each family.")
+    ] = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    noise: Annotated[
+        str | None, typer.Option("--noise", metavar="1%", help="Stop at this noise, not at a sample count.")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Worker processes on this machine.")] = 1,
+    cluster: Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786."),
+    ] = None,
+    shard: Annotated[
+        str | None, typer.Option("--shard", metavar="I/N", help="Only the I-th of N shares of the work.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """Views into the cache; with --out a picture and a depth picture of each too. Interrupt it at any time:
+    the same command goes on from there. A view serves every camera, so all of a recipe is rendered unless
+    --accuracy or --time asks for what a photo through the scene's own camera calls for.
+
+    Figures: views, views.rendered, seconds.{forecast,render}, seconds.SCENE, render_noise.SCENE,
+    peak_memory_mib.
+    """
+    level = _fraction(noise, "--noise") if noise else None
+    share = _shard(shard) if shard else None
+    loaded = _all_scenes(scenes)  # every recipe is checked before any time is spent
+    folder = writable_folder(out) if out else None
+    with begun("render", json, quiet=quiet) as progress:
+        from ..render import cache as store
+        from ..render.jobs import MANIFEST, Task, forecast, render_many, render_one
+        from ..scene.family import members as family_members
+
+        tasks = [
+            Task(recipe, item.base)
+            for item in loaded
+            for recipe in (family_members(item.recipe, members) if members else [item.recipe])
+        ]
+        if accuracy or time:
+            from ..plan import parse_target
+
+            target = parse_target(accuracy, time)
+            tasks = [_as_planned(task, target, cache, device.value, progress, quiet) for task in tasks]
+        expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
+        if not quiet:
+            console.err.print(str(expected), markup=False)
+        if len(tasks) == 1 and not cluster and share is None:  # no worker needs starting for one view
+            outcomes = [
+                render_one(tasks[0], cache=cache, noise=level, device=device.value, progress=progress)
+            ]
+        else:
+            outcomes = render_many(
+                tasks,
+                cache=cache,
+                jobs=jobs,
+                cluster=cluster,
+                shard=share,
+                noise=level,
+                device=device.value,
+                progress=progress,
+            )
+        failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
+        if failed:
+            raise EdofsimError("\n".join(failed))
+        fresh = sum(outcome.fresh for outcome in outcomes)
+        numbers: dict[str, float] = {
+            "views": len(outcomes),
+            "views.rendered": fresh,
+            "seconds.forecast": expected.seconds,
+            "seconds.render": sum(outcome.seconds for outcome in outcomes),
+        }
+        table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
+        for each in outcomes:
+            origin = "rendered" if each.fresh else "cache"
+            cells = (f"{each.seconds:.1f}", str(each.samples), f"{each.noise:.2%}", each.host, origin)
+            table.add_row(each.name, *cells)
+            numbers[f"seconds.{each.name}"] = each.seconds
+            numbers[f"render_noise.{each.name}"] = each.noise
+        outputs = {"manifest": (cache or store.default_folder()) / MANIFEST} if fresh else {}
+        if folder:
+            outputs |= _view_pictures(tasks, folder, level, cache)
+        numbers["peak_memory_mib"] = peak_memory_mib()
+        inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": level}
+        return finish("render", [table], numbers, outputs, json, inputs=inputs)
+
+
+def _as_planned(
+    task: Task, target: Target, cache: Path | None, device: str, progress: Progress, quiet: bool
+) -> Task:
+    """A task without what the photo through the scene's own camera does not call for."""
+    from ..optics import Camera
+    from ..plan import look, plan_scene, simpler_recipe
+    from ..render.jobs import Task
+
+    camera = load_camera(task.recipe.camera, task.base)
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
+    plan = plan_scene(looked, optics, target=target, progress=progress)
+    if not quiet:
+        console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
+    return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
+
+
+def _view_pictures(
+    tasks: Sequence[Task], folder: Path, noise: float | None, cache: Path | None
+) -> dict[str, Path]:
+    from ..capture import ideal_image
+    from ..render import cached
+    from ..report import depth_plot, save_srgb
+
+    outputs: dict[str, Path] = {}
+    for task in tasks:
+        view = cached(task.recipe, task.base, cache=cache, noise=noise)
+        if view is None:  # of another shard
+            continue
+        name = task.recipe.name
+        outputs[f"{name} picture"] = save_srgb(folder / f"{name}.png", view.crop_margin(ideal_image(view)))
+        depth = view.crop_margin(view.mean_inverse_depth())
+        outputs[f"{name} depth"] = depth_plot(depth).save(folder / f"{name}-depth.png")
+    return outputs
+
+
+def _all_scenes(scenes: Sequence[str]) -> list[Loaded[SceneRecipe]]:
+    """All recipes, or all that is wrong with any of them."""
+    loaded, problems = [], []
+    for scene in scenes:
+        try:
+            loaded.append(load_scene(scene))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return loaded
+
+
+def _fraction(text: str, option: str) -> float:
+    """`1%` or `0.01` as 0.01."""
+    try:
+        value = float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < 1:
+        raise InputError(f"{option} {text}: give a fraction above 0 and below 1, such as 1% or 0.01")
+    return value
+
+
+def _shard(text: str) -> tuple[int, int]:
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdigit() and count.isdigit()):
+        raise InputError(f"--shard {text}: give I/N, such as 1/4 for the first of four")
+    return int(number), int(count)

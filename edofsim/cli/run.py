@@ -1,0 +1,156 @@
+"""`edofsim run`."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from ..options import (
+    AccuracyOption,
+    CacheOption,
+    CameraOption,
+    Device,
+    DeviceOption,
+    JsonOption,
+    LayersOption,
+    MethodOption,
+    NetworkOption,
+    OcclusionOption,
+    OutOption,
+    QuietOption,
+    Scene,
+    SeedOption,
+    SubAperturesOption,
+    TimeOption,
+    WithOption,
+    WithoutOption,
+)
+from ..record import peak_memory_mib, writable_folder
+from .shared import Done, Progress, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
+
+if TYPE_CHECKING:
+    from ..pipeline import Run
+    from ..report import Plot
+
+
+def run(
+    scene: Scene = "desk",
+    camera: CameraOption = None,
+    network: NetworkOption = None,
+    method: MethodOption = None,
+    layers: LayersOption = None,
+    occlusion: OcclusionOption = None,
+    sub_apertures: SubAperturesOption = None,
+    accuracy: AccuracyOption = None,
+    time: TimeOption = None,
+    with_: WithOption = None,
+    without: WithoutOption = None,
+    cost: Annotated[
+        bool, typer.Option("--cost", help="Measure what accuracy costs; chart in the report.")
+    ] = False,
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
+
+    Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
+    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, peak_memory_mib, render_noise,
+    and what `edofsim plan` says.
+    """
+    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
+    with begun("run", json, quiet=quiet) as progress:
+        from .. import pipeline
+        from ..capture import write_photo
+        from ..plan import parse_target
+        from ..report import save_srgb, write_run_report
+
+        overrule: dict[str, Any] = {"method": method, "layers": layers, "occlusion": occlusion}
+        overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
+        result = pipeline.run(
+            scene_recipe,
+            camera_recipe,
+            cache=cache,
+            network=network,
+            overrule=overrule,
+            target=parse_target(accuracy, time),
+            seed=seed,
+            device=device.value,
+            progress=progress,
+        )
+        progress(0.98, "report")
+        started = clock.perf_counter()
+        chart = _cost_chart(result, folder, progress) if cost else None
+        outputs = {name: save_srgb(folder / f"{name}.png", image) for name, image in _images(result).items()}
+        outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
+        outputs["report"] = write_run_report(folder / "report.html", result, chart)
+        numbers = pipeline.figures(result)
+        numbers["seconds.report"] = clock.perf_counter() - started
+        numbers["seconds.total"] += numbers["seconds.report"]
+        numbers["peak_memory_mib"] = peak_memory_mib()
+        lines = [
+            *plan_lines(result.plan),
+            _score_table(result),
+            f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
+            f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
+        ]
+        return finish(
+            "run",
+            lines,
+            numbers,
+            outputs,
+            json,
+            seed=seed,
+            inputs=inputs_of(scene_recipe, camera_recipe, network=network),
+            plan=plan_rows(result.plan),
+            settings=vars(result.plan.fidelity),
+            restored_by=result.restored_by,
+        )
+
+
+def _images(result: Run) -> Mapping[str, Any]:
+    images = {
+        "ideal": result.photo.ideal,
+        "photo": result.photo.image,
+        "restored": result.restored,
+        "lens-alone": result.lens_alone.image,
+        "wiener": result.wiener,
+    }
+    return {name: image for name, image in images.items() if image is not None}
+
+
+def _cost_chart(result: Run, folder: Path, progress: Progress) -> Plot:
+    """What accuracy costs for the photo of a run, measured in its folder."""
+    from ..experiments import cost
+    from ..experiments.cost_page import cost_plot
+    from ..plan import planner_of
+
+    cases = cost.cases_of(planner_of(result.view, result.optics))
+    rows = cost.measure(result.view, result.optics, cases, folder, repeats=1, progress=progress)
+    return cost_plot(rows, result.scene.recipe.name)
+
+
+def _score_table(result: Run) -> Table:
+    names = {"photo": "photo", "restored": f"restored ({result.restored_by})", "wiener": "Wiener instead"}
+    names = {name: label for name, label in names.items() if name in result.scores}
+    names["lens_alone"] = "lens alone"
+    ranges = [(part.near_m, part.far_m) for part in result.by_depth["photo"]]
+    table = Table("PSNR / dB (SSIM)", "whole", *(_range(near, far) for near, far in ranges), box=None)
+    for name, label in names.items():
+        cells = [result.scores[name], *(part.score for part in result.by_depth[name])]
+        table.add_row(label, *(f"{cell.psnr_db:.2f} ({cell.ssim:.3f})" for cell in cells))
+    return table
+
+
+def _range(near: float, far: float) -> str:
+    return f"{near:g} m to {'infinity' if math.isinf(far) else f'{far:g} m'}"

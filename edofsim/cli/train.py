@@ -1,0 +1,57 @@
+"""`edofsim train`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
+from ..recipe.load import load_train
+from ..record import writable_folder
+from .shared import Done, begun, finish
+
+
+def train(
+    recipe: Annotated[
+        str, typer.Argument(metavar="RECIPE", help="Training recipe, or the name of a shipped one.")
+    ],
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Photographs for sources that name none.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the state in --out.")] = False,
+    max_minutes: Annotated[
+        float | None, typer.Option("--max-minutes", min=0.01, help="End after so long, decay fitted to it.")
+    ] = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim`.
+
+    Figures: psnr_db.validation, psnr_db.validation_photo, validation_loss, steps, seconds.training.
+    """
+    loaded = load_train(recipe)
+    folder = writable_folder(out or Path("out") / f"train-{loaded.path.stem}")
+    with begun("train", json, quiet=quiet) as progress:
+        from ..learn import train
+
+        trained = train(
+            loaded,
+            folder,
+            data=data,
+            resume=resume,
+            max_minutes=max_minutes,
+            device=device.value,
+            cache=cache,
+            progress=progress,
+        )
+        lines = [f"{name} {value:.6g}" for name, value in trained.figures.items()]
+        if not trained.finished:
+            lines.append(f"not finished: go on with edofsim train {recipe} --resume --out {folder}")
+        outputs = {path.name: path for path in trained.outputs}
+        inputs = {"recipe": str(loaded.path), "data": str(data) if data else None}
+        return finish("train", lines, trained.figures, outputs, json, inputs=inputs)

@@ -1,1 +1,0 @@
-"""What each command does: from its options to files, figures and lines to print."""

@@ -1,0 +1,44 @@
+"""Speed and memory, by the benchmarks of the source checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import InputError
+from ..record import machine
+from ..report import Column, Table
+from .experiment import Findings, Progress
+
+
+def run(
+    folder: Path,
+    progress: Progress,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
+    ] = None,
+) -> Findings:
+    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
+
+    It takes a source checkout. `expose` keeps each piece that it has finished in --out; delete them there to
+    measure anew.
+    """
+    try:
+        from benchmarks import run as benches
+    except ModuleNotFoundError as error:
+        if error.name not in ("benchmarks", "benchmarks.run"):
+            raise
+        raise InputError(
+            "benchmarks come with the source checkout, not with the installed package: run this there"
+        ) from None
+    figures = benches.run(names or tuple(benches.BENCHES), progress, folder)
+    table = Table(
+        (Column("figure"), Column("value")), tuple((name, f"{value:.4g}") for name, value in figures.items())
+    )
+    about = machine()
+    line = f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}"
+    outputs = {path.stem: path for path in sorted(folder.glob("*.png"))}
+    return Findings(figures, shown=[table, line], outputs=outputs)

@@ -1,0 +1,86 @@
+"""What an experiment gets and gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, ParamSpec
+
+if TYPE_CHECKING:
+    from ..report.page import Page, Table
+
+Progress = Callable[[float, str], None]
+P = ParamSpec("P")
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What an experiment found.
+
+    figures: flat, a dotted name with its unit to a number; the command prints them, or `shown` in their
+    place. page: is written to the folder as NAME.html. outputs: files that the experiment wrote, by what they
+    are. problems: a sentence for each input that could not be used while the rest was finished; the command
+    then ends with status 2. inputs: for the JSON, beside or in place of the options; record: more for it.
+    """
+
+    figures: Mapping[str, float]
+    page: Page | None = None
+    shown: Sequence[Table | str] = ()
+    outputs: Mapping[str, Path] = field(default_factory=dict)
+    problems: Sequence[str] = ()
+    inputs: Mapping[str, object] = field(default_factory=dict)
+    record: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What a run of all experiments of the paper is given. photos, chart, cubes: None for what ships or is
+    drawn; full: the paper's sizes instead of small ones; cache: of rendered views, None for the default."""
+
+    photos: Path | None = None
+    chart: Path | None = None
+    cubes: Path | None = None
+    full: bool = False
+    seed: int = 0
+    cache: Path | None = None
+
+    @property
+    def limit(self) -> int | None:
+        """Photographs to use."""
+        return None if self.full else 4
+
+    @property
+    def systems(self) -> list[str] | None:
+        """All systems, or the networks that ship where time is short."""
+        from ..restore.checkpoint import shipped_checkpoints
+
+        return None if self.full else list(shipped_checkpoints())
+
+
+@dataclass(frozen=True)
+class InPaper(Generic[P]):
+    """An experiment that `edofsim evaluate paper` runs too. options: its own there."""
+
+    run: Callable[P, Findings]
+    options: Callable[[Paper], Mapping[str, object]]
+
+    def __call__(self, *given: P.args, **options: P.kwargs) -> Findings:
+        return self.run(*given, **options)
+
+
+def in_paper(
+    options: Callable[[Paper], Mapping[str, object]],
+) -> Callable[[Callable[P, Findings]], InPaper[P]]:
+    """Makes an experiment part of `edofsim evaluate paper`, with these options of its own."""
+    return lambda run: InPaper(run, options)
+
+
+def part(progress: Progress, start: float, end: float, what: str = "") -> Progress:
+    """Progress of a part as progress of the whole; what: is said before what the part says."""
+    before = f"{what}: " if what else ""
+    return lambda done, text: progress(start + done * (end - start), before + text)
+
+
+def silent(done: float, text: str) -> None:
+    """Progress that is not shown."""

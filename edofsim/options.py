@@ -1,0 +1,153 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .errors import InputError
+
+LARGEST_SEED = 2**64 - 1
+MOST_LAYERS = 4096
+"""More would lie closer than any PSF changes: 0.5 m to infinity in steps of 0.0005 dioptres."""
+
+
+class Device(StrEnum):
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+Scene = Annotated[
+    str, typer.Argument(metavar="SCENE", help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.")
+]
+CameraOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera", metavar="CAMERA", help="Camera recipe or shipped name; default: what the scene names."
+    ),
+]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder for what is written; default out/NAME.")
+]
+JsonOption = Annotated[
+    Path | None, typer.Option("--json", metavar="FILE", help="All printed figures, machine-readable.")
+]
+DeviceOption = Annotated[Device, typer.Option("--device", help="Where to compute.")]
+SeedOption = Annotated[
+    int,
+    typer.Option(
+        "--seed",
+        min=0,
+        max=LARGEST_SEED,
+        metavar="N",
+        help="Seed of everything random that is not in the scene recipe; up to 64 bits.",
+    ),
+]
+CacheOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--cache",
+        metavar="DIR",
+        help="Folder of rendered views; default: what the environment variable EDOFSIM_CACHE names, else "
+        "render_cache in a checkout, else edofsim/views in the user's cache folder.",
+    ),
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress and no forecast.")]
+LayersOption = Annotated[
+    int | None,
+    typer.Option(
+        "--layers", metavar="N", min=1, max=MOST_LAYERS, help="Depth layers; default: what the plan says."
+    ),
+]
+MethodOption = Annotated[
+    str | None,
+    typer.Option("--method", help="brute, layered, low_rank or constant; default: what the plan says."),
+]
+AccuracyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--accuracy",
+        metavar="45dB|noise|full",
+        help="What all left-out effects may err by together; default noise: half of the sensor's.",
+    ),
+]
+TimeOption = Annotated[
+    str | None, typer.Option("--time", metavar="20s", help="Instead: the best accuracy within a time.")
+]
+WithOption = Annotated[
+    list[str] | None,
+    typer.Option("--with", metavar="EFFECT", help="Simulate an effect in full, whatever the plan says."),
+]
+WithoutOption = Annotated[
+    list[str] | None,
+    typer.Option("--without", metavar="EFFECT", help="Leave an effect out, whatever the plan says."),
+]
+OcclusionOption = Annotated[
+    str | None,
+    typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
+]
+SubAperturesOption = Annotated[
+    int | None,
+    typer.Option(
+        "--sub-apertures",
+        "--pupil-parts",
+        metavar="N",
+        min=1,
+        max=16,
+        help="Composite hidden surfaces through N x N sub-apertures, one by one: truer where both sides "
+        "of an edge are blurred; default: as many as the plan asks for.",
+    ),
+]
+NetworkOption = Annotated[
+    str | None,
+    typer.Option(
+        "--network",
+        metavar="CHECKPOINT",
+        help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
+        "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
+    ),
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
+NetworksOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--network",
+        metavar="CHECKPOINT",
+        help="Checkpoint or shipped name; the camera has its mask; repeatable; default: all that ship.",
+    ),
+]
+PicturesOption = Annotated[
+    Path | None,
+    typer.Option("--data", metavar="DIR", help="Folder of photographs; default: those of scikit-image."),
+]
+SystemsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--network",
+        metavar="SYSTEM",
+        help="Checkpoint or shipped camera, repeatable; default: all that ship, paper-clear, paper-cubic.",
+    ),
+]
+ShowOption = Annotated[
+    list[str] | None,
+    typer.Option("--show", metavar="NAME", help="Photograph to show, repeatable; default: the first."),
+]
+LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")]
+
+
+def numbers(text: str, option: str, example: str, count: int | None = None) -> tuple[float, ...]:
+    """Numbers with commas between them, as typed. Raises InputError for others, or another count."""
+    try:
+        found = tuple(float(each) for each in text.split(","))
+    except ValueError:
+        found = ()
+    if not found or (count is not None and len(found) != count):
+        many = "" if count is None else f"{count} "
+        raise InputError(
+            f"{option} {text}: give {many}numbers with commas between them, for instance {example}"
+        )
+    return found

@@ -1,0 +1,50 @@
+"""What a user insists on against a plan, checked before any time is spent."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ..capture.methods import METHODS
+from ..capture.occlusion import OCCLUSIONS
+from ..errors import InputError
+from .effects import EFFECTS, RENAMED
+
+LOG = logging.getLogger(__name__)
+
+
+def checked_overrule(overrule: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The settings that are given, see `plan_photo`.
+
+    Raises InputError for an effect, a way to composite or a method that is not known, and for what
+    contradicts itself."""
+    given = {name: value for name, value in (overrule or {}).items() if value is not None}
+    effects = list(EFFECTS)
+    for option in ("with_", "without"):
+        if option in given:
+            given[option] = [_today(name) for name in given[option]]
+    added, left = given.get("with_", ()), given.get("without", ())
+    problems = [_unknown("effect", name, effects) for name in (*added, *left) if name not in effects]
+    problems += [f"--with and --without {name!r}: ask for one of them" for name in sorted({*added} & {*left})]
+    for option, known in (("occlusion", OCCLUSIONS), ("method", METHODS)):
+        if option in given and given[option] not in known:
+            problems.append(_unknown(option, given[option], known))
+    way = given.get("occlusion", "hidden")
+    if given.get("sub_apertures", 1) != 1 and way in OCCLUSIONS and way != "hidden":
+        problems.append(f"sub-apertures belong to the occlusion `hidden` alone, not to {way!r}")
+    if problems:
+        raise InputError(problems)
+    return given
+
+
+def _today(name: str) -> str:
+    """The name of an effect that was renamed, said in one line; others as they are."""
+    if name not in RENAMED:
+        return name
+    LOG.warning("the effect %r is called %r now", name, RENAMED[name])
+    return RENAMED[name]
+
+
+def _unknown(what: str, name: str, known: Iterable[str]) -> str:
+    return f"{what} {name!r} is not known: choose one of {', '.join(known)}"
