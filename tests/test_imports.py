@@ -24,13 +24,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plan": {"recipe", "scene", "render", "optics", "capture"},
     "restore": {"recipe", "optics", "capture"},
     "learn": {"recipe", "scene", "render", "optics", "capture", "restore"},
-    "experiments": {
-        *("recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"),
-    },
     "stability": {"recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"},
 }
-MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"}
-MAY_IMPORT["commands"] = {*MAY_IMPORT, "pipeline", "console"}
+MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"} - {"stability"}
+MAY_IMPORT["experiments"] = {*MAY_IMPORT, "options"}
+MAY_IMPORT["cli"] = {*MAY_IMPORT, "pipeline", "console", "options"}
 COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
 MITSUBA_ROOMS = {"render", "reference", "experiments", "stability"}

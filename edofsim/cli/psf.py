@@ -10,7 +10,6 @@ import typer
 
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, OutOption, QuietOption, numbers
-from ..recipe import load_camera
 from ..record import writable_folder
 from .shared import Done, begun, figures_table, finish
 
@@ -42,6 +41,8 @@ def psf(
     wavelengths_nm = tuple(dict.fromkeys(numbers(wavelengths, "--wavelengths", "611,543,482")))
     if not all(0 < nm < math.inf for nm in wavelengths_nm):
         raise InputError(f"--wavelengths {wavelengths}: give nanometres, for instance 611,543,482")
+    from ..recipe import load_camera
+
     loaded = None if masks else load_camera(camera)
     folder = writable_folder(out or Path("out") / (f"psf-{loaded.recipe.name}" if loaded else "masks"))
     with begun("psf", json, quiet=quiet) as progress:

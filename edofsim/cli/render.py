@@ -22,12 +22,12 @@ from ..options import (
     QuietOption,
     TimeOption,
 )
-from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import peak_memory_mib, writable_folder
 from .shared import Done, Progress, begun, finish
 
 if TYPE_CHECKING:
     from ..plan import Target
+    from ..recipe import Loaded, SceneRecipe
     from ..render.jobs import Task
 
 
@@ -130,6 +130,7 @@ def _as_planned(
     """A task without what the photo through the scene's own camera does not call for."""
     from ..optics import Camera
     from ..plan import look, plan_scene, simpler_recipe
+    from ..recipe import load_camera
     from ..render.jobs import Task
 
     camera = load_camera(task.recipe.camera, task.base)
@@ -162,6 +163,8 @@ def _view_pictures(
 
 def _all_scenes(scenes: Sequence[str]) -> list[Loaded[SceneRecipe]]:
     """All recipes, or all that is wrong with any of them."""
+    from ..recipe import load_scene
+
     loaded, problems = [], []
     for scene in scenes:
         try:

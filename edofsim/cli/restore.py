@@ -10,7 +10,6 @@ import typer
 
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, NetworkOption, OutOption, QuietOption
-from ..recipe import load_camera
 from ..record import peak_memory_mib, writable_folder
 from .shared import Done, begun, finish
 
@@ -40,6 +39,8 @@ def restore(
     """
     if not 0 < near_m <= far_m:
         raise InputError(f"--near {near_m:g} and --far {far_m:g}: give 0 < near <= far, in metres")
+    from ..recipe import load_camera
+
     loaded = load_camera(camera)
     folder = writable_folder(out or Path("out") / f"{photo.stem}-restored")
     with begun("restore", json, quiet=quiet) as progress:

@@ -12,11 +12,11 @@ from rich.table import Table
 
 from .. import console
 from ..errors import InputError
-from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..record import record, writable_file, write_record
 
 if TYPE_CHECKING:
     from ..plan import Plan
+    from ..recipe import CameraRecipe, Loaded, SceneRecipe
     from ..report import Table as PageTable
 
 Progress = Callable[[float, str], None]
@@ -54,6 +54,8 @@ def begun(title: str, json: Path | None, *, quiet: bool = False) -> Iterator[Pro
 
 def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
     """Both recipes, with the problems of both if both have any."""
+    from ..recipe import load_camera, load_scene
+
     problems: list[str] = []
     scene_recipe = camera_recipe = None
     try:

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
-from ..recipe.load import load_train
 from ..record import writable_folder
 from .shared import Done, begun, finish
 
@@ -34,6 +33,8 @@ def train(
 
     Figures: psnr_db.validation, psnr_db.validation_photo, validation_loss, steps, seconds.training.
     """
+    from ..recipe.load import load_train
+
     loaded = load_train(recipe)
     folder = writable_folder(out or Path("out") / f"train-{loaded.path.stem}")
     with begun("train", json, quiet=quiet) as progress:

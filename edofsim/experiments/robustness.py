@@ -27,8 +27,8 @@ GREEN = 543e-9
 class Study:
     """An error and its strengths. name: of the files; column: of the CSV, that names the strength;
     conditions: for a system and a seed, from the least to the most; labels: those strengths as numbers,
-    others stand beside; paper: PSNR by strength, of its one image; title, purpose, setting: for the page; axis, said: the
-    strength with its unit, and in a text; source: the paper's figure.
+    others stand beside; paper: PSNR by strength, of its one image; title, purpose, setting: for the page;
+    axis, said: the strength with its unit, and in a text; source: the paper's figure.
     """
 
     name: str

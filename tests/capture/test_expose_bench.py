@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 import torch
 
 from benchmarks import photos as bench_expose
+from edofsim.experiments.kept import Kept
 
 
 def test_low_rank_against_brute_force_on_a_small_view():
@@ -23,21 +22,22 @@ def test_low_rank_against_brute_force_on_a_small_view():
     assert said[0].startswith("brute force")
 
 
-def test_finished_pieces_are_not_measured_again(tmp_path):
+def test_finished_pieces_are_not_measured_again(tmp_path, monkeypatch):
+    """Unless the code has changed."""
     calls = []
 
     def measure():
         calls.append(1)
         return {"figure": 2.0}
 
-    path = tmp_path / "piece.json"
-    assert bench_expose._kept(path, measure) == bench_expose._kept(path, measure) == {"figure": 2.0}
+    kept = Kept(tmp_path / "pieces.jsonl")
+    for _ in range(2):
+        assert bench_expose._once(kept, "piece", measure) == {"figure": 2.0}
     assert len(calls) == 1
-    other = json.loads(path.read_text())
-    other["about"]["torch"] = "another"
-    path.write_text(json.dumps(other))
-    bench_expose._kept(path, measure)
-    assert len(calls) == 2
+    bench_expose._once(kept, "another", measure)
+    monkeypatch.setattr(bench_expose, "code_of", lambda folder: "a line was changed")
+    bench_expose._once(kept, "piece", measure)
+    assert len(calls) == 3
 
 
 def test_plot_of_growth(tmp_path):

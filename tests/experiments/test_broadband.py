@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from edofsim.commands.base import Done
-from edofsim.commands.paper import evaluate_broadband
 
 from edofsim.errors import InputError
 from edofsim.experiments import broadband, chromatic
 from edofsim.experiments.cubes import Reading, read_cubes, read_one
+from edofsim.experiments.experiment import Findings, silent
 from edofsim.experiments.systems import Contestant
 from edofsim.optics import Camera, response, response_curves
 from edofsim.recipe.camera import CameraRecipe
+from edofsim.report import page_html
 
 NM = broadband.sensor_bands_nm()
 
@@ -64,28 +64,26 @@ def test_the_experiment_goes_on_and_names_a_broken_cube(
     shutil.copytree(cave, broken)
     (broken / "toy_ms_07.png").write_bytes(b"no picture")
 
-    def run() -> Done:
+    def run() -> Findings:
         reading = {"bands": "430,690", "crop": "4,0,0,0"}
-        given = ([cave.parent], [], reading, [str(network)], 0, tmp_path / "out", None, None)
-        return evaluate_broadband(*given, lambda *_: None)
+        return broadband.run(tmp_path, silent, [cave.parent], systems=[str(network)], **reading)
 
     done = run()
     assert len(done.problems) == 1 and "other_ms" in done.problems[0] and "toy_ms_07.png" in done.problems[0]
-    outputs = dict(done.outputs)
-    page = outputs["broadband.html"].read_text()
+    page = page_html(done.page)
     assert "other_ms" in page and "37.09" in page
-    rows = list(csv.DictReader(outputs["broadband.csv"].open()))
+    rows = list(csv.DictReader(done.outputs["table"].open()))
     assert [row["depth"] for row in rows] == ["0.5m", "1m", "infinity"]
     for row in rows:  # all channels together: the mean of the channels' square errors
         mean = np.mean([10 ** (-float(row[f"photo_db_{c}"]) / 10) for c in ("red", "green", "blue")])
         assert float(row["photo_db_all"]) == pytest.approx(-10 * math.log10(mean), abs=1e-3)
         assert float(row["filter_db"]) > float(row["photo_db_all"])  # it knows what to undo
-    first = outputs["broadband.csv"].read_bytes()
+    first = done.outputs["table"].read_bytes()
     monkeypatch.setattr(broadband, "photographed", None)  # nothing of it is computed again
     monkeypatch.setattr(broadband, "chromatic", None)
-    again = run().outputs
-    assert again["broadband.csv"].read_bytes() == first
-    assert again["broadband.html"].read_text() == page
+    again = run()
+    assert again.outputs["table"].read_bytes() == first
+    assert page_html(again.page) == page
 
 
 def test_cubes_that_cannot_be_used_are_refused(cave: Path, tmp_path: Path) -> None:
@@ -97,9 +95,7 @@ def test_cubes_that_cannot_be_used_are_refused(cave: Path, tmp_path: Path) -> No
     with pytest.raises(InputError, match="give start_nm and step_nm"):
         read_cubes(cave, NM, Reading())
     with pytest.raises(InputError, match="--bands 430: give 2 numbers"):
-        evaluate_broadband([cave], [], {"bands": "430"}, None, 0, tmp_path, None, None, lambda *_: None)
-    with pytest.raises(InputError, match="give a spectral cube"):
-        broadband.run(tmp_path, [])
+        broadband.run(tmp_path, silent, [cave], bands="430")
 
 
 @pytest.mark.usefixtures("coarse")

@@ -11,6 +11,7 @@ import torch
 from edofsim.report.cost_chart import cost_plot
 
 from edofsim.experiments import cost, predictions
+from edofsim.experiments.cost_page import cost_plot
 from edofsim.optics import Camera
 from edofsim.plan import Fidelity, planner_of, rates, remember
 from edofsim.recipe import CameraRecipe
@@ -66,7 +67,7 @@ def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest
     assert count == 2 * (len(cases) - 1) + 1
 
     # the last measurement was being written when the process died
-    file = tmp_path / cost.LINES
+    file = tmp_path / "measurements.jsonl"
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[:-1]) + "\n" + lines[-1][:20])
     again = cost.measure(view, CAMERA, cases, tmp_path, repeats=2)

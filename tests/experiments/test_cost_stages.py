@@ -11,6 +11,7 @@ import torch
 from edofsim.report.cost_page import cost_page, stage_plot
 
 from edofsim.experiments import cost, cost_stages
+from edofsim.experiments.cost_page import cost_page, stage_plot
 from edofsim.experiments.cost_stages import Point, front
 from edofsim.plan import Fidelity, rates, remember
 from edofsim.recipe import Loaded, load_camera, load_scene

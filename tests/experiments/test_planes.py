@@ -10,15 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from edofsim.commands.paper import evaluate_noise, evaluate_table
 
 from edofsim.errors import InputError
-from edofsim.experiments import planes, robustness, table
+from edofsim.experiments import fabrication, noise, planes, robustness, table
+from edofsim.experiments.experiment import silent
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
 from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
 from edofsim.optics import PAPER_COLOURS, psf_bank
+from edofsim.report import page_html
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 
 pytestmark = pytest.mark.usefixtures("coarse")
@@ -60,22 +61,24 @@ def test_defocus_blurs(folder: Path, tmp_path: Path, echo: Echo) -> None:
 def test_read_noise_adds_its_variance(folder: Path, tmp_path: Path, echo: Echo, only: Callable) -> None:
     """Mean square errors of the photos at two noises differ by the difference of their variances."""
     only(echo())
-    result = robustness.run_noise(tmp_path / "out", folder)
+    figures = noise.run(tmp_path, silent, folder).figures
+    rows = list(csv.DictReader((tmp_path / "noise.csv").open()))
     errors = {
-        float(row.condition): 10 ** (-row.photo_db / 10) for row in result.rows if row.picture == "a.png"
+        float(row["sigma_s"]): 10 ** (-float(row["photo_db"]) / 10)
+        for row in rows
+        if row["picture"] == "a.png"
     }
     assert list(errors) == list(NOISE)
     added = errors[0.02] - errors[0.005]
     assert added == pytest.approx(0.02**2 - 0.005**2, rel=0.02)
-    assert result.figures["loss_db.echo"] > 0
-    rows = list(csv.DictReader((tmp_path / "out/noise.csv").open()))
+    assert figures["loss_db.echo"] > 0
     assert len(rows) == 3 * 4 and {row["sigma_s"] for row in rows} == {"0.005", "0.009", "0.015", "0.02"}
 
 
 def test_height_errors_scatter_light(folder: Path, tmp_path: Path, echo: Echo, only: Callable) -> None:
     """The rougher the mask, the hazier the photo; the device is hazy, too."""
     only(echo("cubic"))
-    figures = robustness.run_fabrication(tmp_path / "out", folder, limit=1).figures
+    figures = fabrication.run(tmp_path, silent, folder, limit=1).figures
     photos = [figures[f"psnr_db.echo.photo.{sigma:g}nm"] for sigma in FABRICATION]
     assert photos == sorted(photos, reverse=True)
     assert photos[0] - photos[-1] > 0.2
@@ -94,15 +97,15 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, tmp_path: Path, echo: E
 
     only(echo(restore=restore))
     with pytest.raises(KeyboardInterrupt):
-        robustness.run_noise(tmp_path / "cut", folder)
+        noise.run(tmp_path / "cut", silent, folder)
     with (tmp_path / "cut/finished.jsonl").open("a") as file:
         file.write('{"key": "half a li')  # as a kill in the middle of a write leaves it
-    resumed = robustness.run_noise(tmp_path / "cut", folder)
+    resumed = noise.run(tmp_path / "cut", silent, folder)
     assert len(calls) == 6 + 12 - 5  # five were finished, the sixth was not
-    again = robustness.run_noise(tmp_path / "cut", folder)
+    again = noise.run(tmp_path / "cut", silent, folder)
     assert len(calls) == 13 and again.figures == resumed.figures
     only(echo())
-    assert robustness.run_noise(tmp_path / "whole", folder).figures == resumed.figures
+    assert noise.run(tmp_path / "whole", silent, folder).figures == resumed.figures
 
 
 def test_other_inputs_are_measured_anew(folder: Path, tmp_path: Path, echo: Echo) -> None:
@@ -120,11 +123,10 @@ def test_a_broken_picture_is_named_and_the_others_are_finished(
     depths = random_depths(photographs(folder).pictures, seed=3)
     whole = (folder / "b.png").read_bytes()
     (folder / "b.png").write_bytes(whole[: len(whole) // 3])
-    done = evaluate_noise(folder, [str(network)], None, None, 3, tmp_path / "out", None, lambda *_: None)
-    assert len(done.problems) == 1 and "b.png: cannot be read" in done.problems[0]
-    page = done.outputs["noise.html"].read_text()
-    assert "Left out, since they cannot be used: b.png." in page
-    rows = list(csv.DictReader(done.outputs["noise.csv"].open()))
+    found = noise.run(tmp_path, silent, folder, [str(network)], seed=3)
+    assert len(found.problems) == 1 and "b.png: cannot be read" in found.problems[0]
+    assert "Left out, since they cannot be used: b.png." in page_html(found.page)
+    rows = list(csv.DictReader(found.outputs["table"].open()))
     assert {row["picture"] for row in rows} == {"a.png", "c.png"}
     # the pictures that are left stand where they would stand beside it
     left = random_depths(photographs(folder).pictures, seed=3)
@@ -132,9 +134,11 @@ def test_a_broken_picture_is_named_and_the_others_are_finished(
 
 
 def test_the_table_is_written_and_repeats(folder: Path, tmp_path: Path, network: Path) -> None:
-    options = {"systems": [network, "paper-cubic"], "limit": 2}
-    result = table.run(tmp_path / "out", folder, **options)
-    assert result.figures == table.run(tmp_path / "again", folder, **options).figures
+    for name in ("out", "again"):
+        (tmp_path / name).mkdir()
+    options = {"systems": [str(network), "paper-cubic"], "limit": 2}
+    result = table.run(tmp_path / "out", silent, folder, **options)
+    assert result.figures == table.run(tmp_path / "again", silent, folder, **options).figures
     rows = list(csv.DictReader((tmp_path / "out/table.csv").open()))
     assert len(rows) == 2 * (2 * 4 + 3)  # each system: two pictures at four depths, the chart at three
     ours = [row for row in rows if (row["system"], row["depth"]) == ("trained", "1m")]
@@ -149,10 +153,7 @@ def test_the_table_is_written_and_repeats(folder: Path, tmp_path: Path, network:
 
 
 def test_the_tables_page_shows_the_paper_beside_ours(folder: Path, tmp_path: Path, network: Path) -> None:
-    done = evaluate_table(
-        folder, [str(network)], None, ["c.png"], 3, 0, tmp_path / "out", None, lambda *_: None
-    )
-    page = done.outputs["table.html"].read_text()
+    page = page_html(table.run(tmp_path, silent, folder, [str(network)], show=["c.png"], limit=3).page)
     for expected in ("26.26", "27.31", "28.31", "USAF-1951", "c.png", "0.8 m, sensor", "0.8 m, output"):
         assert expected in page
     assert '<img src="http' not in page
@@ -160,13 +161,13 @@ def test_the_tables_page_shows_the_paper_beside_ours(folder: Path, tmp_path: Pat
 
 def test_what_cannot_be_judged_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
-        table.run(tmp_path / "out", tmp_path / "none", systems=["paper-clear"])
+        table.run(tmp_path, silent, tmp_path / "none", systems=["paper-clear"])
     with pytest.raises(InputError, match="no such checkpoint"):
         contestant("nobody")
     with pytest.raises(InputError, match="no such picture; there are a.png, b.png, c.png"):
-        robustness.run_noise(tmp_path / "out", folder, show=["d.png"])
+        noise.run(tmp_path, silent, folder, show=["d.png"])
     with pytest.raises(InputError, match="two systems are called 'paper-clear"):
-        robustness.run_noise(tmp_path / "out", folder, systems=["paper-clear", "paper-clear"])
+        noise.run(tmp_path, silent, folder, systems=["paper-clear", "paper-clear"])
     for path in folder.iterdir():
         path.write_bytes(b"no picture")
     with pytest.raises(InputError, match=r"a\.png: cannot be read"):
@@ -190,6 +191,6 @@ def test_the_table_compares_all_that_ship(
         return []
 
     monkeypatch.setattr(table, "measure", nothing)
-    table.run(tmp_path, folder)
+    table.run(tmp_path, silent, folder)
     found = {*shipped_checkpoints(), *comparison_checkpoints(), "paper-clear+wiener", "paper-cubic+wiener"}
     assert set(asked) == found and len(found) > 6

@@ -20,6 +20,7 @@ from edofsim.capture import Fidelity, capture, ideal_image
 from edofsim.cli import app
 from edofsim.experiments import bench_scene, scene3d
 from edofsim.experiments.depth_edges import near_edges
+from edofsim.experiments.experiment import silent
 from edofsim.experiments.protocols import (
     OURS,
     WAYS,
@@ -276,13 +277,13 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, network: Path, monkeypa
 
     monkeypatch.setattr(scene3d, "measure", measure)
     with pytest.raises(KeyboardInterrupt):
-        scene3d.run(folder, scenes, networks=[str(network)])
-    outcome = scene3d.run(folder, scenes, networks=[str(network)])
+        scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
+    outcome = scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
     assert done == ["cat", "cup", "cup"]
-    again = scene3d.run(folder, scenes, networks=[str(network)])
+    again = scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
     assert done == ["cat", "cup", "cup"] and again == outcome
     # another seed is another measurement
-    scene3d.run(folder, scenes[:1], networks=[str(network)], seed=1)
+    scene3d.measured_scenes(folder, scenes[:1], networks=[str(network)], progress=silent, seed=1)
     assert done[-1] == "cat"
 
 

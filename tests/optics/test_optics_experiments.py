@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from edofsim.experiments import bandwidth, mtf, psf_figure
+from edofsim.experiments.experiment import silent
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe.camera import CameraRecipe
 
@@ -19,7 +20,7 @@ def small(mask: str = "cubic") -> Camera:
 
 
 def test_chirp_bandwidth_follows_the_papers_curve(tmp_path):
-    figures = bandwidth.run(tmp_path)
+    figures = bandwidth.run(tmp_path, silent).figures
     assert figures["ratio_difference_percent.psi_5_up"] < 5
     assert figures["psi_max"] == pytest.approx(44.4, abs=0.05)
     assert figures["sampling_bound_um"] == pytest.approx(22, abs=0.5)
@@ -35,7 +36,7 @@ def test_bandwidth_of_a_wide_chirp_approaches_its_slope():
 
 
 def test_transfer_functions_of_masks(tmp_path):
-    figures = mtf.run(tmp_path, small())
+    figures = mtf.run(tmp_path, silent, "paper-cubic").figures
     # the clear aperture loses all contrast with defocus, the cubic mask hardly changes
     assert figures["mean_mtf.clear.psi_40"] < 0.1 * figures["mean_mtf.clear.psi_0"]
     assert figures["mean_mtf.cubic.psi_40"] > 0.7 * figures["mean_mtf.cubic.psi_0"]
@@ -51,7 +52,8 @@ def test_psfs_as_picture_and_exr(tmp_path):
     import OpenEXR
 
     camera = small()
-    figures = psf_figure.run(camera, tmp_path, wavelengths_nm=(543.0,), depths_m=(0.5, math.inf))
+    figures, outputs = psf_figure.run(camera, tmp_path, wavelengths_nm=(543.0,), depths_m=(0.5, math.inf))
+    assert set(outputs.values()) == set(tmp_path.iterdir())
     names = [f"{what}.{depth}.543nm" for what in ("rest_percent", "strehl") for depth in ("0.5m", "infinity")]
     assert set(figures) == {*names, "transmission_percent"}
     bank = psf_bank(camera, [543e-9], [2.0, 0.0])

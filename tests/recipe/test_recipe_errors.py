@@ -140,7 +140,7 @@ def test_the_command_ends_in_one_message_and_status_2(tmp_path: Path):
     path = tmp_path / "scene.toml"
     path.write_text(GOOD.replace("radius_mm = 5.0", "radius_mm = -5.0"))
     done = subprocess.run(
-        [sys.executable, "-m", "edofsim.cli", "render", str(path)],
+        [sys.executable, "-m", "edofsim", "render", str(path)],
         capture_output=True,
         text=True,
         check=False,

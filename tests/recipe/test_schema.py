@@ -38,6 +38,6 @@ def test_each_shipped_recipe_points_to_its_schema(path: Path, kind: str, schema:
 
 def test_the_command_prints_valid_json():
     done = subprocess.run(
-        [sys.executable, "-m", "edofsim.cli", "schema", "camera"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "edofsim", "schema", "camera"], capture_output=True, text=True, check=True
     )
     assert json.loads(done.stdout) == json_schema(model_of("camera"), "edofsim camera recipe")

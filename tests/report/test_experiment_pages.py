@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 from pathlib import Path
 
 import pytest
 import torch
-from edofsim.commands import paper_all
-from edofsim.commands.base import Done
 
+from edofsim.cli import evaluate
 from edofsim.errors import EdofsimError, InputError
+from edofsim.experiments import EXPERIMENTS
+from edofsim.experiments.experiment import Findings, InPaper, Paper, silent
 from edofsim.experiments.planes import save_png
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page
 from edofsim.report.experiments_index import write_index
@@ -43,29 +46,36 @@ def test_an_index_over_nothing_is_refused(tmp_path: Path) -> None:
         write_index(tmp_path)
 
 
-def setting(tmp_path: Path) -> paper_all.Setting:
-    return paper_all.Setting(tmp_path, None, None, None, False, 0, None)
-
-
 def test_one_that_fails_does_not_stop_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: object) -> Done:
+    def fails(*_: object) -> Findings:
         raise InputError("the data are not there")
 
-    def works(s: paper_all.Setting, out: Path, progress: object) -> Done:
-        return Done(outputs={"x.html": page(out.parent, out.name, "3")})
+    def works(folder: Path, progress: object) -> Findings:
+        return Findings({"loss_db": 3.0}, Page("About second", "What it is for."))
 
-    steps = (paper_all.Step("first", fails), paper_all.Step("second", works))
-    monkeypatch.setattr(paper_all, "STEPS", steps)
+    both = {"first": InPaper(fails, lambda paper: {}), "second": InPaper(works, lambda paper: {})}
+    monkeypatch.setattr(evaluate, "EXPERIMENTS", {**both, "third": works})  # which is not the paper's
     with pytest.raises(EdofsimError, match="first: failed"):
-        paper_all.evaluate_paper(setting(tmp_path), (), lambda *_: None)
+        evaluate.paper(out=tmp_path, quiet=True)
     assert "About second" in (tmp_path / "index.html").read_text()
-    done = paper_all.evaluate_paper(setting(tmp_path), ("second",), lambda *_: None)
+    assert json.loads((tmp_path / "second/second.json").read_text())["figures"] == {"loss_db": 3.0}
+    done = evaluate.paper(only=["second"], out=tmp_path, quiet=True)
     assert done.outputs["index"] == tmp_path / "index.html"
+    assert not (tmp_path / "third").exists()
 
 
 def test_experiments_are_chosen_by_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no experiment 'tabel'; there are bandwidth, mtf, table"):
-        paper_all.evaluate_paper(setting(tmp_path), ("tabel",), lambda *_: None)
-    done = paper_all.evaluate_paper(setting(tmp_path), ("bandwidth",), lambda *_: None)
+    known = "bandwidth, mtf, table, noise, fabrication, broadband, scene3d, bench-scene"
+    with pytest.raises(InputError, match=f"no experiment 'tabel'; there are {known}"):
+        evaluate.paper(only=["tabel"], out=tmp_path, quiet=True)
+    done = evaluate.paper(only=["bandwidth"], out=tmp_path, quiet=True)
     assert (tmp_path / "bandwidth/bandwidth.html").is_file() and done.outputs["bandwidth"].is_file()
     assert "Bandwidth of defocus" in done.outputs["index"].read_text()
+
+
+def test_each_experiment_of_the_paper_takes_the_options_that_it_is_given_there() -> None:
+    """A small run and a full one; what a misspelt option would be found by."""
+    for paper in (Paper(), Paper(Path("photos"), Path("chart"), Path("cubes"), True, 3, Path("cache"))):
+        for experiment in EXPERIMENTS.values():
+            if isinstance(experiment, InPaper):
+                inspect.signature(experiment.run).bind(Path(), silent, **experiment.options(paper))

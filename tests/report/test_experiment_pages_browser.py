@@ -15,7 +15,7 @@ import torch
 from edofsim.report.broadband_page import broadband_page
 from edofsim.report.planes_page import fabrication_page, noise_page, table_page
 
-from edofsim.experiments import robustness, table
+from edofsim.experiments import broadband_page, fabrication, noise, robustness, table
 from edofsim.experiments.broadband import DEPTHS_M, Result
 from edofsim.experiments.broadband import Row as BroadbandRow
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
@@ -92,13 +92,13 @@ def broad(folder: Path) -> Result:
 
 
 def pages(folder: Path) -> dict[str, Page]:
-    noises = [f"{sigma:g}" for sigma in robustness.SIGMAS_S]
-    errors = [*(f"{sigma:g}nm" for sigma in robustness.SIGMAS_D_NM), robustness.DEVICE]
+    noises = list(noise.STUDY.labels)
+    errors = [*fabrication.STUDY.labels, fabrication.DEVICE]
     return {
-        "table": table_page(tables(folder)),
-        "noise": noise_page(robust(noises, folder)),
-        "fabrication": fabrication_page(robust(errors, folder)),
-        "broadband": broadband_page(broad(folder)),
+        "table": table.page(tables(folder)),
+        "noise": robustness.page(noise.STUDY, robust(noises, folder)),
+        "fabrication": robustness.page(fabrication.STUDY, robust(errors, folder)),
+        "broadband": broadband_page.page(broad(folder)),
     }
 
 

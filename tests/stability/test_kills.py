@@ -31,7 +31,7 @@ LONGER = {
 
 def command(name: str, folder: Path) -> list[str]:
     """The command line of a small job in `folder`; it can be started again and again."""
-    base = [sys.executable, "-m", "edofsim.cli"]
+    base = [sys.executable, "-m", "edofsim"]
     scene, camera = str(folder / "small.toml"), ["--camera", str(folder / "camera.toml")]
     where = ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--quiet"]
     resume = ["--resume"] if (folder / "out" / "state.safetensors").exists() else []

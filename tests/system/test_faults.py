@@ -139,7 +139,7 @@ def test_a_cache_that_can_only_be_read(edofsim: Run, command, disk, tmp_path: Pa
 def test_two_runs_at_once_on_one_cache_and_one_folder(edofsim: Run, command, tmp_path: Path):
     line = [str(each) for each in command("run", tmp_path)]
     both = [
-        subprocess.Popen([sys.executable, "-m", "edofsim.cli", *line], stderr=subprocess.PIPE, text=True)
+        subprocess.Popen([sys.executable, "-m", "edofsim", *line], stderr=subprocess.PIPE, text=True)
         for _ in range(2)
     ]
     for process in both:
