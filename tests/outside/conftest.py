@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from edofsim.experiments import EXPERIMENTS
 from edofsim.recipe import kinds
 
 EXAMPLE = Path(__file__).parents[1] / "example_package"
-REGISTRIES = [value for value in vars(kinds).values() if isinstance(value, kinds.Registry)]
+REGISTRIES = [value for value in vars(kinds).values() if isinstance(value, kinds.Registry)] + [EXPERIMENTS]
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@ adds one of each kind."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -52,7 +53,7 @@ def test_the_command_line_finds_what_is_installed(site: Path, installed: Path, t
     path = os.pathsep.join([str(site), str(installed), *sys.path])
 
     def edofsim(*words: str) -> str:
-        run = [sys.executable, "-m", "edofsim.cli", *words]
+        run = [sys.executable, "-m", "edofsim", *words]
         where = os.environ | {"PYTHONPATH": path}
         done = subprocess.run(run, cwd=tmp_path, env=where, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
@@ -61,6 +62,12 @@ def test_the_command_line_finds_what_is_installed(site: Path, installed: Path, t
     edofsim("psf", "camera.toml", "--out", "out")
     assert (tmp_path / "out" / "psf.csv").exists()
     assert "QuarticMask" in edofsim("schema", "camera")
+    # an experiment: its line, its options, and a run
+    assert "width  " in edofsim("evaluate", "--help")
+    assert "--depth" in edofsim("evaluate", "width", "--help")
+    edofsim("evaluate", "width", "--camera", "camera.toml", "--depth", "0.5", "--out", "width")
+    assert (tmp_path / "width" / "width.html").exists()
+    assert json.loads((tmp_path / "width" / "width.json").read_text())["figures"]["width_um"] > 6
 
 
 def test_an_unknown_kind_is_told_the_nearest_and_all(installed: Path, tmp_path: Path):
