@@ -19,6 +19,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 PROGRAMS = {"pytest-xdist", "pyrefly", "ruff"}  # commands and a plugin: nothing imports them
 FOR_PRYSM = {"setuptools"}  # prysm needs it and does not declare it
+CALLED = {"colour": "colour-science", "PIL": "pillow", "skimage": "scikit-image"}
 # torch on a machine with an NVIDIA card brings its libraries, each pinned by torch itself
 OF_TORCH = re.compile("nvidia-|cuda-|triton")
 
@@ -38,8 +39,7 @@ def packages(folder: str) -> set[str]:
     """The distributions whose modules are imported in a folder; those of Python and our own left out."""
     names = set[str]().union(*map(imported, sorted((ROOT / folder).rglob("*.py"))))
     outside = names - set(sys.stdlib_module_names) - {"edofsim", "benchmarks"}
-    homes = metadata.packages_distributions()
-    return {canonicalize_name(homes[name][0]) if name in homes else name for name in outside}
+    return {canonicalize_name(CALLED.get(name, name)) for name in outside}
 
 
 def named(requirements: Iterable[str]) -> set[str]:
