@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -59,7 +58,7 @@ class Stopwatch:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str, progress: Progress | None, fraction: float) -> Iterator[None]:
+    def stage(self, name: str, progress: Progress | None, fraction: float) -> Generator[None]:
         if progress:
             progress(fraction, name)
         start = time.perf_counter()
@@ -73,7 +72,7 @@ def run(
     *,
     cache: Path | None = None,
     network: str | Path | None = None,
-    overrule: Mapping[str, Any] | None = None,
+    overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     seed: int = 0,
     device: str = "auto",

@@ -11,8 +11,12 @@ for the Laine-Karras permutation (2021); pairs of dimensions are padded by shuff
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import drjit as dr
-import mitsuba as mi
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 MIX = 0x9E3779B9
 

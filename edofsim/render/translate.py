@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..core.json_values import Json
 from ..errors import InputError
 from ..scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
 
@@ -283,7 +284,7 @@ def _sorted(settings: object) -> object:
     return settings
 
 
-def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]:
+def plugin_with(surface: Surface, reflectance: Mapping[str, object]) -> Json:
     """Mitsuba's dictionary of a surface with some reflectance plugin in its place.
 
     A reflectance key with dots leads into nested BSDFs (`nested.reflectance`); an empty key: none at all.
@@ -299,12 +300,10 @@ def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]
     return {"type": "twosided", "bsdf": plugin} if surface.two_sided else plugin
 
 
-def _copied(settings: Any) -> Any:
-    return (
-        {key: _copied(value) for key, value in settings.items()}
-        if isinstance(settings, Mapping)
-        else settings
-    )
+def _copied(settings: Mapping[str, object]) -> Json:
+    return {
+        key: _copied(value) if isinstance(value, Mapping) else value for key, value in settings.items()
+    }
 
 
 def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -34,10 +34,9 @@ def write_run_report(path: Path, result: Run, cost: Sequence[Row] = ()) -> Path:
     Raises InputError where it cannot be written.
     """
     camera = result.optics
-    trained = result.checkpoint.height if result.checkpoint else None
-    height, width = _relief(camera, trained)
+    height, width = _relief(camera)
     inverse_depths = torch.tensor([1 / depth for depth in PSF_DEPTHS_M])
-    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths, trained)
+    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths)
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -85,17 +84,17 @@ def _target(plan: Plan) -> str:
     return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 
 
-def _relief(camera: Camera, trained: Tensor | None) -> tuple[Tensor | None, float | None]:
+def _relief(camera: Camera) -> tuple[Tensor | None, float | None]:
     """Height of the DOE inside the pupil, [y, x] in metres, NaN outside, and its width in metres; None for
-    masks that only block light. trained: height map in place of the recipe's."""
+    masks that only block light."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
-    height = surface(camera, grid, trained)
+    height = surface(camera, grid)
     if height is None:
         return None, None
     return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
 
 
-def _notes(metadata: Mapping[str, Any]) -> tuple[str, ...]:
+def _notes(metadata: Mapping[str, object]) -> tuple[str, ...]:
     """What was guessed where the view does not know."""
     guesses = {"holes filled": "Holes of the depth map", "beyond the border": "Beyond the border"}
     return tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from ..experiments import robustness, table
@@ -230,7 +230,7 @@ def _singles(result: table.Result, systems: Sequence[str], scenes: Sequence[str]
     )
 
 
-def _pairs(rows: Sequence[Row], system: str, said) -> Gallery:
+def _pairs(rows: Sequence[Row], system: str, said: Callable[[Row], str]) -> Gallery:
     """Sensor and output side by side, condition below condition."""
     pictures: list[Picture] = []
     for row in rows:
