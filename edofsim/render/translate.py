@@ -301,9 +301,7 @@ def plugin_with(surface: Surface, reflectance: Mapping[str, object]) -> Json:
 
 
 def _copied(settings: Mapping[str, object]) -> Json:
-    return {
-        key: _copied(value) if isinstance(value, Mapping) else value for key, value in settings.items()
-    }
+    return {key: _copied(value) if isinstance(value, Mapping) else value for key, value in settings.items()}
 
 
 def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:
@@ -327,9 +325,7 @@ def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:
     return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
 
 
-def make_mesh(
-    mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[str, object] | None
-) -> mi.Mesh:
+def make_mesh(mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[str, object] | None) -> mi.Mesh:
     """A Mitsuba mesh with its surface and, if it is a lamp, its emitter (a plugin dictionary)."""
     mesh = item.mesh
     properties = mi.Properties()

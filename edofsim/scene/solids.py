@@ -42,9 +42,7 @@ def join(parts: Sequence[TriangleMesh]) -> TriangleMesh:
     return mesh(np.concatenate([p.vertices for p in parts]), np.concatenate(faces), **optional)
 
 
-def moved(
-    part: TriangleMesh, matrix: np.ndarray | None = None, shift: ArrayLike = (0, 0, 0)
-) -> TriangleMesh:
+def moved(part: TriangleMesh, matrix: np.ndarray | None = None, shift: ArrayLike = (0, 0, 0)) -> TriangleMesh:
     """A mesh after a linear map (float [3, 3]) and a shift in metres.
 
     Where the map mirrors, the faces are turned, so that they still point outward."""
