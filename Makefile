@@ -1,6 +1,7 @@
 # edofsim: everything runs from a virtual environment in this folder.
 #   make run      set up what is missing, then the main job on the shipped desk scene
 #   make test     set up what is missing, then the test suite
+#   make check    set up what is missing, then the linter, the type checker and the test suite
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
@@ -9,16 +10,23 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 SCENE ?= desk
 OUT ?= out
 
-.PHONY: help setup run test test-all bench paper lint clean
+.PHONY: help setup run check lint types test test-all bench paper clean
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -3; echo "targets: setup run test test-all bench paper lint clean"
+	@sed -n 's/^#  *//p' Makefile | head -4; echo "targets: setup run check lint types test test-all bench paper clean"
 
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+
+# Two stamps: what running needs, and what tests, benchmarks, the linter and the type checker need besides.
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "edofsim needs Python 3.11 or newer; install it and try again"; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,bench,cluster]'
+	$(INSTALL) -e .
+	touch $@
+
+$(VENV)/.installed-tools: $(VENV)/.installed
+	$(INSTALL) -e '.[test]'
 	touch $@
 
 # A working LLVM: where no engine renders, apt as root or through password-less sudo, else the command to type.
@@ -33,22 +41,27 @@ setup: $(VENV)/.installed
 run: setup
 	$(BIN)/edofsim run $(SCENE) --out $(OUT)/$(SCENE) --json $(OUT)/$(SCENE)/run.json
 
-test: setup
+check: lint types test
+
+lint: $(VENV)/.installed-tools
+	$(BIN)/ruff check edofsim tests benchmarks
+
+types: $(VENV)/.installed-tools
+	$(BIN)/pyrefly check
+
+test: setup $(VENV)/.installed-tools
 	$(BIN)/python -m pytest -m "not slow" $(PYTEST_ARGS)
 
-test-all: setup
+test-all: setup $(VENV)/.installed-tools
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-bench: setup
+bench: setup $(VENV)/.installed-tools
 	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json
 
 # PHOTOS=dir CUBES=path CHART=file name data of your own, FULL=1 takes the paper's sizes
 paper: setup
 	$(BIN)/edofsim evaluate paper --out $(OUT)/paper $(if $(PHOTOS),--photos $(PHOTOS)) $(if $(CUBES),--cubes $(CUBES)) \
 	  $(if $(CHART),--chart $(CHART)) $(if $(FULL),--full)
-
-lint: $(VENV)/.installed
-	$(BIN)/ruff check edofsim tests benchmarks
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

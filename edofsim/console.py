@@ -6,10 +6,9 @@ import errno
 import logging
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -27,7 +26,7 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 @contextmanager
-def progress(title: str, *, quiet: bool = False) -> Iterator[Callable[[float, str], None]]:
+def progress(title: str, *, quiet: bool = False) -> Generator[Callable[[float, str], None]]:
     """A callable (fraction done, what is going on): a bar on a terminal, a line now and then elsewhere."""
     if quiet:
         yield lambda done, text: None
@@ -54,13 +53,13 @@ def _line_printer(title: str) -> Callable[[float, str], None]:
     return show
 
 
-def show_outputs(outputs: Mapping[str, Any]) -> None:
+def show_outputs(outputs: Mapping[str, str | Path]) -> None:
     """The last lines of a command: where its files are."""
     for name, path in outputs.items():
         out.print(f"{name}: {Path(path)}", markup=False)
 
 
-def exit_status(command: Callable[[], Any]) -> int:
+def exit_status(command: Callable[[], object]) -> int:
     """Run a command, with the warnings of the package on the error channel.
 
     What goes wrong ends in one message and in the status that says whose fault it was."""
@@ -97,7 +96,7 @@ class _Warnings(logging.Handler):
         print(f"edofsim: {record.getMessage()}", file=sys.stderr, flush=True)
 
 
-def _complain(problems: Any, status: int) -> int:
+def _complain(problems: Iterable[str], status: int) -> int:
     for problem in problems:
         err.print(f"edofsim: {problem}", markup=False, style="red" if err.is_terminal else None)
     return status

@@ -20,7 +20,8 @@ class InputError(EdofsimError):
         self.problems: tuple[str, ...] = (problems,) if isinstance(problems, str) else tuple(problems)
         super().__init__("\n".join(self.problems))
 
-    def __reduce__(self):  # keeps the problems when a worker process sends the error back
+    # keeps the problems when a worker process sends the error back
+    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...]]]:
         return type(self), (self.problems,)
 
 

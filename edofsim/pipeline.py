@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from torch import Tensor
 
@@ -85,7 +84,7 @@ def run(
     *,
     cache: Path | None = None,
     network: str | Path | None = None,
-    overrule: Mapping[str, Any] | None = None,
+    overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     seed: int = 0,
     device: str = "auto",

@@ -12,9 +12,9 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from . import __version__
+from .core.json_values import Json
 from .errors import InputError
 
 PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "OpenEXR", "colour-science", "trimesh", "scikit-image")
@@ -31,7 +31,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def machine() -> dict[str, Any]:
+def machine() -> dict[str, str | float | None]:
     """Processor, cores that this process may use, memory in GiB, operating system."""
     pages = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     return {
@@ -70,10 +70,10 @@ def record(
     *,
     figures: Mapping[str, float],
     seed: int | None = None,
-    inputs: Mapping[str, Any] | None = None,
-    outputs: Mapping[str, Any] | None = None,
-    **more: Any,
-) -> dict[str, Any]:
+    inputs: Mapping[str, object] | None = None,
+    outputs: Mapping[str, object] | None = None,
+    **more: object,
+) -> Json:
     """The object that `--json` writes. `figures` is flat: a dotted name that ends in its unit or says it."""
     return {
         "command": command,
@@ -87,7 +87,7 @@ def record(
     }
 
 
-def write_record(path: Path, content: Mapping[str, Any]) -> Path:
+def write_record(path: Path, content: Mapping[str, object]) -> Path:
     """Write it as JSON, whole or not at all. Raises InputError where that cannot be."""
     temporary = path.with_name(path.name + f".{os.getpid()}.tmp")
     try:

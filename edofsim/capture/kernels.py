@@ -23,8 +23,11 @@ class Kernels(Protocol):
     for those that carry gradients; folder: where what follows from them may be kept, None for in memory only.
     """
 
-    key: str | None
-    folder: Path | None
+    @property
+    def key(self) -> str | None: ...
+
+    @property
+    def folder(self) -> Path | None: ...
 
     @property
     def nodes(self) -> Tensor: ...

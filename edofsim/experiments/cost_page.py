@@ -85,21 +85,16 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
     def paint(inches: float = WIDE_IN) -> Figure:
         figure = new_figure(inches, 3.4)
         axes = figure.add_subplot()
-        for some, style, label in (
-            (best, {"color": BLUE, "linestyle": "-", "marker": "o"}, "Pareto front"),
-            (
-                [p for p in points if p not in best],
-                {"color": MUTED, "linestyle": "", "marker": "o"},
-                "beaten",
-            ),
-            (
-                [p for p in points if p.chosen],
-                {"color": GREEN, "linestyle": "", "marker": "*", "markersize": 14},
-                "by default",
-            ),
+        for some, colour, line, marker, size, label in (
+            (best, BLUE, "-", "o", None, "Pareto front"),
+            ([p for p in points if p not in best], MUTED, "", "o", None, "beaten"),
+            ([p for p in points if p.chosen], GREEN, "", "*", 14, "by default"),
         ):
             if some:
-                axes.plot([p.seconds for p in some], [p.value * scale for p in some], label=label, **style)
+                axes.plot(
+                    [p.seconds for p in some], [p.value * scale for p in some], label=label,
+                    color=colour, linestyle=line, marker=marker, markersize=size,
+                )  # fmt: skip
         for index, point in enumerate(points):
             axes.annotate(
                 point.name, (point.seconds, point.value * scale), xytext=(7, 4 if index % 2 else -11),

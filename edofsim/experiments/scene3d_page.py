@@ -106,7 +106,7 @@ def overview_page(
     if outcome.failed:
         problems = [f"{name}: {text}" for name, texts in outcome.failed.items() for text in texts]
         head.append(Notes((f"Left out of all that follows, {len(outcome.failed)} scenes:", *problems)))
-    sections = []
+    sections: list[Section] = []
     for network in networks:
         of = f" ({network})" if len(networks) > 1 else ""
         every = outcome.measured
@@ -140,9 +140,9 @@ def strip(truth: torch.Tensor, alone: Taken, restored: torch.Tensor, name: str) 
 
 def card(measured: Measured, network: str, href: str, title: str, png: Path) -> Link:
     """A card that leads to a scene's page; png: the file with its `strip`, left out where it is missing."""
-    row, gain = measured.score(OURS, network, "restored"), measured.gain(OURS, network)
+    restored, gain = _mean([measured], OURS, network, "restored"), measured.gain(OURS, network)
     side = "above" if gain >= 0 else "below"
-    text = f"{decibels(row.psnr_db)} restored, {decibels(abs(gain))} {side} the lens alone"
+    text = f"{decibels(restored)} restored, {decibels(abs(gain))} {side} the lens alone"
     if not png.is_file():
         return Link(href, title, text)
     content = png.read_bytes()
@@ -162,8 +162,8 @@ def _keys(outcome: Outcome, network: str) -> list[Key]:
         Key("Above the lens alone, mean", number(mean(m.gain(OURS, network) for m in every)), "dB", "ours"),
     ]  # fmt: skip
     if low is not None:
-        row = low.score(OURS, network, "restored")
-        keys.append(Key("Worst scene", number(row.psnr_db), "dB", low.scene))
+        worst_db = _mean([low], OURS, network, "restored")
+        keys.append(Key("Worst scene", number(worst_db), "dB", low.scene))
     return keys
 
 
@@ -180,7 +180,9 @@ def scores_table(every: Sequence[Measured], network: str) -> Table:
     names = ("Scene", "Lens alone", "Restored", "Gain", "Lens alone, paper's", "Restored, paper's")
     columns = [Column(name) for name in (*names, "Photo", "Wiener", "Mean level", "Render noise")]
 
-    def line(name: str, cells: list[Row | None], gain: float, mean_level: float, noise: float) -> tuple:
+    def line(
+        name: str, cells: Sequence[Row | Score | None], gain: float, mean_level: float, noise: float
+    ) -> tuple[str, ...]:
         shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
         return (name, *shown[:2], number(gain), *shown[2:], number(mean_level, 2), number(noise, 0))
 
@@ -255,7 +257,7 @@ def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
         columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
     rows = []
     for way in _ways([measured], network):
-        cells = []
+        cells: list[Row | None] = []
         for region in (NEAR_EDGES, AWAY):
             cells += [measured.score(way.name, LENS_ALONE, "photo", region)]
             cells += [measured.score(way.name, network, "restored", region)]

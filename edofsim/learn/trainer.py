@@ -6,7 +6,7 @@ import json
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -362,7 +362,7 @@ def _told(recipe: TrainRecipe) -> dict[str, Any]:
 
 
 @contextmanager
-def _denormals_flushed() -> Iterator[None]:
+def _denormals_flushed() -> Generator[None]:
     """Numbers below the normal range count as 0: channels that die shrink into it, and steps took ten times
     as long. Threads that are started within inherit the setting."""
     torch.set_flush_denormal(True)
@@ -373,7 +373,7 @@ def _denormals_flushed() -> Iterator[None]:
 
 
 @contextmanager
-def _stoppable() -> Iterator[list[int]]:
+def _stoppable() -> Generator[list[int]]:
     """Ctrl-C and SIGTERM ask for an end after the step; a second Ctrl-C ends at once."""
     asked: list[int] = []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -52,7 +52,7 @@ class Workers:
 
 
 @contextmanager
-def join_workers(device: str, wanted: str = "auto") -> Iterator[Workers]:
+def join_workers(device: str, wanted: str = "auto") -> Generator[Workers]:
     """The processes of this training. device: from the command line, `wanted`: from the recipe; the first
     that is not auto counts. Raises InputError where CUDA is asked for and there is none."""
     rank, count = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))

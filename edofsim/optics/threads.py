@@ -7,7 +7,7 @@ slowest, every time; on a machine that others use too that costs more than it ga
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
@@ -45,7 +45,7 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def one_thread() -> Generator[None]:
     """All work of this process on one thread, for timings in seconds of the processor."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
@@ -56,7 +56,7 @@ def one_thread() -> Iterator[None]:
 
 
 @contextmanager
-def _one_thread_an_operation() -> Iterator[None]:
+def _one_thread_an_operation() -> Generator[None]:
     """PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
     global _users, _threads
     with _lock:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from .base import NotNegative, Positive, RecipeModel
 
-PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+PRESETS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "paper-device": {
             "pitch_um": 3.0,
@@ -49,7 +49,7 @@ class Fabrication(RecipeModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_preset(cls, data: Any) -> Any:
+    def _fill_preset(cls, data: object) -> object:
         if isinstance(data, Mapping) and data.get("preset") in PRESETS:
             return {**PRESETS[data["preset"]], **data}
         return data

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 from pydantic import Field, model_validator
 
 from .base import Fraction, RecipeModel
 
 Range = tuple[float, float]
+# checked where it is put into the members' recipes
+TomlValue: TypeAlias = Any  # pyrefly: ignore[explicit-any]
 
 
 class Vary(RecipeModel):
@@ -27,7 +29,7 @@ class Vary(RecipeModel):
     log_uniform: Range | None = None
     normal: Range | None = None
     integer: tuple[int, int] | None = None
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
+    choice: Annotated[tuple[TomlValue, ...], Field(min_length=1)] | None = None
     present: Fraction | None = None
 
     @model_validator(mode="after")

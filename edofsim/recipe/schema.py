@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel
+
+from ..core.json_values import Json
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def json_schema(model: type[BaseModel], title: str) -> dict[str, Any]:
+def json_schema(model: type[BaseModel], title: str) -> Json:
     """JSON Schema (draft 2020-12) of a recipe model."""
     return {"$schema": DIALECT, **model.model_json_schema(by_alias=True), "title": title}
 

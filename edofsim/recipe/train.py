@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ..core.json_values import Json
 from .base import Fraction, NotNegative, Positive, RecipeModel
 from .camera import PsfSettings
 from .kinds import AnyMask
@@ -21,7 +22,7 @@ class NetworkTable(RecipeModel):
     CVPR 2022)."""
 
     kind: Literal["dcnn", "local-unet", "filter-bank", "wiener"] = "dcnn"
-    settings: dict[str, Any] = {}
+    settings: Json = {}
     start: str | None = None
     start_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
 

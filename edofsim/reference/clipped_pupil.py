@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -33,6 +34,9 @@ from ..scene.model import SceneModel
 from .clipped_psf import clipped_psf, make_transform, shadow
 from .pinhole import Crop, pixel_directions
 from .visibility import PLACES, first_hits, places_of, pupil_points, visible
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 Progress = Callable[[float, str], None]
 
@@ -196,9 +200,9 @@ def _spread(pixel: np.ndarray, columns: int) -> np.ndarray:
 
 
 def _places(
-    mi: Any,
-    scene: Any,
-    at: Callable[..., np.ndarray],
+    mi: ModuleType,
+    scene: mi.Scene,
+    at: Callable[[np.ndarray, np.ndarray], np.ndarray],
     depth: np.ndarray,
     hidden: np.ndarray,
     spread: np.ndarray,

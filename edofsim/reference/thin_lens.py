@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -15,6 +16,11 @@ from ..render.engine import use_engine
 from ..render.view import View
 from ..scene.model import SceneModel
 from .pinhole import Crop
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from ..render.translate import Stage
 
 Progress = Callable[[float, str], None]
 
@@ -67,7 +73,7 @@ def thin_lens(
     return torch.from_numpy(image.reshape(bands, where.height, where.width))
 
 
-def _sensor(mi: Any, view: View, aperture_radius: float, distance: float) -> Any:
+def _sensor(mi: ModuleType, view: View, aperture_radius: float, distance: float) -> mi.Sensor:
     """Mitsuba's thin lens that looks along z, with the view's frame as film."""
     film = {"type": "hdrfilm", "width": view.width, "height": view.height, "rfilter": {"type": "box"}}
     angle = math.degrees(2 * math.atan(view.width / 2 * view.pixel_angle))
@@ -87,9 +93,9 @@ def _sensor(mi: Any, view: View, aperture_radius: float, distance: float) -> Any
 
 
 def _render(
-    mi: Any,
-    stage: Any,
-    sensor: Any,
+    mi: ModuleType,
+    stage: Stage,
+    sensor: mi.Sensor,
     view: View,
     where: Crop,
     samples: int,

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 DEPTH_SLACK = 0.01
 """A surface nearer by less than this, in 1/m, is the fragment's own: a third of a pixel of blur."""
@@ -26,8 +30,8 @@ def pupil_points(count: int, radius: float) -> np.ndarray:
 
 
 def visible(
-    mi: Any,
-    scene: Any,
+    mi: ModuleType,
+    scene: mi.Scene,
     directions: np.ndarray,
     inverse_depth: np.ndarray,
     points: np.ndarray,
@@ -58,8 +62,8 @@ def visible(
 
 
 def _gaps(
-    mi: Any,
-    scene: Any,
+    mi: ModuleType,
+    scene: mi.Scene,
     directions: np.ndarray,
     inverse_depth: np.ndarray,
     points: np.ndarray,
@@ -69,7 +73,7 @@ def _gaps(
     [n, m]. shift: of all points of a fragment, [n, 2]."""
     import drjit as dr
 
-    def floats(values: np.ndarray) -> Any:
+    def floats(values: np.ndarray) -> mi.Float:
         return mi.Float(np.ascontiguousarray(values, np.float32))
 
     count = len(points)
@@ -77,7 +81,7 @@ def _gaps(
     fragment = lane // dr.opaque(mi.UInt32, count)
     point = lane - fragment * dr.opaque(mi.UInt32, count)
 
-    def of_fragment(values: np.ndarray) -> Any:
+    def of_fragment(values: np.ndarray) -> mi.Float:
         return dr.gather(mi.Float, floats(values), fragment)
 
     s = dr.gather(mi.Float, floats(points[:, 0]), point) + of_fragment(shift[:, 0])
@@ -94,8 +98,8 @@ def _gaps(
 
 
 def places_of(
-    mi: Any,
-    scene: Any,
+    mi: ModuleType,
+    scene: mi.Scene,
     at: Callable[[float, float], np.ndarray],
     inverse_depth: np.ndarray,
     hidden: np.ndarray,
@@ -115,7 +119,7 @@ def places_of(
 
 
 def _meets(
-    mi: Any, scene: Any, directions: np.ndarray, inverse_depth: np.ndarray, hidden: np.ndarray
+    mi: ModuleType, scene: mi.Scene, directions: np.ndarray, inverse_depth: np.ndarray, hidden: np.ndarray
 ) -> np.ndarray:
     """Whether rays through the pinhole meet a surface at a depth: first (visible), or later (hidden)."""
     slack = 2 * DEPTH_SLACK
@@ -133,12 +137,12 @@ def _meets(
     return met
 
 
-def first_hits(mi: Any, scene: Any, directions: np.ndarray) -> np.ndarray:
+def first_hits(mi: ModuleType, scene: mi.Scene, directions: np.ndarray) -> np.ndarray:
     """Inverse depth of what rays through the pinhole meet first, 0 for nothing: float64 [n]."""
     return _hits(mi, scene, np.zeros((len(directions), 3)), directions)
 
 
-def _hits(mi: Any, scene: Any, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _hits(mi: ModuleType, scene: mi.Scene, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Inverse depth of the first surface along rays whose direction has z = 1, 0 for none: float64 [n]."""
     length = np.linalg.norm(direction, axis=1)
     unit = direction / length[:, None]

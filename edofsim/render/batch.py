@@ -12,13 +12,14 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from multiprocessing import Queue
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 from ..errors import EdofsimError, EngineError, InputError
 from ..recipe.scene import SceneRecipe
@@ -27,6 +28,7 @@ from .engine import set_threads, thread_count
 from .fetch import fetch, place_of
 
 Progress = Callable[[float, str], None]
+Messages: TypeAlias = "Queue[tuple[int, float]]"
 
 VIEWS_A_WORKER = 8
 """Then a worker makes way for a new one: Mitsuba's memory grows with every scene."""
@@ -91,7 +93,7 @@ class Batch:
         self.say = say
         self.outcomes: dict[int, Outcome] = {}
         self.parts: dict[int, float] = {}
-        self.messages: Any = None
+        self.messages: Messages | None = None
         self.started = time.perf_counter()
 
     def render(self, jobs: int, cluster: str | None) -> None:
@@ -120,7 +122,9 @@ class Batch:
         No more than `at_once` are handed over: a pool whose workers find a backlog when they make way for new
         ones stops for ever (CPython, issue 115634).
         """
-        todo, waiting, suspects = deque(numbers), {}, []
+        todo = deque(numbers)
+        waiting: dict[Future[Outcome], int] = {}
+        suspects: list[int] = []
         try:
             while todo or waiting:
                 try:
@@ -146,7 +150,7 @@ class Batch:
             raise
         return suspects
 
-    def _outcome(self, number: int, future: Future) -> Outcome:
+    def _outcome(self, number: int, future: Future[Outcome]) -> Outcome:
         try:
             return future.result()
         except (store.DiskFullError, EngineError, BrokenProcessPool):
@@ -190,7 +194,7 @@ class Batch:
             self.messages.close()
 
     @contextmanager
-    def _pool(self, jobs: int) -> Iterator[Executor]:
+    def _pool(self, jobs: int) -> Generator[Executor]:
         context = multiprocessing.get_context("spawn")
         self.messages = self.messages or context.Queue()
         threads = max(1, thread_count() // jobs)
@@ -214,7 +218,7 @@ def _killed_worker() -> tuple[type[Exception], ...]:
 
 
 @contextmanager
-def _dask(address: str) -> Iterator[Executor]:
+def _dask(address: str) -> Generator[Executor]:
     try:
         from distributed import Client
     except ImportError as error:
@@ -229,11 +233,11 @@ def _dask(address: str) -> Iterator[Executor]:
         yield client.get_executor(pure=False)
 
 
-_messages: Any = None
+_messages: Messages | None = None
 _one_at_a_time = threading.Lock()
 
 
-def _start_worker(threads: int, messages: Any) -> None:
+def _start_worker(threads: int, messages: Messages) -> None:
     global _messages
     _messages = messages
     set_threads(threads)

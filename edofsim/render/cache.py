@@ -15,15 +15,15 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 from filelock import FileLock, Timeout
 
+from ..core.json_values import Json
 from ..errors import EdofsimError, InputError
 from .exr import read_view, write_view
 from .view import View
@@ -72,7 +72,7 @@ class Entry:
     scene: str
     bytes: int
     used: float
-    record: dict[str, Any]
+    record: Json
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def set_aside(path: Path) -> Path:
     return aside
 
 
-def store(place: Place, view: View, recipe: dict[str, Any], record: dict[str, Any]) -> View:
+def store(place: Place, view: View, recipe: Json, record: Json) -> View:
     """Write an entry and return the view as it will be read: the same the first time and from the cache.
 
     Raises DiskFullError, or EdofsimError if the disk fails otherwise.
@@ -208,7 +208,7 @@ def _sync(path: Path) -> None:
 
 
 @contextmanager
-def locked(place: Place, waiting: Any = None) -> Iterator[None]:
+def locked(place: Place, waiting: Callable[[], None] | None = None) -> Generator[None]:
     """Hold a key; calls `waiting()` once if another process holds it. A process that dies lets go."""
     lock = FileLock(str(place.file("lock")))
     try:
@@ -239,7 +239,8 @@ def ls(folder: Path) -> list[Entry]:
 
 def verify(folder: Path) -> Verified:
     """Read every entry and set aside what is not as it was written."""
-    good, damaged = 0, []
+    good = 0
+    damaged: list[Path] = []
     for path in sorted(folder.glob("*.exr")):
         if _damage(path):
             damaged.append(set_aside(path))

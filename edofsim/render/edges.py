@@ -73,7 +73,9 @@ def _bounded(
 
 
 @dr.syntax
-def _search(table, offsets, needed, place, level, first):
+def _search(
+    table: mi.Float, offsets: mi.Int32, needed: mi.Float, place: mi.UInt32, level: mi.Float, first: mi.UInt32
+) -> mi.Bool:
     """Whether table[place + offset] is below level by more than what is needed there, for any offset
     from number `first` on."""
     count = dr.opaque(mi.UInt32, dr.width(offsets))

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
+from typing import TypedDict
 
 import platformdirs
 
@@ -50,6 +51,14 @@ assert 0.01 < value < 10, f"the probe image has mean {value}"
 if sys.argv[1].startswith("llvm"):
     print("LLVM", dr.detail.llvm_version())
 """
+
+
+class Tried(TypedDict):
+    """What came of a candidate, as it is remembered."""
+
+    works: bool
+    version: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -152,7 +161,7 @@ def find_engines(*, again: bool = False) -> tuple[EngineProbe, ...]:
     ]
     if missing:
         with ThreadPoolExecutor(max_workers=2) as pool:
-            outcomes = list(pool.map(lambda item: _try_engine(item[1], item[2]), missing))
+            outcomes = list(pool.map(_try_engine, *zip(*(found[1:] for found in missing), strict=True)))
         remembered |= {key: outcome for (key, _, _), outcome in zip(missing, outcomes, strict=True)}
         _save_memory(remembered)
     return tuple(
@@ -172,7 +181,7 @@ def _file_version(variant: str, library: str) -> str:
     return ".".join(map(str, llvm_version(Path(library)))) if variant == LLVM_VARIANT else ""
 
 
-def _try_engine(variant: str, library: str) -> dict[str, object]:
+def _try_engine(variant: str, library: str) -> Tried:
     """Render the probe image in a child process: {"works", "version", "reason"}."""
     environment = dict(os.environ)
     if variant == LLVM_VARIANT:
@@ -224,7 +233,7 @@ def _memory_key(variant: str, library: str) -> str:
     return "|".join(parts)
 
 
-def _load_memory() -> dict[str, dict]:
+def _load_memory() -> dict[str, Tried]:
     try:
         memory = json.loads(_memory_file().read_text(encoding="utf-8"))
         return {key: value for key, value in memory.items() if {"works", "version", "reason"} <= value.keys()}
@@ -232,7 +241,7 @@ def _load_memory() -> dict[str, dict]:
         return {}
 
 
-def _save_memory(memory: dict[str, dict]) -> None:
+def _save_memory(memory: dict[str, Tried]) -> None:
     """Remember; a folder that cannot be written only costs the probes again next time."""
     file = _memory_file()
     try:

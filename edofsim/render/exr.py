@@ -21,12 +21,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from ..core.json_values import Json
 from .view import View
+
+if TYPE_CHECKING:
+    import OpenEXR
 
 LARGEST = 30000.0
 """Stored numbers stay below this; half float ends at 65504."""
@@ -52,7 +56,7 @@ def exposure_value(radiance: torch.Tensor) -> float:
     return float(np.ceil(np.log2(peak / LARGEST)))
 
 
-def write_view(path: Path, view: View, recipe: dict[str, Any] | None = None) -> None:
+def write_view(path: Path, view: View, recipe: Json | None = None) -> None:
     """Write a view. recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be
     written."""
     import OpenEXR
@@ -143,7 +147,7 @@ def read_view(path: Path) -> View:
         raise ValueError(f"{path} is not a readable view: {error}") from error
 
 
-def _view_of(file: Any) -> View:
+def _view_of(file: OpenEXR.File) -> View:
     """The view in an open file; any kind of error for one that is damaged."""
     image, table = file.parts
     header = image.header

@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from ..core.json_values import Json
 from ..recipe.scene import SceneRecipe
 from ..recipe.sources import CubeSource, RgbdSource
 from . import cache as store
@@ -104,7 +104,7 @@ def _rendered(
     return stored
 
 
-def run_of(recipe: SceneRecipe, base: Path, cache: Path | None = None) -> dict[str, Any] | None:
+def run_of(recipe: SceneRecipe, base: Path, cache: Path | None = None) -> Json | None:
     """What the entry of a view says of its rendering (`seconds` by stage, `last_pass_seconds`, `threads`,
     `host`); None where it does not say."""
     try:

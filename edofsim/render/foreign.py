@@ -11,7 +11,8 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,11 @@ from ..scene.foreign.nodes import Node, read_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.model import TriangleMesh
 from .translate import CLOSED, FIELDS, is_closed, registry_table
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+    from .rays import Lens, Samples
 
 WAVELENGTHS_A_PATH = 4
 INTEGRATORS = ("PathIntegrator", "VolumetricPathIntegrator", "VolpathMisIntegratorImpl", "DirectIntegrator")
@@ -36,37 +42,37 @@ class ForeignStage:
     scene's world to camera space in metres; objects, object_of: see `translate.Stage`.
     """
 
-    scene: Any
-    integrator: Any
+    scene: mi.Scene
+    integrator: mi.SamplingIntegrator
     wavelengths: np.ndarray
     to_camera: np.ndarray
-    objects: Any
-    object_of: Any
+    objects: mi.UInt32
+    object_of: mi.UInt32
 
     @property
     def bands(self) -> int:
         return len(self.wavelengths)
 
-    def in_world(self, ray: Any) -> Any:
+    def in_world(self, ray: mi.Ray3f) -> mi.Ray3f:
         """A ray of camera space in the scene's world."""
         import drjit as dr
         import mitsuba as mi
 
         back = np.linalg.inv(self.to_camera)
 
-        def turned(v: Any) -> list[Any]:
+        def turned(v: mi.Point3f | mi.Vector3f) -> list[mi.Float]:
             return [sum(float(back[i, j]) * v[j] for j in range(3)) for i in range(3)]
 
         origin = [moved + float(back[i, 3]) for i, moved in enumerate(turned(ray.o))]
         return mi.Ray3f(mi.Point3f(*origin), dr.normalize(mi.Vector3f(*turned(ray.d))))
 
-    def depth_of(self, point: Any) -> Any:
+    def depth_of(self, point: mi.Point3f) -> mi.Float:
         """Depth along the axis in metres of a point of the world."""
         x, y, z, shift = (float(value) for value in self.to_camera[2])
         return point.x * x + point.y * y + point.z * z + shift
 
 
-def load_foreign(mi: Any, recipe: SceneRecipe, base: Path) -> ForeignStage:
+def load_foreign(mi: ModuleType, recipe: SceneRecipe, base: Path) -> ForeignStage:
     """Load the Mitsuba scene that a recipe names into the active spectral variant.
 
     Raises InputError for files that are missing or outside the scene's folder, for a scene that Mitsuba
@@ -109,7 +115,7 @@ def load_foreign(mi: Any, recipe: SceneRecipe, base: Path) -> ForeignStage:
     )
 
 
-def _closed(shape: Any) -> bool:
+def _closed(shape: mi.Shape) -> bool:
     if not shape.is_mesh():
         return shape.class_name() == "Sphere"
     vertices = np.array(shape.vertex_positions_buffer(), np.float32).reshape(-1, 3)
@@ -130,19 +136,21 @@ def _all_nodes(node: Node) -> Iterator[Node]:
         yield from _all_nodes(part)
 
 
-def _absolute(mi: Any, data: Any, folder: Path) -> Any:
+def _absolute(mi: ModuleType, data: object, folder: Path) -> object:
     """The dictionary of `load_dict` from JSON: file names made absolute, 4 x 4 lists made transforms."""
     if isinstance(data, list) and np.shape(data) == (4, 4):
         return mi.ScalarTransform4f(np.array(data, np.float64))
     if isinstance(data, dict):
         named = {key: _absolute(mi, value, folder) for key, value in data.items()}
-        if isinstance(named.get("filename"), str):
-            named["filename"] = str((folder / named["filename"]).resolve())
+        if isinstance(filename := named.get("filename"), str):
+            named["filename"] = str((folder / filename).resolve())
         return named
     return data
 
 
-def trace(stage: ForeignStage, lens: Any, samples: Any, gap: float, max_depth: int) -> tuple[Any, Any, Any]:
+def trace(
+    stage: ForeignStage, lens: Lens, samples: Samples, gap: float, max_depth: int
+) -> tuple[mi.ArrayXf, mi.Float, mi.Bool]:
     """As `paths.trace`, by the scene's integrator, which has its own max_depth.
 
     Mitsuba's samplers count on from a seed for a whole launch, so here random numbers follow from the launch
@@ -164,7 +172,7 @@ def trace(stage: ForeignStage, lens: Any, samples: Any, gap: float, max_depth: i
     start = combined(mi.UInt32(samples.seed), mi.UInt32(samples.number * 8 + samples.layer))
     seed = int(combined(start, dr.sum(samples.pixels))[0])
     nanometres = stage.wavelengths * 1e9
-    radiance = []
+    radiance: list[mi.Float] = []
     for group in range(0, stage.bands, WAVELENGTHS_A_PATH):
         centres = [float(nanometres[min(group + k, stage.bands - 1)]) for k in range(WAVELENGTHS_A_PATH)]
         sampler = mi.load_dict({"type": "independent"})

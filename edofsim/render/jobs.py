@@ -99,7 +99,8 @@ def forecast(
 def _rates(folder: Path) -> tuple[float, float, bool]:
     """Thread seconds a sample and bytes a value, medians over what this machine rendered before."""
     host = platform.node()
-    seconds, sizes = [], []
+    seconds: list[float] = []
+    sizes: list[int] = []
     for entry in store.ls(folder)[:200]:
         try:
             record = entry.record

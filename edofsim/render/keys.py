@@ -8,8 +8,8 @@ import re
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
+from ..core.json_values import Json
 from ..recipe.scene import SceneRecipe
 from .settings import INTEGRATOR
 
@@ -20,7 +20,7 @@ LIBRARIES = ("mitsuba", "drjit", "colour-science", "scikit-image", "trimesh")
 """Their versions decide pixels: they trace, or they bring spectra, photographs and meshes."""
 
 
-def canonical(recipe: SceneRecipe) -> dict[str, Any]:
+def canonical(recipe: SceneRecipe) -> Json:
     """A recipe as JSON-able data, defaults filled in; independent of how and in which order it was
     written."""
     data = recipe.model_dump(mode="json")
@@ -52,7 +52,7 @@ def scene_code() -> str:
     return digest.hexdigest()
 
 
-def named_files(data: Any, base: Path) -> dict[str, str]:
+def named_files(data: object, base: Path) -> dict[str, str]:
     """Checksums of all files that strings in a recipe name, by that string (folders: of all that is in
     them)."""
     found: dict[str, str] = {}
@@ -82,7 +82,7 @@ def named_files(data: Any, base: Path) -> dict[str, str]:
     return found
 
 
-def _strings(data: Any) -> list[str]:
+def _strings(data: object) -> list[str]:
     if isinstance(data, str):
         return [data]
     if isinstance(data, dict):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import load, save
 
+from ..core.json_values import Json
 from .passes import LAUNCH_BYTES, Group, Sums
 
 MAGIC = b"edofsim-sums-1\n"
@@ -45,10 +46,11 @@ def load_partial(path: Path, groups: tuple[Group, ...], bands: int) -> Sums | No
     ):
         return None
     data = content[start:]
-    arrays = {name: np.array(value) for name, value in load(data).items()}
+    arrays: dict[str, np.ndarray] = {name: np.array(value) for name, value in load(data).items()}
     header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
     counters = json.loads(header["__metadata__"]["counters"])
     expected = {name: value.shape for name, value in Sums.empty(groups, bands).arrays().items()}
     if counters.pop("launch_bytes") != LAUNCH_BYTES or {k: v.shape for k, v in arrays.items()} != expected:
         return None
-    return Sums(**arrays, **counters)
+    known: Json = {**arrays, **counters}
+    return Sums(**known)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -129,7 +128,7 @@ class Sums:
             name: getattr(self, name) for name in ("radiance", "count", "inverse_depth", "first", "second")
         }
 
-    def counters(self) -> dict[str, Any]:
+    def counters(self) -> dict[str, float]:
         """How far they are, by name."""
         return {name: getattr(self, name) for name in ("launches", "passes", "samples", "broken", "seconds")}
 

@@ -8,14 +8,24 @@ the noise of the bands is correlated and spectra stay smooth.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
 from .rays import Lens, Samples, behind, camera_rays
 from .sampling import combined, pair
-from .translate import BASIS, CARRIER, FIELDS, HEIGHT, INDEX, REPEATS, ROWS, TEXTURE, WIDTH, Stage
+from .translate import (
+    BASIS,
+    CARRIER,
+    FIELDS,
+    HEIGHT,
+    INDEX,
+    REPEATS,
+    ROWS,
+    TEXTURE,
+    WIDTH,
+    FewLights,
+    Stage,
+)
 
 HERO = 0xB0
 """Names the random numbers that choose a path's own band."""
@@ -24,7 +34,9 @@ ROULETTE_DEPTH = 6
 """Paths longer than this end at random, by their brightest band; shorter ones never do."""
 
 
-def trace(stage: Stage, lens: Lens, samples: Samples, gap: float, max_depth: int) -> tuple[Any, Any, Any]:
+def trace(
+    stage: Stage, lens: Lens, samples: Samples, gap: float, max_depth: int
+) -> tuple[mi.ArrayXf, mi.Float, mi.Bool]:
     """Radiance [band, sample], inverse depth [sample], and whether there is a surface to see [sample].
 
     Layer 0 is what the pinhole sees; layer n is what it would see if the first n surfaces of each ray were
@@ -41,7 +53,9 @@ def trace(stage: Stage, lens: Lens, samples: Samples, gap: float, max_depth: int
 
 
 @dr.syntax
-def walk(stage, ray, index, seed, active, max_depth):
+def walk(
+    stage: Stage, ray: mi.Ray3f, index: mi.UInt32, seed: mi.UInt32, active: mi.Bool, max_depth: mi.UInt32
+) -> tuple[mi.ArrayXf, mi.Float]:
     """Radiance [band, sample] along given rays and inverse depth [sample] of what they meet first.
 
     index, seed: UInt32 [sample], what the paths' random numbers follow from; active: Bool [sample], rays that
@@ -118,19 +132,19 @@ def walk(stage, ray, index, seed, active, max_depth):
     return radiance, inverse_depth
 
 
-def affine(rho: Any, carried: Any) -> Any:
+def affine(rho: mi.ArrayXf, carried: mi.Color3f) -> mi.ArrayXf:
     """f(band) = f0 + rho(band) (f1 - f0), from a BSDF's values with the carrier as reflectance."""
     return dr.fma(rho, carried[1] - carried[0], carried[0])
 
 
-def spectrum(stage: Stage, row: Any, active: Any) -> Any:
+def spectrum(stage: Stage, row: mi.UInt32, active: mi.Bool) -> mi.ArrayXf:
     """One row of the table of spectra, [band, lane]."""
     packets = dr.gather(mi.ArrayXf, stage.spectra, row, active, shape=(stage.stride, dr.width(row)))
     return mi.ArrayXf([packets[band] for band in range(stage.bands)])
 
 
 @dr.syntax
-def mixed(stage, row, coefficients, active):
+def mixed(stage: Stage, row: mi.UInt32, coefficients: list[mi.Float], active: mi.Bool) -> mi.ArrayXf:
     """sum_j coefficient_j spectrum(row + j), [band, lane]; what no lane has any of is not looked up."""
     total = spectrum(stage, row, active) * coefficients[0]
     for j in range(1, ROWS):
@@ -141,13 +155,13 @@ def mixed(stage, row, coefficients, active):
     return total
 
 
-def object_fields(stage: Stage, si: Any, active: Any) -> Any:
+def object_fields(stage: Stage, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.ArrayXu:
     """The table's entry of what was hit, [field, lane]."""
     row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), active)
     return dr.gather(mi.ArrayXu, stage.objects, row, active, shape=(FIELDS, dr.width(row)))
 
 
-def reflectance(stage: Stage, fields: Any, uv: Any, active: Any) -> Any:
+def reflectance(stage: Stage, fields: mi.ArrayXu, uv: mi.Point2f, active: mi.Bool) -> mi.ArrayXf:
     """Reflectance of what was hit, [band, lane]."""
     if not stage.has_textures:
         return spectrum(stage, fields[BASIS], active)
@@ -157,7 +171,9 @@ def reflectance(stage: Stage, fields: Any, uv: Any, active: Any) -> Any:
     return mixed(stage, fields[BASIS], coefficients, active)
 
 
-def refracted(stage: Stage, row: Any, hero: Any, wi: Any, choice: Any, active: Any) -> tuple[Any, Any]:
+def refracted(
+    stage: Stage, row: mi.UInt32, hero: mi.UInt32, wi: mi.Vector3f, choice: mi.Float, active: mi.Bool
+) -> tuple[mi.Vector3f, mi.Color3f]:
     """Direction behind a smooth interface whose index is that of band `hero`, and the carrier's weight.
 
     Reflection is chosen with Fresnel's probability; radiance that passes scales with the index squared.
@@ -169,7 +185,7 @@ def refracted(stage: Stage, row: Any, hero: Any, wi: Any, choice: Any, active: A
     return toward, dr.select(mirrors, mi.Color3f(1.0), mi.Color3f(*CARRIER) * dr.square(into))
 
 
-def in_band(throughput: Any, hero: Any, chosen: Any) -> Any:
+def in_band(throughput: mi.ArrayXf, hero: mi.UInt32, chosen: mi.Bool) -> mi.ArrayXf:
     """Where `chosen`, all of a path's light in one band: its throughput times the number of bands."""
     bands = len(throughput)
     return mi.ArrayXf(
@@ -180,7 +196,7 @@ def in_band(throughput: Any, hero: Any, chosen: Any) -> Any:
     )
 
 
-def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:
+def light(stage: Stage, emitter: mi.EmitterPtr, direction: mi.Vector3f, active: mi.Bool) -> mi.ArrayXf:
     """Radiance of a light towards -direction, [band, lane]."""
     row = dr.gather(mi.UInt32, stage.light_of, dr.reinterpret_array(mi.UInt32, emitter), active)
     fields = dr.gather(mi.ArrayXu, stage.lights, row, active, shape=(FIELDS, dr.width(row)))
@@ -194,7 +210,7 @@ def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:
         texel = texel_at(stage, fields, uv, mi.Bool(True), mi.Bool(False), sky)
         coefficients = [dr.select(sky, texel[j], 1.0 if j == 0 else 0.0) for j in range(ROWS)]
     if stage.few_lights is not None:
-        radiance = mixed_constants(stage, fields[BASIS], coefficients, active)
+        radiance = mixed_constants(stage.few_lights, stage.bands, fields[BASIS], coefficients, active)
     elif stage.has_sky_image:
         radiance = mixed(stage, fields[BASIS], coefficients, active)
     else:
@@ -203,10 +219,12 @@ def light(stage: Stage, emitter: Any, direction: Any, active: Any) -> Any:
     return dr.maximum(radiance, 0.0) if stage.has_sky_image else radiance
 
 
-def mixed_constants(stage: Stage, row: Any, coefficients: list[Any], active: Any) -> Any:
+def mixed_constants(
+    lights: FewLights, bands: int, row: mi.UInt32, coefficients: list[mi.Float], active: mi.Bool
+) -> mi.ArrayXf:
     """As `mixed`, of the spectra that are constants of the kernel; the same bits."""
-    total = [mi.Float(0.0)] * stage.bands
-    for base, rows in stage.few_lights:
+    total = [mi.Float(0.0)] * bands
+    for base, rows in lights:
         here = active & (row == base)
         for values, coefficient in zip(rows, coefficients, strict=False):
             share = dr.select(here, coefficient, 0.0)
@@ -214,7 +232,9 @@ def mixed_constants(stage: Stage, row: Any, coefficients: list[Any], active: Any
     return mi.ArrayXf(total)
 
 
-def texel_at(stage: Stage, fields: Any, uv: Any, wrap_u: Any, wrap_v: Any, active: Any) -> Any:
+def texel_at(
+    stage: Stage, fields: mi.ArrayXu, uv: mi.Point2f, wrap_u: mi.Bool, wrap_v: mi.Bool, active: mi.Bool
+) -> mi.Vector4f:
     """Bilinear lookup; v = 1 is the top row. Outside of the unit square it repeats or stays at the edge."""
     width, height = mi.Float(fields[WIDTH]), mi.Float(fields[HEIGHT])
     u = dr.select(wrap_u, uv.x - dr.floor(uv.x), uv.x)
@@ -224,14 +244,14 @@ def texel_at(stage: Stage, fields: Any, uv: Any, wrap_u: Any, wrap_v: Any, activ
     left, top = dr.floor(x), dr.floor(y)
     fx, fy = x - left, y - top
 
-    def index(place: Any, size: Any, wrap: Any) -> Any:
+    def index(place: mi.Float, size: mi.Float, wrap: mi.Bool) -> mi.UInt32:
         around = place - dr.floor(place / size) * size
         return mi.UInt32(dr.clip(dr.select(wrap, around, place), 0, size - 1))
 
     columns = [index(left + k, width, wrap_u) for k in (0, 1)]
     rows = [index(top + k, height, wrap_v) for k in (0, 1)]
 
-    def texel(row: Any, column: Any) -> Any:
+    def texel(row: mi.UInt32, column: mi.UInt32) -> mi.Vector4f:
         return dr.gather(mi.Vector4f, stage.texels, fields[TEXTURE] + row * fields[WIDTH] + column, active)
 
     upper = dr.lerp(texel(rows[0], columns[0]), texel(rows[0], columns[1]), fx)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
 
 from .sampling import combined, pair
 from .translate import CLOSED, FIELDS
+
+if TYPE_CHECKING:
+    from .foreign import ForeignStage
+    from .translate import Stage
 
 JITTER, PATH = 1, 2
 """What a pixel's random numbers are used for: its ray must be the same in every layer, its path must not."""
@@ -36,11 +40,11 @@ class Samples:
     each surface that is passed: what lies behind it is looked at only if its inverse depth is above that.
     """
 
-    pixels: Any
+    pixels: mi.UInt32
     count: int
     number: int
     seed: int
-    limits: tuple[Any, ...] = ()
+    limits: tuple[mi.Float, ...] = ()
 
     @property
     def layer(self) -> int:
@@ -57,10 +61,10 @@ class CameraRays:
     """Rays of a launch [pixel * count]: ray; index of the sample within its pass; seed of its path;
     limits."""
 
-    ray: Any
-    index: Any
-    seed: Any
-    limits: tuple[Any, ...]
+    ray: mi.Ray3f
+    index: mi.UInt32
+    seed: mi.UInt32
+    limits: tuple[mi.Float, ...]
 
 
 def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
@@ -88,7 +92,9 @@ def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
 
 
 @dr.syntax
-def behind(stage, ray, limits, gap):
+def behind(
+    stage: Stage | ForeignStage, ray: mi.Ray3f, limits: tuple[mi.Float, ...], gap: mi.Float
+) -> tuple[mi.Ray3f, mi.Bool, mi.Float]:
     """Carry rays on past as many surfaces as there are limits (Float [ray], see `Samples`).
 
     A surface counts if it is farther than the last one by `gap` (in 1/m), and not the inside of a closed

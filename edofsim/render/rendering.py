@@ -6,20 +6,26 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
+from ..core.json_values import Json
 from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
 from .engine import thread_count, use_engine
 from .interrupts import interruptible
 from .partial import load_partial, save_partial
-from .passes import LEAST_PASSES, Group, Sums, groups_of, launches_of, pass_sizes
+from .passes import LEAST_PASSES, Group, Launch, Sums, groups_of, launches_of, pass_sizes
 from .settings import INTEGRATOR, RenderSettings
 from .view import View
+
+if TYPE_CHECKING:
+    from .foreign import ForeignStage
+    from .translate import Stage
 
 Progress = Callable[[float, str], None]
 
@@ -83,11 +89,11 @@ def render_foreign(
 
 
 def render_stage(
-    mi: Any,
-    stage: Any,
+    mi: ModuleType,
+    stage: Stage | ForeignStage,
     wavelengths: np.ndarray,
     settings: RenderSettings,
-    about: Mapping[str, Any],
+    about: Mapping[str, object],
     say: Progress,
     partial: Path | None,
     begun: float,
@@ -127,7 +133,7 @@ def _route(model: SceneModel) -> str:
 
 
 def survey_layers(
-    stage: Any, settings: RenderSettings, progress: Progress
+    stage: Stage | ForeignStage, settings: RenderSettings, progress: Progress
 ) -> tuple[list[DepthSurvey], list[np.ndarray], str]:
     """What each layer sees: the visible one, then the hidden ones behind it; the limits of the latter (see
     `rays.Samples`, float32 [pixel of the frame]); and a sentence on them."""
@@ -181,7 +187,7 @@ def _limits(last: DepthSurvey, seen: DepthSurvey, settings: RenderSettings) -> n
 
 
 def take_samples(
-    stage: Any,
+    stage: Stage | ForeignStage,
     settings: RenderSettings,
     groups: tuple[Group, ...],
     sums: Sums,
@@ -243,7 +249,7 @@ class _Clock:
         self.started = time.perf_counter()
         self.first = sums.samples * self.pixels
 
-    def tick(self, launch: Any, sums: Sums) -> None:
+    def tick(self, launch: Launch, sums: Sums) -> None:
         """After a launch."""
         self.done += (launch.stop - launch.start) * launch.samples
         wanted = self.settings.samples
@@ -263,7 +269,7 @@ def assemble(
     settings: RenderSettings,
     groups: tuple[Group, ...],
     sums: Sums,
-    metadata: Mapping[str, Any],
+    metadata: Json,
 ) -> View:
     """Fragments from sums, sorted by pixel and from near to far."""
     pixel = np.concatenate([np.tile(group.pixels, group.surfaces) for group in groups])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -53,7 +52,7 @@ def rgbd_view(source: RgbdSource, recipe: SceneRecipe, base: Path) -> View:
     )
 
 
-def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, Any]]:
+def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, object]]:
     """Inverse depth [y, x] in 1/m without holes, and what is to be said of it. Raises InputError where the
     depth map has another shape than the picture."""
     inverse = depth_maps.read_inverse_depth(source, base)
@@ -64,7 +63,7 @@ def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.nda
         )
     holes = float((~np.isfinite(inverse)).mean())
     filled = depth_maps.fill_holes(inverse, source.holes, f"depth map {source.path!r}")
-    facts: dict[str, Any] = {"holes": holes}
+    facts: dict[str, object] = {"holes": holes}
     if holes:
         way = {"background": "the farther neighbour in the row", "nearest": "the nearest known pixel"}
         facts["holes filled"] = f"{holes:.1%} of the depths, from {way[source.holes]}"
@@ -99,7 +98,11 @@ def mirrored(index: np.ndarray, size: int) -> np.ndarray:
 
 
 def plain_view(
-    recipe: SceneRecipe, radiance: np.ndarray, inverse_depth: np.ndarray, route: str, facts: Mapping[str, Any]
+    recipe: SceneRecipe,
+    radiance: np.ndarray,
+    inverse_depth: np.ndarray,
+    route: str,
+    facts: Mapping[str, object],
 ) -> View:
     """A view of one fragment a pixel. radiance: float32 [band, pixel]; inverse_depth: [y, x] in 1/m."""
     count = inverse_depth.size

@@ -11,14 +11,17 @@ for the Laine-Karras permutation (2021); pairs of dimensions are padded by shuff
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import drjit as dr
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 MIX = 0x9E3779B9
 
 
-def hashed(value: Any) -> Any:
+def hashed(value: mi.UInt32) -> mi.UInt32:
     """A well mixed UInt32 of a UInt32 (C. Wellons' lowbias32)."""
     value = value ^ (value >> 16)
     value = value * 0x7FEB352D
@@ -27,12 +30,12 @@ def hashed(value: Any) -> Any:
     return value ^ (value >> 16)
 
 
-def combined(seed: Any, value: Any) -> Any:
+def combined(seed: mi.UInt32, value: mi.UInt32) -> mi.UInt32:
     """A new UInt32 seed from a seed and something that tells this use of it from others."""
     return hashed((seed ^ hashed(value)) + MIX)
 
 
-def permuted(reversed_bits: Any, seed: Any) -> Any:
+def permuted(reversed_bits: mi.UInt32, seed: mi.UInt32) -> mi.UInt32:
     """Laine-Karras: an Owen scramble of a number whose bits are given in reverse order."""
     x = reversed_bits
     x = x ^ (x * 0x3D20ADEA)
@@ -42,7 +45,7 @@ def permuted(reversed_bits: Any, seed: Any) -> Any:
     return x ^ (x * 0x53A22864)
 
 
-def second_dimension(index: Any) -> Any:
+def second_dimension(index: mi.UInt32) -> mi.UInt32:
     """Bits of the second Sobol dimension of `index`, in reverse order: Pascal's triangle modulo 2."""
     x = index
     for mask, shift in ((0xAAAAAAAA, 1), (0xCCCCCCCC, 2), (0xF0F0F0F0, 4), (0xFF00FF00, 8), (0xFFFF0000, 16)):
@@ -50,12 +53,12 @@ def second_dimension(index: Any) -> Any:
     return x
 
 
-def unit(bits: Any, float_type: type) -> Any:
+def unit(bits: mi.UInt32, float_type: type[mi.Float]) -> mi.Float:
     """A float in [0, 1) of the upper 24 bits."""
     return float_type(bits >> 8) * (1.0 / (1 << 24))
 
 
-def pair(index: Any, seed: Any, float_type: type) -> tuple[Any, Any]:
+def pair(index: mi.UInt32, seed: mi.UInt32, float_type: type[mi.Float]) -> tuple[mi.Float, mi.Float]:
     """Two stratified numbers in [0, 1) for sample `index` of the sequence that `seed` (UInt32) names."""
     shuffled = dr.brev(permuted(dr.brev(index), seed))
     first = permuted(shuffled, hashed(seed + 1))

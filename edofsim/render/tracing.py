@@ -29,7 +29,7 @@ def lens_of(settings: RenderSettings) -> Lens:
 
 
 def depth_tiles(
-    stage: Stage,
+    stage: Stage | ForeignStage,
     settings: RenderSettings,
     pixels: np.ndarray,
     limits: list[np.ndarray],
@@ -41,7 +41,8 @@ def depth_tiles(
     These are the very rays of the first passes (up to SURVEY_SAMPLES samples), so that what is rendered falls
     on the surfaces that were found.
     """
-    sizes, total = [], 0
+    sizes: list[int] = []
+    total = 0
     for size in pass_sizes(settings):
         sizes.append(size)
         total += size
@@ -66,7 +67,7 @@ def _samples(
     return Samples(mi.UInt32(pixels.astype(np.uint32)), count, number, settings.seed, limited)
 
 
-def _depths(stage: Stage, settings: RenderSettings, samples: Samples) -> mi.Float:
+def _depths(stage: Stage | ForeignStage, settings: RenderSettings, samples: Samples) -> mi.Float:
     rays = camera_rays(lens_of(settings), samples)
     ray = stage.in_world(rays.ray)
     if samples.layer == 0:
@@ -76,15 +77,18 @@ def _depths(stage: Stage, settings: RenderSettings, samples: Samples) -> mi.Floa
     return dr.select(exists, inverse_depth, dr.nan)
 
 
-def run_launch(stage: Stage, settings: RenderSettings, group: Group, launch: Launch) -> LaunchResult:
+def run_launch(
+    stage: Stage | ForeignStage, settings: RenderSettings, group: Group, launch: Launch
+) -> LaunchResult:
     """Trace the samples of a launch and sum them by pixel and surface."""
     where = slice(launch.start, launch.stop)
     limits = [limit[where] for limit in group.limits]
     samples = _samples(settings, group.pixels[where], launch.samples, launch.number, limits)
-    trace = foreign.trace if isinstance(stage, ForeignStage) else paths.trace
-    radiance, inverse_depth, exists = trace(
-        stage, lens_of(settings), samples, settings.gap, settings.max_depth
-    )
+    lens, gap, depth = lens_of(settings), settings.gap, settings.max_depth
+    if isinstance(stage, ForeignStage):
+        radiance, inverse_depth, exists = foreign.trace(stage, lens, samples, gap, depth)
+    else:
+        radiance, inverse_depth, exists = paths.trace(stage, lens, samples, gap, depth)
     finite = dr.isfinite(dr.sum(radiance))
     broken = dr.select(exists & ~finite, mi.UInt32(1), mi.UInt32(0))
     radiance = dr.select(exists & finite, radiance, 0.0)

@@ -11,12 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..core.json_values import Json
 from ..errors import InputError
 from ..scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
+
+if TYPE_CHECKING:
+    import mitsuba as mi
 
 CARRIER = (0.0, 1.0, 0.5)
 ROWS = 3
@@ -34,6 +39,9 @@ FEW_LIGHT_ROWS = 8
 loads a packet of bands for every ray, a constant is loaded once for all. Surfaces have too many for it."""
 
 
+FewLights: TypeAlias = "tuple[tuple[mi.UInt32, list[list[mi.Float]]], ...]"
+
+
 @dataclass(frozen=True)
 class Stage:
     """A scene ready to be traced. Buffers are Dr.Jit arrays of the engine that is active.
@@ -45,26 +53,26 @@ class Stage:
     [row][band]) for each basis of the lights if these are few, else None.
     """
 
-    scene: Any
-    spectra: Any
-    texels: Any
-    objects: Any
-    object_of: Any
-    lights: Any
-    light_of: Any
+    scene: mi.Scene
+    spectra: mi.Float
+    texels: mi.Float
+    objects: mi.UInt32
+    object_of: mi.UInt32
+    lights: mi.UInt32
+    light_of: mi.UInt32
     environment: int
     bands: int
     stride: int
     has_textures: bool
     disperses: bool
     has_sky_image: bool
-    few_lights: tuple[tuple[Any, list[list[Any]]], ...] | None
+    few_lights: FewLights | None
 
-    def in_world(self, ray: Any) -> Any:
+    def in_world(self, ray: mi.Ray3f) -> mi.Ray3f:
         """A ray of camera space in the scene's world: they are the same."""
         return ray
 
-    def depth_of(self, point: Any) -> Any:
+    def depth_of(self, point: mi.Point3f) -> mi.Float:
         """Depth along the axis of a point of the scene's world."""
         return point.z
 
@@ -122,7 +130,7 @@ class _Tables:
         return fields
 
 
-def build_stage(mi: Any, model: SceneModel) -> Stage:
+def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     """Load a scene into the active engine.
 
     mi: the mitsuba module with its variant set. Raises InputError for a BSDF that Mitsuba refuses, or whose
@@ -134,8 +142,10 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
     bands = len(model.wavelengths)
     tables = _Tables(bands)
     bsdfs = _Bsdfs(mi)
-    contents: dict[str, Any] = {"type": "scene"}
-    objects, lights, meshes = [], [], []
+    contents: dict[str, object] = {"type": "scene"}
+    objects: list[np.ndarray] = []
+    lights: list[np.ndarray] = []
+    meshes: list[mi.Mesh] = []
     weights = _light_weights(model)
     for number, item in enumerate(model.objects):
         lamp = None
@@ -181,8 +191,8 @@ def build_stage(mi: Any, model: SceneModel) -> Stage:
 
 
 def _few_lights(
-    mi: Any, lights: list[np.ndarray], spectra: np.ndarray, bands: int
-) -> tuple[tuple[Any, list[list[Any]]], ...] | None:
+    mi: ModuleType, lights: list[np.ndarray], spectra: np.ndarray, bands: int
+) -> FewLights | None:
     """The lights' bases as constants, or None if these are too many. spectra: float32 [row, stride]."""
     import drjit as dr
 
@@ -192,7 +202,7 @@ def _few_lights(
     if sum(map(len, used.values())) > FEW_LIGHT_ROWS:
         return None
 
-    def constants(row: np.ndarray) -> list[Any]:
+    def constants(row: np.ndarray) -> list[mi.Float]:
         return [dr.opaque(mi.Float, float(value)) for value in row[:bands]]
 
     return tuple(
@@ -241,11 +251,11 @@ class _Bsdfs:
     """BSDF plugins: one for all objects whose settings are equal, so that the engine compiles and calls
     few."""
 
-    def __init__(self, mi: Any) -> None:
+    def __init__(self, mi: ModuleType) -> None:
         self._mi = mi
-        self._known: dict[str, Any] = {}
+        self._known: dict[str, mi.BSDF] = {}
 
-    def instance(self, item: SceneObject) -> Any:
+    def instance(self, item: SceneObject) -> mi.BSDF:
         surface = item.surface
         key = repr((_sorted(plugin_with(surface, {})), surface.two_sided))
         if key not in self._known:
@@ -268,13 +278,13 @@ class _Bsdfs:
         return self._known[key]
 
 
-def _sorted(settings: Any) -> Any:
+def _sorted(settings: object) -> object:
     if isinstance(settings, Mapping):
         return sorted((key, _sorted(value)) for key, value in settings.items())
     return settings
 
 
-def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]:
+def plugin_with(surface: Surface, reflectance: Mapping[str, object]) -> Json:
     """Mitsuba's dictionary of a surface with some reflectance plugin in its place.
 
     A reflectance key with dots leads into nested BSDFs (`nested.reflectance`); an empty key: none at all.
@@ -290,15 +300,11 @@ def plugin_with(surface: Surface, reflectance: dict[str, Any]) -> dict[str, Any]
     return {"type": "twosided", "bsdf": plugin} if surface.two_sided else plugin
 
 
-def _copied(settings: Any) -> Any:
-    return (
-        {key: _copied(value) for key, value in settings.items()}
-        if isinstance(settings, Mapping)
-        else settings
-    )
+def _copied(settings: Mapping[str, object]) -> Json:
+    return {key: _copied(value) if isinstance(value, Mapping) else value for key, value in settings.items()}
 
 
-def affinity_error(mi: Any, bsdf: Any, count: int = 512) -> float:
+def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:
     """How far f(1/2) is from (f(0) + f(1)) / 2 over random directions, relative to the largest f."""
     import drjit as dr
 
@@ -319,7 +325,7 @@ def affinity_error(mi: Any, bsdf: Any, count: int = 512) -> float:
     return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
 
 
-def make_mesh(mi: Any, item: SceneObject, bsdf: Any, lamp: dict[str, Any] | None) -> Any:
+def make_mesh(mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[str, object] | None) -> mi.Mesh:
     """A Mitsuba mesh with its surface and, if it is a lamp, its emitter (a plugin dictionary)."""
     mesh = item.mesh
     properties = mi.Properties()
@@ -360,7 +366,7 @@ def is_closed(mesh: TriangleMesh) -> bool:
     return bool((count == 2).all())
 
 
-def _environment(mi: Any, radiance: BandTexture, weight: float) -> dict[str, Any]:
+def _environment(mi: ModuleType, radiance: BandTexture, weight: float) -> dict[str, object]:
     """Light from infinity: the plugin only has to sample directions well, so it gets the mean over bands."""
     if radiance.image is None:
         return {
@@ -401,7 +407,7 @@ def _light_weights(model: SceneModel) -> list[float]:
     return list(np.where(lit, 0.8 * sent / total + 0.2 / max(lit.sum(), 1), 0.0))
 
 
-def registry_table(mi: Any, pointers: list[Any]) -> Any:
+def registry_table(mi: ModuleType, pointers: list[mi.ShapePtr | mi.EmitterPtr]) -> mi.UInt32:
     """A UInt32 table from the engine's number of a shape or emitter to our row."""
     import drjit as dr
 

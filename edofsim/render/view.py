@@ -6,12 +6,12 @@ several, and *hidden* fragments lie behind the visible ones, for a blur to uncov
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import torch
 from torch import Tensor
+
+from ..core.json_values import Json
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class View:
     wavelengths: Tensor
     pixel_angle: float
     noise: float = 0.0
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Json = field(default_factory=dict)
 
     @property
     def padded_shape(self) -> tuple[int, int]:

@@ -103,7 +103,8 @@ def score_plot(
         for i, (name, score) in enumerate(scores.items()):
             colour = COLOUR_OF.get(name, SERIES[i % len(SERIES)])
             label = shorten(labels.get(name, name), 36)
-            middles, values = [], []
+            middles: list[float] = []
+            values: list[float] = []
             for entry in score.by_depth:
                 if not math.isfinite(entry.score.psnr_db):
                     continue

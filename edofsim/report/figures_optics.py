@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import torch
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from torch import Tensor
@@ -62,7 +63,7 @@ def psf_plot(psfs: Psfs) -> Plot:
                 axes = figure.add_axes((x / width, y / height, tile / width, tile / height))
                 depth, channel = (row, column) if narrow else (column, row)
                 tile_values = tiles[picked[depth], channel]
-                last = axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
+                axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
                 picture_axes(axes)
                 at = distance(psfs.depths_m[picked[depth]])
                 if row == 0:
@@ -83,7 +84,11 @@ def psf_plot(psfs: Psfs) -> Plot:
         scale_axes = figure.add_axes(
             (place[0] / width, place[1] / height, place[2] / width, place[3] / height)
         )
-        scale = figure.colorbar(last, cax=scale_axes, orientation="horizontal" if narrow else "vertical")
+        scale = figure.colorbar(
+            ScalarMappable(norm, LIGHT_MAP),
+            cax=scale_axes,
+            orientation="horizontal" if narrow else "vertical",
+        )
         scale.outline.set_visible(False)
         scale.set_label("fraction of the light in a pixel")
         return figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -93,7 +93,7 @@ def _relief(camera: Camera) -> tuple[Tensor | None, float | None]:
     return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
 
 
-def _notes(metadata: Mapping[str, Any]) -> tuple[str, ...]:
+def _notes(metadata: Mapping[str, object]) -> tuple[str, ...]:
     """What was guessed where the view does not know."""
     guesses = {"holes filled": "Holes of the depth map", "beyond the border": "Beyond the border"}
     return tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))

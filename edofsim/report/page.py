@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
-from typing import ClassVar, Literal, SupportsFloat
+from typing import ClassVar, Literal, SupportsFloat, TypeGuard
 
 import jinja2
 from markupsafe import Markup
@@ -138,7 +138,7 @@ class Table:
 
     def _best(self, column: int) -> float | None:
         choose = {"largest": max, "smallest": min}.get(self.columns[column].best)
-        values = [float(row[column]) for row in self.rows if _is_number(row[column])]
+        values = [float(cell) for cell in (row[column] for row in self.rows) if _is_number(cell)]
         values = [v for v in values if v == v]
         return choose(values) if choose and values else None
 
@@ -237,7 +237,7 @@ def index_page(title: str, purpose: str, links: tuple[Link, ...]) -> Page:
 
 @functools.cache
 def _template() -> jinja2.Template:
-    folder = resources.files(__package__) / "templates"
+    folder = resources.files("edofsim.report") / "templates"
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(lambda name: (folder / name).read_text(encoding="utf-8")),
         autoescape=True,
@@ -246,9 +246,10 @@ def _template() -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.globals.update(
-        style=Markup((folder / "page.css").read_text(encoding="utf-8")),
-        script=Markup((folder / "page.js").read_text(encoding="utf-8")),
-        plot_sources=_plot_sources,
+        # jinja2 has no type for its globals; the checker takes that of its own
+        style=Markup((folder / "page.css").read_text(encoding="utf-8")),  # pyrefly: ignore[bad-argument-type]
+        script=Markup((folder / "page.js").read_text(encoding="utf-8")),  # pyrefly: ignore[bad-argument-type]
+        plot_sources=_plot_sources,  # pyrefly: ignore[bad-argument-type]
     )
     environment.filters.update(slug=_slug, href=_href, shown=_shown)
     return environment.get_template("page.html")
@@ -266,7 +267,7 @@ def _plot_sources(plot: Plot) -> dict[str, str]:
     return uris
 
 
-def _is_number(value: Cell) -> bool:
+def _is_number(value: Cell) -> TypeGuard[SupportsFloat]:
     return value is not None and not isinstance(value, str | bool)
 
 

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -126,9 +126,10 @@ def darken(svg: str) -> str:
     return re.sub("|".join(DARK), lambda found: DARK[found.group()], svg)
 
 
-def new_figure(width: float, height: float, layout: str = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
     """An empty figure of a size in inches, outside matplotlib's global state."""
-    return Figure(figsize=(width, height), layout=layout)
+    # matplotlib takes "none" too; its stubs do not know
+    return Figure(figsize=(width, height), layout=layout)  # pyrefly: ignore[bad-argument-type]
 
 
 def picture_axes(*every: Axes) -> None:

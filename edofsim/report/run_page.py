@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
-from ..restore.scores import psnr, within_scale
+from ..restore.scores import Score, psnr, within_scale
 from .crops import Crop, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
 from .figures_optics import height_plot, mtf_plot, psf_plot
@@ -211,7 +212,7 @@ def _score_table(report: RunReport, ranges: list[tuple[float, float]]) -> Table 
     names = list(report.scores)
     pixels = report.inverse_depth.numel()
 
-    def row(title: str, found: list) -> tuple[str, ...]:
+    def row(title: str, found: Sequence[Score | None]) -> tuple[str, ...]:
         count = next((s.pixels for s in found if s is not None), 0)
         share = percent(count / pixels)
         cells = (f"{number(s.psnr_db)}\n{number(s.ssim, 3)}" if s is not None else DASH for s in found)

@@ -38,10 +38,12 @@ class DCnn(nn.Module):
             channels = KERNELS
         layers.append(nn.Conv2d(channels, 3, 3, padding=1))
         self.residual = nn.Sequential(*layers)
-        self.refine = nn.Sequential(*(nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(2)))
-        for layer in self.refine:
+        refine = [nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(2)]
+        for layer in refine:
             nn.init.dirac_(layer.weight)
+            assert layer.bias is not None
             nn.init.zeros_(layer.bias)
+        self.refine = nn.Sequential(*refine)
 
     def settings(self) -> dict[str, int]:
         """What rebuilds this network: nothing, its shape is fixed."""

@@ -11,7 +11,6 @@ with PSFs of their own.
 from __future__ import annotations
 
 import copy
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -84,10 +83,10 @@ class FilterBank(nn.Module):
         other.world_is_mirrored = True
         return other
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """What rebuilds this network."""
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
-        return own | self.trunk.settings()
+        return {**own, **self.trunk.settings()}
 
     def middles(self, depth_range: tuple[float, float]) -> Tensor:
         """Inverse depths that `teach` wants the PSFs of, [depths], float64: the middles of equal parts of

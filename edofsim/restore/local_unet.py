@@ -68,6 +68,7 @@ class Trunk(nn.Module):
         self.downs = nn.ModuleList(nn.Conv2d(channels[i], channels[i + 1], 2, 2) for i in range(levels - 1))
         self.ups = nn.ModuleList(nn.Conv2d(channels[i + 1], 4 * channels[i], 1) for i in range(levels - 1))
         nn.init.zeros_(self.last.weight)
+        assert self.last.bias is not None
         nn.init.zeros_(self.last.bias)
         self.multiple = 1 << levels
         self.radius = self._radius()

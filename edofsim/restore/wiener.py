@@ -8,7 +8,7 @@ from torch import Tensor
 from ..errors import InputError
 
 
-def wiener(image: Tensor, psf: Tensor, noise: float) -> Tensor:
+def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
     image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
@@ -69,7 +69,9 @@ def _centred_at_origin(psf: Tensor, rows: int, columns: int) -> Tensor:
     return torch.roll(grid, (-(height // 2), -(width // 2)), (-2, -1))
 
 
-def _noise_to_signal(spectrum: Tensor, power: Tensor, noise: float, shape: tuple[int, int]) -> Tensor:
+def _noise_to_signal(
+    spectrum: Tensor, power: Tensor, noise: float | Tensor, shape: tuple[int, int]
+) -> Tensor:
     """N / S, [channel, y, x // 2 + 1], for S = c / f^2.
 
     c is what the photo itself says where the optics pass it on: the mean of (|Y|^2 - N) f^2 / E|H|^2 over

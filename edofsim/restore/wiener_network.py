@@ -18,7 +18,7 @@ class WienerNetwork(nn.Module):
     """
 
     kind = "wiener"
-    radius = None  # every output pixel sees the whole photo
+    radius: int | None = None  # every output pixel sees the whole photo
     multiple = 1
 
     def __init__(self, window: int = 128, depths: int = 9) -> None:
@@ -27,6 +27,7 @@ class WienerNetwork(nn.Module):
         self.log_noise = nn.Parameter(torch.tensor(math.log(0.01)))
         psf = torch.zeros(depths, 3, window, window)
         psf[..., window // 2, window // 2] = 1  # no blur, until a mask is known
+        self.psf: Tensor
         self.register_buffer("psf", psf)
 
     def settings(self) -> dict[str, int]:

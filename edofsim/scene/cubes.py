@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -91,7 +90,7 @@ def _folder(path: Path, what: str) -> np.ndarray:
     files = sorted(p for p in path.iterdir() if p.suffix.lower() in (".png", ".tif", ".tiff"))
     if not files:
         raise InputError(f"{what}: the folder holds no PNG or TIFF pictures")
-    bands = []
+    bands: list[np.ndarray] = []
     for file in files:
         picture = read_picture(file, what)
         if picture.ndim == 3 and picture.shape[2] in (3, 4) and (picture[..., :3] == picture[..., :1]).all():
@@ -125,7 +124,7 @@ def _mat(path: Path, key: str | None, what: str) -> tuple[np.ndarray, np.ndarray
     return cube.transpose(2, 0, 1), _find_wavelengths(data, cube.shape[2])
 
 
-def _find_wavelengths(data: Any, count: int) -> np.ndarray | None:
+def _find_wavelengths(data: object, count: int) -> np.ndarray | None:
     """The first array called wave, wavelength(s), lambda or bands that has as many numbers as the cube."""
     fields = (
         data if isinstance(data, dict) else {n: getattr(data, n) for n in getattr(data, "_fieldnames", [])}

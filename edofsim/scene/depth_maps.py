@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -111,7 +110,7 @@ def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
     return _numbers(np.asarray(mat_value(load_mat(path, what), key, path, what)), path, what)
 
 
-def load_mat(path: Path, what: str) -> dict[str, Any]:
+def load_mat(path: Path, what: str) -> dict[str, object]:
     """All of a MAT file; structures become objects with attributes."""
     existing(path, what)
     # Some damaged MAT files crash the reader of SciPy, which would take this process with it
@@ -141,14 +140,14 @@ def _crashes(path: Path) -> bool:
         return True
 
 
-def mat_value(data: dict[str, Any], key: str | None, path: Path, what: str) -> Any:
+def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
     """The value of a dotted key in a MAT file; without a key, its only variable."""
     names = [name for name in data if not name.startswith("__")]
     if key is None:
         if len(names) != 1:
             raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key")
         return data[names[0]]
-    value: Any = data
+    value: object = data
     for step in key.split("."):
         fields = names if value is data else getattr(value, "_fieldnames", [])
         if step not in fields:
@@ -176,7 +175,7 @@ def fill_holes(inverse_depth: np.ndarray, method: str, what: str) -> np.ndarray:
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
-    filled = inverse_depth[tuple(nearest)]
+    filled = inverse_depth[tuple(np.asarray(nearest))]
     if method == "nearest":
         return filled
     left = _carried(inverse_depth)

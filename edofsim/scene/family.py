@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from pydantic import ValidationError
 
+from ..core.json_values import Json
 from ..errors import InputError
-from ..recipe.family import Vary
+from ..recipe.family import TomlValue, Vary
 from ..recipe.scene import SceneRecipe
 
 NAMED_LISTS = ("objects", "lights")
@@ -25,7 +26,7 @@ def member(recipe: SceneRecipe, seed: int) -> SceneRecipe:
     if recipe.family is None:
         raise InputError(f"{recipe.name}: the recipe has no [family], so it has one member: itself")
     data = recipe.model_dump(mode="python", by_alias=True)
-    absent: list[tuple[str, int]] = []
+    absent: list[tuple[str, str | int]] = []
     for number, vary in enumerate(recipe.family.vary):
         rng = np.random.default_rng([seed, number])
         where = f"{recipe.name}: family.vary[{number}] ({vary.key!r})"
@@ -56,7 +57,7 @@ def members(recipe: SceneRecipe, count: int, seed: int | None = None) -> list[Sc
     return [member(recipe, first + index) for index in range(count)]
 
 
-def draw(vary: Vary, rng: np.random.Generator) -> Any:
+def draw(vary: Vary, rng: np.random.Generator) -> TomlValue:
     """One value of a distribution."""
     if vary.uniform is not None:
         return float(rng.uniform(*vary.uniform))
@@ -73,13 +74,13 @@ def draw(vary: Vary, rng: np.random.Generator) -> Any:
     return vary.choice[int(rng.integers(len(vary.choice)))]
 
 
-def _find(data: dict[str, Any], key: str, where: str) -> tuple[Any, Any]:
+def _find(data: Json, key: str, where: str) -> tuple[TomlValue, str | int]:
     """The table or list that holds the value of a dotted key, and the value's key or index in it."""
-    holder: Any = data
+    holder: TomlValue = data
     steps = key.split(".")
     for depth, step in enumerate(steps):
-        at: Any = step
-        if isinstance(holder, tuple | list):
+        at: str | int = step
+        if isinstance(holder, (tuple, list)):
             at = _index(holder, step, where)
         elif not isinstance(holder, dict) or step not in holder:
             known = list(holder) if isinstance(holder, dict) else []
@@ -94,7 +95,7 @@ def _find(data: dict[str, Any], key: str, where: str) -> tuple[Any, Any]:
     raise InputError(f"{where}: the key is empty")
 
 
-def _index(items: list[Any] | tuple[Any, ...], step: str, where: str) -> int:
+def _index(items: Sequence[TomlValue], step: str, where: str) -> int:
     """Place of an item by its name, or by its number."""
     names = [item.get("name") if isinstance(item, dict) else None for item in items]
     if step in names:

@@ -36,7 +36,7 @@ def build_lights(
     lamps: list[SceneObject] = []
     for index, light in enumerate(lights):
         if isinstance(light, AreaLamp | Bulb | NeonTube):
-            lamps.append(_LAMPS[type(light)](light, wavelengths, light.name or f"lamp-{index + 1}"))
+            lamps.append(_lamp(light, wavelengths, light.name or f"lamp-{index + 1}"))
             continue
         if environment is not None:
             raise InputError(
@@ -135,4 +135,11 @@ def area_lamp(light: AreaLamp, wavelengths: np.ndarray, name: str) -> SceneObjec
     return _shining(name, solids.moved(shape, rotation, position), emission)
 
 
-_LAMPS = {AreaLamp: area_lamp, Bulb: bulb, NeonTube: neon_tube}
+def _lamp(light: AreaLamp | Bulb | NeonTube, wavelengths: np.ndarray, name: str) -> SceneObject:
+    match light:
+        case AreaLamp():
+            return area_lamp(light, wavelengths, name)
+        case Bulb():
+            return bulb(light, wavelengths, name)
+        case NeonTube():
+            return neon_tube(light, wavelengths, name)

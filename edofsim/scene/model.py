@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -54,7 +53,7 @@ class Surface:
     `int_ior` of dispersive glass. They steer the path itself, so beyond such a surface one path can't
     carry all bands; `SceneModel.dispersive` tells which objects have one."""
 
-    bsdf: Mapping[str, Any]
+    bsdf: Mapping[str, object]
     reflectance_key: str
     reflectance: BandTexture
     two_sided: bool = True

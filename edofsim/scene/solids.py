@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
@@ -41,9 +42,7 @@ def join(parts: Sequence[TriangleMesh]) -> TriangleMesh:
     return mesh(np.concatenate([p.vertices for p in parts]), np.concatenate(faces), **optional)
 
 
-def moved(
-    part: TriangleMesh, matrix: np.ndarray | None = None, shift: Sequence[float] = (0, 0, 0)
-) -> TriangleMesh:
+def moved(part: TriangleMesh, matrix: np.ndarray | None = None, shift: ArrayLike = (0, 0, 0)) -> TriangleMesh:
     """A mesh after a linear map (float [3, 3]) and a shift in metres.
 
     Where the map mirrors, the faces are turned, so that they still point outward."""
@@ -58,20 +57,20 @@ def moved(
     return mesh(vertices, faces, part.uv, normals)
 
 
-def quad(corners: Sequence[Sequence[float]], uv: Sequence[Sequence[float]] | None = None) -> TriangleMesh:
+def quad(corners: ArrayLike, uv: ArrayLike | None = None) -> TriangleMesh:
     """A flat quadrilateral: lower left, lower right, upper right, upper left as seen from its front."""
     square = [(0, 0), (1, 0), (1, 1), (0, 1)] if uv is None else uv
     return mesh(np.array(corners), np.array([[0, 3, 2], [0, 2, 1]]), np.array(square))
 
 
-def panel(width: float, height: float, centre: Sequence[float] = (0, 0, 0)) -> TriangleMesh:
+def panel(width: float, height: float, centre: ArrayLike = (0, 0, 0)) -> TriangleMesh:
     """A rectangle that faces the camera."""
     x, y = width / 2, height / 2
     corners = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]) + np.asarray(centre)
     return quad(corners)
 
 
-def box(size: Sequence[float], centre: Sequence[float] = (0, 0, 0)) -> TriangleMesh:
+def box(size: ArrayLike, centre: ArrayLike = (0, 0, 0)) -> TriangleMesh:
     """A block of `size` (x, y, z) with each side's texture coordinates from 0 to 1."""
     x, y, z = np.asarray(size) / 2
     sides = [
@@ -100,7 +99,7 @@ def without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return faces[twice_area > 1e-12 * size**2]
 
 
-def lathe(profile: Sequence[Sequence[float]], segments: int = 64, smooth: bool = True) -> TriangleMesh:
+def lathe(profile: ArrayLike, segments: int = 64, smooth: bool = True) -> TriangleMesh:
     """A profile turned about the y axis.
 
     profile: (radius, y) from the bottom up along the outside; a hollow body goes on down its inside. With
@@ -109,7 +108,8 @@ def lathe(profile: Sequence[Sequence[float]], segments: int = 64, smooth: bool =
     points = np.asarray(profile, float)
     runs = _smooth_runs(points) if smooth else [points[i : i + 2] for i in range(len(points) - 1)]
     along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    start, parts = 0, []
+    start = 0
+    parts: list[TriangleMesh] = []
     for run in runs:
         v = along[start : start + len(run)] / along[-1]
         parts.append(_lathe_run(run, v, segments))

@@ -11,10 +11,14 @@ import importlib.util
 import re
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    import colour
 
 _SELLMEIER = {
     # B1, B2, B3, C1, C2, C3 (um2), first and last wavelength of the fit (nm)
@@ -58,7 +62,9 @@ def _inside(nm: np.ndarray, first: float, last: float, slack_nm: float, what: st
         )
 
 
-def _interpolated(sd, wavelengths: np.ndarray, slack: float, what: str) -> np.ndarray:
+def _interpolated(
+    sd: colour.SpectralDistribution, wavelengths: np.ndarray, slack: float, what: str
+) -> np.ndarray:
     """Linear interpolation of a colour-science spectrum, constant for `slack` metres beyond its ends."""
     nm = np.asarray(wavelengths, float) * 1e9
     x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
@@ -67,10 +73,10 @@ def _interpolated(sd, wavelengths: np.ndarray, slack: float, what: str) -> np.nd
 
 
 @lru_cache(maxsize=1)
-def _measured_surfaces() -> dict[str, object]:
+def _measured_surfaces() -> dict[str, colour.SpectralDistribution]:
     from colour import SDS_COLOURCHECKERS
 
-    found: dict[str, object] = {}
+    found: dict[str, colour.SpectralDistribution] = {}
     for sds in (SDS_COLOURCHECKERS["PMC"], SDS_COLOURCHECKERS["ColorChecker N Ohta"]):
         found.update({name.lower(): sd for name, sd in sds.items()})
     # The names of the neutral patches carry their densities; the plain words find them too.
@@ -146,7 +152,7 @@ def luminance(values: np.ndarray, nm: np.ndarray) -> float:
     return float((weight * values).sum() / weight.sum())
 
 
-def _luminance_normalised(sd) -> tuple[np.ndarray, np.ndarray]:
+def _luminance_normalised(sd: colour.SpectralDistribution) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths (nm) and values of a spectrum scaled to the luminance of the constant spectrum 1.
 
     The scale is taken from the whole spectrum, so that it does not depend on the bands of a view.
@@ -164,7 +170,7 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
     """
     from colour import SDS_ILLUMINANTS, SDS_LIGHT_SOURCES
 
-    known: dict[str, object] = {}
+    known: dict[str, colour.SpectralDistribution] = {}
     for key, entry in (*SDS_LIGHT_SOURCES.items(), *SDS_ILLUMINANTS.items()):
         group = entry.items() if hasattr(entry, "items") else [(key, entry)]
         known.update({str(key): sd for key, sd in group})

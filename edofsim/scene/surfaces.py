@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,11 +26,11 @@ from .textures import build_texture, flat
 
 
 @lru_cache(maxsize=256)
-def _settings(items: tuple[tuple[str, Any], ...]) -> Mapping[str, Any]:
+def _settings(items: tuple[tuple[str, object], ...]) -> Mapping[str, object]:
     return dict(items)
 
 
-def settings(**items: Any) -> Mapping[str, Any]:
+def settings(**items: object) -> Mapping[str, object]:
     """A BSDF's plugin dictionary; equal settings give the same object, so nobody may change it."""
     return _settings(tuple(sorted(items.items())))
 

@@ -151,6 +151,7 @@ class _Apart:
 @pytest.mark.parametrize("margin", [MARGIN, MARGIN + 3])
 def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, monkeypatch, margin):
     """Spectra that parts and slabs share, against each part composited from the start; in tiles and whole."""
+    torch.set_num_threads(3)  # parts are shared out among threads
     sheets, depths = surfaces(bench, 3)
     response = torch.rand(3, BANDS, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     response /= response.sum(1, keepdim=True)

@@ -70,6 +70,7 @@ def test_adjoint_by_hand_agrees_with_automatic_differentiation(
 ):
     monkeypatch.setattr(propagation, "KEPT_BYTES", kept)
     monkeypatch.setattr(propagation, "BLOCK_BYTES", 1)  # every depth a block of its own
+    torch.set_num_threads(3)  # and blocks are shared out among threads
     grid, reach = PupilGrid(samples, 5e-3 / samples, 2.5e-3), GREEN * 0.0369
     window = SensorWindow(pixels, 6e-6, oversampling)
     bases = make_bases(grid, window, reach, 1.0, torch.float64, CPU)

@@ -37,6 +37,7 @@ def test_parts_sum_up_to_the_whole(mask, across):
 def test_parts_that_share_work_are_those_of_two_whole_waves_each(pupil_um):
     """Re(F* F_j) from transforms that a row of parts shares, against (|F + F_j|^2 - |F - F_j|^2) / 4 by the
     adjoint's own propagation; through a relief without symmetries, on even and odd grids."""
+    torch.set_num_threads(3)  # wavelengths are shared out among threads
     recipe = CameraRecipe(name="parts", psf=PsfSettings(window_px=32, pupil_sampling_um=pupil_um))
     camera = Camera.from_recipe(recipe)
     draw = torch.Generator().manual_seed(1)

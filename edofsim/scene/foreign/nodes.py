@@ -10,10 +10,11 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from ...core.json_values import Json
 from ...errors import InputError
 
 PLUGINS = ("scene", "shape", "bsdf", "emitter", "sensor", "texture", "film", "sampler", "integrator",
@@ -30,6 +31,10 @@ class Colour:
     samples: tuple[tuple[float, float], ...] | None = None
 
 
+# only the code that reads a plugin knows what each of its values is
+Values: TypeAlias = dict[str, Any]  # pyrefly: ignore[explicit-any]
+
+
 @dataclass(frozen=True)
 class Node:
     """A plugin: its kind (`shape`, `bsdf`, ...; empty where JSON doesn't say), type, values and parts.
@@ -39,7 +44,7 @@ class Node:
 
     kind: str
     type: str
-    values: dict[str, Any] = field(default_factory=dict)
+    values: Values = field(default_factory=dict)
     parts: tuple[tuple[str, Node], ...] = ()
 
     def part(self, name: str) -> Node | None:
@@ -104,7 +109,7 @@ class _Xml:
         self.known: dict[str, Node] = {}
 
     def plugin(self, element: ET.Element, kind: str) -> Node:
-        values: dict[str, Any] = {}
+        values: Values = {}
         parts: list[tuple[str, Node]] = []
         for number, child in enumerate(element):
             name = _snake(self.text(child, "name", f"unnamed-{number}"))
@@ -134,7 +139,7 @@ class _Xml:
             text = text.replace(f"${name}", self.defaults[name])
         return text
 
-    def value(self, element: ET.Element) -> Any:
+    def value(self, element: ET.Element) -> Colour | np.ndarray | float | str:
         where = f"{self.path}: <{element.tag} name={element.attrib.get('name')!r}>"
         if element.tag == "transform":
             return self.transform(element, where)
@@ -185,10 +190,10 @@ class _Xml:
                 angle = np.radians(_numbers(self.text(step, "angle"), where)[0])
                 matrix[:3, :3] = rotation_about(axis, angle, where)
             case "lookat" | "lookAt" | "look_at":
-                points = [
+                origin, target, up = (
                     np.array(_numbers(self.text(step, a, "0,1,0"), where)) for a in ("origin", "target", "up")
-                ]
-                matrix = look_at(*points, where)
+                )
+                matrix = look_at(origin, target, up, where)
             case "matrix":
                 matrix = square(_numbers(self.text(step, "value"), where), where)
             case _:
@@ -234,12 +239,13 @@ def _rgb(text: str, where: str) -> Colour:
     if text.strip().startswith("#"):
         from ..spectra import hex_to_linear
 
-        return Colour(rgb=tuple(float(v) for v in hex_to_linear(text.strip())))
+        r, g, b = hex_to_linear(text.strip()).tolist()
+        return Colour(rgb=(r, g, b))
     numbers = _numbers(text, where)
     numbers = numbers * 3 if len(numbers) == 1 else numbers
     if len(numbers) != 3:
         raise InputError(f"{where}: a colour needs three numbers, not {len(numbers)}")
-    return Colour(rgb=tuple(numbers))
+    return Colour(rgb=(numbers[0], numbers[1], numbers[2]))
 
 
 def _spectrum(text: str, where: str) -> Colour:
@@ -268,11 +274,11 @@ def _read_json(path: Path) -> Node:
     return _json_node(data, "scene", str(path), known)
 
 
-def _json_node(data: dict[str, Any], name: str, where: str, known: dict[str, Node]) -> Node:
+def _json_node(data: Json, name: str, where: str, known: dict[str, Node]) -> Node:
     kind_of = data.get("type")
     if not isinstance(kind_of, str):
         raise InputError(f"{where}: {name!r} has no 'type'")
-    values: dict[str, Any] = {}
+    values: Values = {}
     parts: list[tuple[str, Node]] = []
     for key, value in data.items():
         place = f"{where}: {name}.{key}"
@@ -297,7 +303,7 @@ def _json_node(data: dict[str, Any], name: str, where: str, known: dict[str, Nod
     return Node(_kind(kind_of), kind_of, values, tuple(parts))
 
 
-def _json_colour(value: dict[str, Any], where: str) -> Colour:
+def _json_colour(value: Json, where: str) -> Colour:
     if value["type"] == "rgb":
         return _rgb(" ".join(map(str, np.ravel(value.get("value", [])))), where)
     if "wavelengths" in value:

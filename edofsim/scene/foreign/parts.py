@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -330,7 +329,7 @@ _SURFACES: dict[str, Callable[[Node, Reader, str], Surface]] = {
 
 def emission(node: Node, reader: Reader, what: str) -> np.ndarray:
     """Radiance of an area light, float32 [band]."""
-    value: Any = node.values.get("radiance", Colour(rgb=(1.0, 1.0, 1.0)))
+    value = node.values.get("radiance", Colour(rgb=(1.0, 1.0, 1.0)))
     if node.part("radiance") is not None:
         raise InputError(f"{what}: lights with a texture cannot be read")
     colour = value if isinstance(value, Colour) else Colour(rgb=(float(value),) * 3)

@@ -1,0 +1,96 @@
+"""What is imported is declared, what is declared is imported, and what is installed is pinned."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import tomllib
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+PROGRAMS = {"pytest-xdist", "pyrefly", "ruff"}  # commands and a plugin: nothing imports them
+FOR_PRYSM = {"setuptools"}  # prysm needs it and does not declare it
+CALLED = {"colour": "colour-science", "PIL": "pillow", "skimage": "scikit-image"}
+# torch on a machine with an NVIDIA card brings its libraries, each pinned by torch itself
+OF_TORCH = re.compile("nvidia-|cuda-|triton")
+
+
+def imported(path: Path) -> set[str]:
+    """First parts of the absolute names that a file imports, wherever in it."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names.add(node.module or "")
+    return {name.split(".")[0] for name in names}
+
+
+def packages(folder: str) -> set[str]:
+    """The distributions whose modules are imported in a folder; those of Python and our own left out."""
+    names = set[str]().union(*map(imported, sorted((ROOT / folder).rglob("*.py"))))
+    outside = names - set(sys.stdlib_module_names) - {"edofsim", "benchmarks"}
+    return {canonicalize_name(CALLED.get(name, name)) for name in outside}
+
+
+def named(requirements: Iterable[str]) -> set[str]:
+    return {canonicalize_name(Requirement(text).name) for text in requirements} - {"edofsim"}
+
+
+def test_the_package_imports_what_it_declares_and_nothing_else():
+    declared = named([*PROJECT["dependencies"], *EXTRAS["cluster"], *EXTRAS["gds"]])
+    assert packages("edofsim") == declared
+
+
+def test_the_benchmarks_and_tests_import_what_their_extras_declare():
+    base = named(PROJECT["dependencies"])
+    assert packages("benchmarks") - base == named(EXTRAS["bench"]) - FOR_PRYSM
+    extras = named([text for extra in EXTRAS.values() for text in extra])
+    assert packages("tests") - base <= extras
+    assert named(EXTRAS["test"]) - PROGRAMS <= packages("tests")
+
+
+def installed(name: str, extras: Iterable[str], seen: set[str]) -> set[str]:
+    """Names of a distribution and of all that it needs on this machine."""
+    if (name := canonicalize_name(name)) in seen or OF_TORCH.match(name):
+        return seen
+    seen.add(name)
+    for text in metadata.requires(name) or ():
+        need = Requirement(text)
+        if any(need.marker is None or need.marker.evaluate({"extra": extra}) for extra in ("", *extras)):
+            installed(need.name, need.extras, seen)
+    return seen
+
+
+def test_everything_that_gets_installed_is_pinned():
+    pins = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().split())
+    needed = set[str]()
+    for text in [*PROJECT["dependencies"], *(text for extra in EXTRAS.values() for text in extra)]:
+        need = Requirement(text)
+        if need.name != "edofsim":
+            installed(need.name, need.extras, needed)
+    assert needed == {canonicalize_name(name) for name in pins}
+
+
+@pytest.mark.parametrize("extra", EXTRAS)
+def test_pins_are_within_what_is_declared(extra: str):
+    pins = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().split())
+    pins = {canonicalize_name(name): version for name, version in pins.items()}
+    for text in [*PROJECT["dependencies"], *EXTRAS[extra]]:
+        need = Requirement(text)
+        if need.name != "edofsim":
+            assert need.specifier.contains(pins[canonicalize_name(need.name)]), text
+
+
+def test_type_checkers_of_others_read_our_types():
+    """PEP 561: the marker lies in the package, from where it goes into the wheel."""
+    assert (ROOT / "edofsim" / "py.typed").exists()
