@@ -65,7 +65,7 @@ class Stopwatch:
     seconds: dict[str, float] = field(default_factory=dict)
 
     @contextmanager
-    def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:
+    def stage(self, name: str, begin: float, end: float) -> Generator[Progress]:
         """Time a stage that goes from one fraction of the whole to another; gives its own progress."""
 
         def tell(done: float, text: str) -> None:
@@ -154,7 +154,7 @@ def planned_view(
     camera: Camera,
     watch: Stopwatch,
     *,
-    overrule: Mapping[str, Any] | None = None,
+    overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     cache: Path | None = None,
     device: str = "auto",

@@ -117,7 +117,10 @@ def expose(
         numbers = {
             "psnr_db.photo": psnr(photo.image, photo.ideal),
             **plan_figures(plan),
-            **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
+            **{
+                f"light_lost.{name}": float(value)
+                for name, value in zip("rgb", photo.truncated, strict=False)
+            },
         }
         outputs = {
             "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),

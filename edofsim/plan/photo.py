@@ -204,9 +204,9 @@ def plan_photo(
 ) -> Plan:
     """Decide on the effects of a photo.
 
-    overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `method`, `without` and `with_`
-    (names of effects); None values are left to the plan. target: None for the default. height: height map of
-    the mask in place of the recipe's. Raises InputError for an effect that is not known.
+    overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `method`, `without` and
+    `with_` (names of effects); None values are left to the plan. target: None for the default. height: height
+    map of the mask in place of the recipe's. Raises InputError for an effect that is not known.
     """
     given = checked_overrule(overrule)
     more = _levels_of(given)

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 import torch
-from edofsim.report.cost_chart import cost_plot
 
+from edofsim.capture import capture
 from edofsim.experiments import cost, predictions
 from edofsim.experiments.cost_page import cost_plot
 from edofsim.optics import Camera
@@ -56,13 +56,16 @@ def view(monkeypatch: pytest.MonkeyPatch, tmp_path) -> View:
 def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest.MonkeyPatch, tmp_path):
     cases = cost.cases_of(planner_of(view, CAMERA), targets=(30, 50))
     taken = []
-    whole = cost.photograph
-    monkeypatch.setattr(cost, "photograph", lambda *a, **k: taken.append(a) or whole(*a, **k))
+    whole = cost.capture
+    monkeypatch.setattr(cost, "capture", lambda *a, **k: taken.append(a) or whole(*a, **k))
     rows = cost.measure(view, CAMERA, cases, tmp_path, repeats=2)
     by_name = {row.case.name: row for row in rows}
     assert by_name["full"].measured_db == math.inf and by_name["full"].repeats == 1
     assert by_name["50 dB"].measured_db >= 49 and by_name["30 dB"].measured_db >= 29
-    assert by_name["spherical aberration"].case.kind == "without" and by_name["spherical aberration"].measured_db < 60
+    assert (
+        by_name["spherical aberration"].case.kind == "without"
+        and by_name["spherical aberration"].measured_db < 60
+    )
     count = len(taken)
     assert count == 2 * (len(cases) - 1) + 1
 
@@ -170,7 +173,6 @@ def test_effects_of_rendering_are_measured_on_another_rendering(view: View, monk
     """Direct light alone is a tenth darker here, so the photo is: linear optics."""
     from dataclasses import replace
 
-    from edofsim.plan import photograph
     from edofsim.recipe import load_scene
 
     rendered = []
@@ -182,11 +184,11 @@ def test_effects_of_rendering_are_measured_on_another_rendering(view: View, monk
     monkeypatch.setattr(predictions, "render", darker)
     monkeypatch.setattr(predictions, "seen_in_thumbnails", lambda *_, **__: ({2: (0.1, 0.1, 0.1)}, ()))
     desk = load_scene("desk")
-    (row,) = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    (row,) = predictions._rendering(desk.recipe, desk.base, view, CAMERA, tmp_path, {})
     fidelity = planner_of(view, CAMERA).plan().fidelity
-    clean = photograph(view, CAMERA, fidelity).clean
+    clean = capture(view, CAMERA, fidelity).clean
     assert row.case.name == "interreflection" and rendered == [2]
     assert row.case.predicted_db == pytest.approx(20)
     assert row.measured_db == pytest.approx(-10 * math.log10(float((0.1 * clean).square().mean())), abs=0.1)
-    again = predictions._rendering(desk.recipe, desk.base, view, CAMERA, None, tmp_path, {})
+    again = predictions._rendering(desk.recipe, desk.base, view, CAMERA, tmp_path, {})
     assert again == [row] and rendered == [2]

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from edofsim.report.cost_page import cost_page, stage_plot
 
 from edofsim.experiments import cost, cost_stages
 from edofsim.experiments.cost_page import cost_page, stage_plot

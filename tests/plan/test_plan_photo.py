@@ -203,7 +203,9 @@ def test_an_accuracy_beyond_the_rendering_is_answered_with_why():
 
 
 def test_an_accuracy_that_the_user_stands_in_the_way_of_is_answered_with_why():
-    plan = plan_photo(scene(SLANTED), CAMERA, {"without": ["spherical aberration"]}, parse_target("70dB", None))
+    plan = plan_photo(
+        scene(SLANTED), CAMERA, {"without": ["spherical aberration"]}, parse_target("70dB", None)
+    )
     assert "70.0 dB cannot be had with spherical aberration" in plan.note and plan.error_db < 70
     everything = planner("slanted").facts.full.changed({"spherical_aberration": False})
     assert measured(scene(SLANTED), CAMERA, vars(plan.fidelity)) == pytest.approx(
@@ -280,7 +282,8 @@ def test_effects_are_all_listed_and_named_once():
 
 
 def test_every_knob_of_a_fidelity_belongs_to_an_effect_that_sets_it():
-    """The record of what is simulated, the effects of a plan and the page that lists them do not drift apart."""
+    """The record of what is simulated, the effects of a plan and the page that lists them do not drift
+    apart."""
     knobs = {knob.name: knob for knob in describe() if knob.name != "simplifications"}
     assert {knob.effect for knob in knobs.values()} == set(EFFECTS)
     assert all(knob.meaning for knob in knobs.values())

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from edofsim.capture import blurring, prepare
+from edofsim.capture import blurring, capture, prepare
 from edofsim.capture.methods import layered
 from edofsim.capture.photo import Photo
 from edofsim.optics import Camera
 from edofsim.pipeline import view_as_planned
-from edofsim.plan import Plan, look, parse_target, photograph, plan_photo, plan_scene
+from edofsim.plan import Plan, look, parse_target, plan_photo, plan_scene
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render import render
@@ -76,7 +76,7 @@ def run(name: str, cache: Path, calls: Counter, *, full: bool = False) -> tuple[
     plan = plan_scene(looked, CAMERA, target=target)
     calls.clear()
     view = view_as_planned(looked, plan, loaded.base, None if full else cache, "auto", None)
-    return plan, photograph(view, CAMERA, plan.fidelity)
+    return plan, capture(view, CAMERA, plan.fidelity)
 
 
 def called_for(plan: Plan) -> set[str]:
@@ -86,7 +86,14 @@ def called_for(plan: Plan) -> set[str]:
 @pytest.mark.parametrize("name", ["wall", "clouds"])
 def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(name, tmp_path, calls):
     plan, photo = run(name, tmp_path, calls)
-    never = {"depth layers", "occlusion", "hidden surfaces", "sub-apertures", "dispersion of scene glass", "rank"}
+    never = {
+        "depth layers",
+        "occlusion",
+        "hidden surfaces",
+        "sub-apertures",
+        "dispersion of scene glass",
+        "rank",
+    }
     assert not called_for(plan) & {*never, "interreflection"}
     # so few samples are those of the sketch, which serves where paths are not cut short
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
@@ -134,7 +141,7 @@ def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
     plan = plan_photo(view, camera, target=parse_target("50dB", None))
     calls.clear()
     # what parts of the pupil change has bands and layers of its own
-    photo = photograph(view, camera, plan.fidelity.changed({"sub_apertures": 1}))
+    photo = capture(view, camera, plan.fidelity.changed({"sub_apertures": 1}))
     return photo.how["bands"], calls["psfs"] // photo.how["layers"]
 
 

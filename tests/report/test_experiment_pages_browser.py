@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from edofsim.report.broadband_page import broadband_page
-from edofsim.report.planes_page import fabrication_page, noise_page, table_page
 
 from edofsim.experiments import broadband_page, fabrication, noise, robustness, table
 from edofsim.experiments.broadband import DEPTHS_M, Result

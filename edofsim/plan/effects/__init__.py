@@ -1,5 +1,5 @@
-"""The effects that a plan decides on, each in a file. To add one: a file, and a line here, or an entry point of
-another package.
+"""The effects that a plan decides on, each in a file. To add one: a file, and a line here, or an entry point
+of another package.
 
 An effect of another package leaves something out of the camera by a `Simplification` of `capture.fidelity`.
 """
