@@ -263,10 +263,14 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
         psf["pupil_sampling_um"] = fidelity.pupil_sampling_um
     changes["psf"] = recipe.psf.model_copy(update=psf)
     changed: CameraRecipe = recipe.model_copy(update=changes)
-    simpler = replace(camera, recipe=changed, glass=glass, mask_material=relief)
+    return simplified(replace(camera, recipe=changed, glass=glass, mask_material=relief), fidelity)
+
+
+def simplified(camera: Camera, fidelity: Fidelity) -> Camera:
+    """The camera without what effects of other packages leave out."""
     for each in fidelity.simplifications:
-        simpler = each.apply(simpler)
-    return simpler
+        camera = each.apply(camera)
+    return camera
 
 
 def simpler_recipe(recipe: SceneRecipe, fidelity: Fidelity) -> SceneRecipe:

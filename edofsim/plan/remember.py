@@ -14,6 +14,7 @@ import torch
 
 from ..capture.photo import PHOTO_MODEL_VERSION
 from .effect import Effect, Level
+from .effects import EFFECTS
 from .estimate import Estimate, Estimates, Progress, estimate, levels_of
 from .facts import Facts
 
@@ -89,7 +90,7 @@ def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> 
     said = {
         "version": [VERSION, PHOTO_MODEL_VERSION],
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
-        "effects": [effect.name for effect in effects],
+        "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "rendering": [facts.shorter, facts.plain_glass, facts.final, facts.grain],
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],

@@ -40,6 +40,23 @@ def test_a_mask(installed: Path, tmp_path: Path):
     assert float((ours - theirs).norm() / theirs.norm()) < 1e-6
 
 
+def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Path):
+    """What the recipe lists is in the image and not in the noise-free photo; a plan for little accuracy leaves it
+    out, one for much does not, and errs by what the level is."""
+    text = '[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{ kind = "dark-level", level = 0.02 }]'
+    camera = camera_of(tmp_path, text)
+    light = View.flat(torch.full((3, 48, 48), 0.5), 0.7, margin=16, pixel_angle=camera.pixel_angle,
+                      wavelengths=[450e-9, 550e-9, 650e-9])  # fmt: skip
+    photo = capture(light, camera)
+    torch.testing.assert_close(photo.image, photo.clean + 0.02)
+    kept, left = (plan_photo(light, camera, target=parse_target(f"{db}dB", None)) for db in (60, 20))
+    assert torch.allclose(capture(light, camera, kept.fidelity).image, photo.image, atol=1e-3)
+    dark = capture(light, camera, left.fidelity.changed({"layers": 1}))
+    assert torch.equal(dark.image, dark.clean)
+    (row,) = [each for each in kept.decisions if each.effect == "dark level"]
+    assert row.error == pytest.approx((0.02,) * 3) and row.called_for
+
+
 def test_its_mistakes_are_told_like_ours(installed: Path, tmp_path: Path):
     with pytest.raises(InputError) as refused:
         camera_of(tmp_path, '[mask]\nkind = "quartic"\nalfa_rad = 8.0')

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...optics import Camera
-from ..fidelity import Fidelity
+from ..fidelity import Fidelity, simplified
 from .base import SensorEffect, Signal
 from .mosaic import Mosaic
 from .quantisation import Quantisation
@@ -45,7 +45,8 @@ def automatic_exposure(ideal: Tensor) -> float:
 
 def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[SensorEffect, ...]:
     """What the camera's sensor does, in order, without what a fidelity leaves out."""
-    sensor, fidelity = camera.recipe.sensor, fidelity or Fidelity()
+    fidelity = fidelity or Fidelity()
+    sensor = simplified(camera, fidelity).recipe.sensor
     found: list[SensorEffect] = []
     if sensor.bayer and fidelity.mosaic:
         found.append(Mosaic(pattern=sensor.bayer))
