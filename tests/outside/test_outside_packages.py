@@ -12,11 +12,14 @@ from pathlib import Path
 import pytest
 import torch
 
+from edofsim.capture import capture
 from edofsim.errors import InputError
 from edofsim.optics import Camera, psf_bank
+from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.kinds import MASKS
 from edofsim.recipe.load import load_camera
+from edofsim.render.view import View
 
 GREEN = 543e-9
 
@@ -41,8 +44,8 @@ def test_a_mask(installed: Path, tmp_path: Path):
 
 
 def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Path):
-    """What the recipe lists is in the image and not in the noise-free photo; a plan for little accuracy leaves it
-    out, one for much does not, and errs by what the level is."""
+    """What the recipe lists is in the image and not in the noise-free photo; a plan for little accuracy leaves
+    it out, one for much does not, and errs by what the level is."""
     text = '[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{ kind = "dark-level", level = 0.02 }]'
     camera = camera_of(tmp_path, text)
     light = View.flat(torch.full((3, 48, 48), 0.5), 0.7, margin=16, pixel_angle=camera.pixel_angle,
