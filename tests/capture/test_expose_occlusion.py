@@ -402,3 +402,30 @@ def test_gradcheck_through_occlusion(bench):
     radiance = view.radiance.clone().requires_grad_()
     scale = torch.full((1,), 0.9, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(picture, (values, radiance, scale), fast_mode=True)
+
+
+def test_gradients_pass_sub_apertures(bench):
+    """Against differences, for light and for PSFs; without gradients, by threads, the same numbers."""
+    sheets, depths = surfaces(bench, 2)
+    view = bench.stacked_view(sheets, MARGIN)
+    whole = kernels_for(bench, depths, [2, 1])
+    through = [kernels_for(bench, depths, [2, 1], partial(in_part, 2, part)) for part in range(4)]
+    response = torch.eye(BANDS, dtype=torch.float64)
+    pattern = torch.rand(BANDS, *view.padded_shape, generator=torch.Generator().manual_seed(1)).double()
+
+    def weighed(light, scale):
+        seen = replace(view, radiance=light)
+        psfs = [replace(each, values=each.values * scale) for each in through]
+        change = change_by_sub_apertures(seen, Blurring(whole, response, METHODS["layered"], gap=0.05), psfs)
+        return (change * pattern).sum()
+
+    light = view.radiance.clone().requires_grad_()
+    scale = torch.ones(BANDS, 1, 1, dtype=torch.float64, requires_grad=True)
+    found = weighed(light, scale)
+    assert abs(float(found.detach() - weighed(view.radiance, scale.detach()))) < 1e-9
+    found.backward()
+    # the change is linear in the light: its derivative, applied to the light itself, is the change
+    assert float((light.grad * light.detach()).sum()) == pytest.approx(float(found.detach()), rel=1e-9)
+    step = 1e-6
+    ends = [float(weighed(view.radiance, scale.detach() * (1 + s * step))) for s in (1, -1)]
+    assert float(scale.grad.sum()) == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5)
