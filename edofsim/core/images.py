@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from PIL import Image
@@ -21,30 +21,23 @@ from .files import whole, write_bytes
 if TYPE_CHECKING:
     import OpenEXR
     from numpy.typing import ArrayLike
+    from torch import Tensor
 
 
-class Clippable(Protocol):
-    """A NumPy array or a torch tensor."""
-
-    def clip(self, min: float | None = None, max: float | None = None) -> Any: ...
-
-
-A = TypeVar("A", bound=Clippable)
-Index = TypeVar("Index")
+A = TypeVar("A", np.ndarray, "Tensor")
 
 
 def srgb_encode(linear: A) -> A:
     """Transfer curve of sRGB (IEC 61966-2-1): linear in, encoded out, both clipped to [0, 1], same shape."""
-    x: Any = linear.clip(0, 1)
+    x = linear.clip(0, 1)
     low = x <= 0.0031308
-    return low * (12.92 * x) + ~low * (1.055 * x.clip(0.0031308) ** (1 / 2.4) - 0.055)
+    return low * (12.92 * x) + ~low * (1.055 * x.clip(0.0031308) ** (1 / 2.4) - 0.055)  # pyrefly: ignore
 
 
 def srgb_decode(encoded: A) -> A:
     """The inverse of `srgb_encode`: values in [0, 1] to linear ones, same shape. Values above 1 go on."""
-    x: Any = encoded
-    low = x <= 0.04045
-    return low * (x / 12.92) + ~low * ((x.clip(0.04045) + 0.055) / 1.055) ** 2.4
+    low = encoded <= 0.04045
+    return low * (encoded / 12.92) + ~low * ((encoded.clip(0.04045) + 0.055) / 1.055) ** 2.4  # pyrefly: ignore
 
 
 def existing(path: Path, what: str) -> Path:
@@ -158,9 +151,8 @@ def save_exr(file: OpenEXR.File, path: Path) -> None:
         raise OSError(f"{path.name}: {error}") from error
 
 
-def mirrored(index: Index, size: int) -> Index:
+def mirrored(index: A, size: int) -> A:
     """Integers, of NumPy or torch, as indices into an axis of `size` pixels that its mirror images continue;
     the border pixel is repeated: 0 1 2 2 1 0 0 1 for 0 to 7 and three pixels."""
-    places: Any = index
     last = 2 * size - 1
-    return (last - abs(2 * (places % (2 * size)) - last)) // 2
+    return (last - abs(2 * (index % (2 * size)) - last)) // 2  # pyrefly: ignore
