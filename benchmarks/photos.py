@@ -11,7 +11,6 @@ from __future__ import annotations
 import gc
 import math
 import multiprocessing
-import os
 import statistics
 import time
 from collections.abc import Callable
@@ -34,6 +33,7 @@ from edofsim.capture.methods.low_rank import blur_with
 from edofsim.capture.photograph import all_in_focus
 from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights, choose_nodes
 from edofsim.capture.sensor import automatic_exposure
+from edofsim.core.files import whole
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion import smooth_relief
@@ -246,8 +246,8 @@ def _by_brute_force(
         }
         if kept is not None:
             kept.parent.mkdir(parents=True, exist_ok=True)
-            torch.save(state, f"{kept}.tmp")
-            os.replace(f"{kept}.tmp", kept)
+            with whole(kept) as temporary:
+                torch.save(state, temporary)
     return view.crop_margin(state["photo"]), {
         ("seconds_brute", ""): state["seconds"],
         ("seconds_brute_psfs", ""): state["psf_seconds"],
