@@ -16,6 +16,7 @@ from typing import Any
 
 import torch
 
+from edofsim.core.progress import Progress
 from edofsim.learn import train
 from edofsim.learn.setup import Setup, prepare
 from edofsim.learn.trainer import draw_batch
@@ -23,7 +24,6 @@ from edofsim.learn.workers import Workers, choose_device
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
 
-Progress = Callable[[float, str], None]
 REPEATS = 5
 
 

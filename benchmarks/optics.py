@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from edofsim.core.progress import Progress, silent
 from edofsim.optics import Camera, defocus, psf_bank
 from edofsim.optics import cache as bank_cache
 from edofsim.optics.grid import PupilGrid
@@ -34,7 +35,6 @@ from edofsim.optics.transform import SensorWindow, make_bases, pixel_weights
 from edofsim.recipe.camera import CameraRecipe, PsfSettings
 from edofsim.record import peak_memory_mib
 
-Progress = Callable[[float, str], None]
 DEPTHS, BANDS, WINDOW, PUPIL, OVERSAMPLING = 64, 31, 112, 252, 2
 NEAREST, FARTHEST = 2.0, 0.25
 """1/m; farther away the paper's bound asks for more than 252 samples at 420 nm."""
@@ -52,7 +52,7 @@ def run(progress: Progress | None = None) -> dict[str, float]:
     backward.*: seconds and MiB kept for the backward pass of 12 PSFs, by hand and by automatic
     differentiation of the same transform as one complex matrix product.
     """
-    tell = progress or (lambda fraction, what: None)
+    tell = progress or silent
     figures: dict[str, float] = {}
     if importlib.util.find_spec("prysm"):
         tell(0.0, "against prysm")

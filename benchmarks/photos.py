@@ -11,7 +11,6 @@ from __future__ import annotations
 import gc
 import math
 import multiprocessing
-import os
 import statistics
 import time
 from collections.abc import Callable
@@ -34,6 +33,8 @@ from edofsim.capture.methods.low_rank import blur_with
 from edofsim.capture.photograph import all_in_focus
 from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights, choose_nodes
 from edofsim.capture.sensor import automatic_exposure
+from edofsim.core.files import whole
+from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion import smooth_relief
 from edofsim.optics import Camera, psf_bank
@@ -41,8 +42,6 @@ from edofsim.recipe import load_camera, load_scene
 from edofsim.record import machine, peak_memory_mib
 from edofsim.render.view import View
 from edofsim.report.plot import BLUE, WIDE_IN, Plot, new_figure
-
-Progress = Callable[[float, str], None]
 
 SCENES = ("desk", "hallway")
 MASKS = ("clear", "cubic", "smooth")
@@ -68,7 +67,7 @@ def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, 
     peak_memory_mib.1024px_31b_{16,64,475}d: of a process that takes one photo, occlusion included.
     out: a folder for the plot `expose-cost.png`, and for finished pieces, which are not measured again.
     """
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     figures: dict[str, float] = {}
     kept = None if out is None else Kept(out / "expose.jsonl")
     pieces: dict[str, Callable[[Progress], dict[str, float]]] = {
@@ -128,7 +127,7 @@ def rendered(scene: str, progress: Progress) -> View:
 
 def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dict[str, float]:
     """Low rank against brute force for one mask and one scene; kept: a file for what is half done."""
-    view = rendered(scene, lambda f, text: say(0.0, text))
+    view = rendered(scene, part(say, 0.0, 0.0))
     camera = cameras()[mask]
     figures = {
         f"unoccluded.{kind}.{scene}.{mask}" + (f".{tolerance}" if tolerance else ""): value
@@ -247,8 +246,8 @@ def _by_brute_force(
         }
         if kept is not None:
             kept.parent.mkdir(parents=True, exist_ok=True)
-            torch.save(state, f"{kept}.tmp")
-            os.replace(f"{kept}.tmp", kept)
+            with whole(kept) as temporary:
+                torch.save(state, temporary)
     return view.crop_margin(state["photo"]), {
         ("seconds_brute", ""): state["seconds"],
         ("seconds_brute_psfs", ""): state["psf_seconds"],

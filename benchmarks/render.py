@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.packed import PackedScene
+from edofsim.core.progress import Progress, silent
 from edofsim.recipe import load_scene
 from edofsim.record import peak_memory_mib
 from edofsim.render.engine import use_engine
@@ -27,8 +28,6 @@ from edofsim.render.settings import RenderSettings
 from edofsim.render.translate import build_stage
 from edofsim.scene import build_scene
 from edofsim.scene.model import BandTexture, SceneModel
-
-Progress = Callable[[float, str], None]
 
 SAMPLES = 64
 WIDTH, HEIGHT = 240, 192
@@ -44,7 +43,7 @@ def run(progress: Progress | None = None) -> dict[str, float]:
     than Mitsuba's spectral film; noise.{bands,packed,specfilm} at SAMPLES a pixel;
     {seconds,peak_memory_mib}.{size}_{bands}b_{samples}s: what whole views cost.
     """
-    say = progress or (lambda fraction, message: None)
+    say = progress or silent
     figures = in_a_process(compare_ways)
     cases = [(256, 31, 16), (512, 31, 16), (1024, 31, 16), (512, 3, 16), (512, 61, 16), (512, 31, 64)]
     for number, (size, bands, samples) in enumerate(cases):

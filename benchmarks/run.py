@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
+from edofsim.core.progress import Progress, part
 from edofsim.errors import InputError
 
 BENCHES = {"optics": "optics", "render": "render", "expose": "photos", "learn": "learn"}
@@ -18,7 +19,7 @@ WRITE = ("expose",)
 
 def run(
     names: Sequence[str],
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
     out: Path | None = None,
 ) -> dict[str, float]:
     """Figures of the named benchmarks, each under its own prefix; out: a folder for what they write.
@@ -30,12 +31,8 @@ def run(
         raise InputError(f"no benchmark {unknown[0]!r}; known: {', '.join(BENCHES)}")
     found: dict[str, float] = {}
     for index, name in enumerate(names):
-
-        def part(done: float, text: str, index: int = index, name: str = name) -> None:
-            if progress:
-                progress((index + done) / len(names), f"{name}: {text}")
-
+        tell = part(progress, index / len(names), (index + 1) / len(names), name)
         bench = import_module(f".{BENCHES[name]}", __package__)
         more = {"out": out} if name in WRITE else {}
-        found |= {f"{name}.{key}": value for key, value in bench.run(progress=part, **more).items()}
+        found |= {f"{name}.{key}": value for key, value in bench.run(progress=tell, **more).items()}
     return found

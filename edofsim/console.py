@@ -11,8 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
 
+from .core.progress import Progress, silent
 from .errors import EdofsimError, InputError
 
 FILE_WIDTH = 160  # columns of a table that goes to a file or a pipe
@@ -26,22 +28,20 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 @contextmanager
-def progress(title: str, *, quiet: bool = False) -> Generator[Callable[[float, str], None]]:
-    """A callable (fraction done, what is going on): a bar on a terminal, a line now and then elsewhere."""
+def progress(title: str, *, quiet: bool = False) -> Generator[Progress]:
+    """Shows how far work is: a bar on a terminal, a line now and then elsewhere."""
     if quiet:
-        yield lambda done, text: None
+        yield silent
     elif err.is_terminal:
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
-        with Progress(
-            *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=err, transient=True
-        ) as bar:
+        with Bar(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=err, transient=True) as bar:
             task = bar.add_task(title, total=1.0)
             yield lambda done, text: bar.update(task, completed=done, description=f"{title}: {text}")
     else:
         yield _line_printer(title)
 
 
-def _line_printer(title: str) -> Callable[[float, str], None]:
+def _line_printer(title: str) -> Progress:
     last = {"time": -LINE_EVERY_S, "stage": ""}
 
     def show(done: float, text: str) -> None:

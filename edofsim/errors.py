@@ -27,3 +27,12 @@ class InputError(EdofsimError):
 
 class EngineError(EdofsimError):
     """No usable render engine: the message names the command that installs one."""
+
+
+class DiskFullError(EdofsimError):
+    """There is no room for a file."""
+
+
+def first_line(error: Exception) -> str:
+    """The beginning of another library's error, short enough for one sentence."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:160]

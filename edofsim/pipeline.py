@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from .capture import Photo, capture
 from .capture.device import torch_device
+from .core.progress import Progress
 from .optics import Camera
 from .plan import (
     Looked,
@@ -30,8 +31,6 @@ from .restore import restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between
 from .restore.scores import DepthScore, Score, score, score_by_depth, within_scale
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -107,9 +106,7 @@ def run(
     with watch.stage("expose", 0.72, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
     with watch.stage("lens alone", 0.82, 0.92):
-        lens_alone = capture(
-            view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure
-        )
+        lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
     with watch.stage("restore", 0.92, 0.94):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)

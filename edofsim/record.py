@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import os
@@ -14,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 
 from . import __version__
+from .core.files import write_text
 from .core.json_values import Json
 from .errors import InputError
 
@@ -88,30 +90,17 @@ def record(
 
 
 def write_record(path: Path, content: Mapping[str, object]) -> Path:
-    """Write it as JSON, whole or not at all. Raises InputError where that cannot be."""
-    temporary = path.with_name(path.name + f".{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(
-            json.dumps(content, indent=1, allow_nan=False, default=str) + "\n", encoding="utf-8"
-        )
-        temporary.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror or error}); choose another place"
-        ) from None
-    return path
+    """Write it as JSON. Returns the path; raises what `core.files.whole` raises."""
+    return write_text(path, json.dumps(content, indent=1, allow_nan=False, default=str) + "\n")
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> Path:
-    """Write rows as CSV; numbers with six significant digits. Returns the path."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(
-            [f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in rows
-        )
-    return path
+    """Write rows as CSV; numbers with six significant digits. Returns the path; raises as `write_record`."""
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(header)
+    writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in rows)
+    return write_text(path, table.getvalue())
 
 
 def _plain(value: float) -> float | int | str:
@@ -120,8 +109,8 @@ def _plain(value: float) -> float | int | str:
     return number if math.isfinite(number) else str(number)
 
 
-def writable_folder(path: Path) -> Path:
-    """`path`, made if need be. Raises InputError where nothing can be written in it."""
+def writable_folder(path: Path, option: str = "--out") -> Path:
+    """`path`, made if need be. Raises InputError, naming the option, where nothing can be written in it."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         probe = path / f".edofsim-{os.getpid()}"
@@ -130,7 +119,7 @@ def writable_folder(path: Path) -> Path:
     except OSError as error:
         reason = error.strerror or error
         raise InputError(
-            f"{path}: nothing can be written there ({reason}); name another folder with --out"
+            f"the folder {path} cannot be written ({reason}); name another one with {option}"
         ) from None
     return path
 

@@ -1,10 +1,17 @@
-"""One thread an operation: tests take small tensors, whose threads would only wait for each other."""
+"""Small disks; and one thread an operation: tests take small tensors, whose threads would only wait for each
+other."""
 
 from __future__ import annotations
+
+import subprocess
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 import torch
 
+LARGE = 256 << 20
 THREADS = torch.get_num_threads()
 
 
@@ -13,3 +20,32 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     """Before all fixtures, those of modules too. Slow tests measure seconds and memory as they are for
     users."""
     torch.set_num_threads(THREADS if item.get_closest_marker("slow") else 1)
+
+
+@dataclass(frozen=True)
+class Disk:
+    """A file system of its own, in memory."""
+
+    folder: Path
+
+    def change(self, options: str) -> None:
+        subprocess.run(["mount", "-o", f"remount,{options}", str(self.folder)], check=True)
+
+    def size(self, size: int) -> None:
+        """Make it so many bytes large; what is on it must fit."""
+        self.change(f"size={max(size, 4096)}")
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Generator[Disk]:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", f"size={LARGE}", "tmpfs", str(folder)]
+    try:
+        done = subprocess.run(command, capture_output=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("there is no mount command here")
+    if done.returncode:
+        pytest.skip("mounting a small disk is not allowed here (it takes root)")
+    yield Disk(folder)
+    subprocess.run(["umount", "-l", str(folder)], check=True)

@@ -28,6 +28,7 @@ def check_fidelity(fidelity: Fidelity) -> None:
 def check_view(view: View) -> None:
     """Refuse a view with values that are not light or not depth. Raises InputError naming the pixels."""
     problems = []
+    check_pixels(view)
     depth = view.inverse_depth.detach()
     if _sound(depth, view.coverage.detach(), view.radiance.detach()):
         return
@@ -49,6 +50,21 @@ def check_view(view: View) -> None:
         problems.append(f"the view's coverage is not between 0 and 1 {_where(view, bad)}: render it again")
     if problems:
         raise InputError(problems)
+
+
+def check_pixels(view: View) -> None:
+    """Refuse fragments that lie beyond the frame with its margin, or that are not sorted by pixel."""
+    rows, columns = view.padded_shape
+    if not view.pixel.numel():
+        return
+    first, last = (int(end) for end in view.pixel.aminmax())
+    if first < 0 or last >= rows * columns:
+        raise InputError(
+            f"the view's pixels go from {first} to {last}, and a frame of {columns} x {rows} with its margin "
+            f"has 0 to {rows * columns - 1}: they count in the frame with its margin, row by row"
+        )
+    if bool((view.pixel[1:] < view.pixel[:-1]).any()):
+        raise InputError("the view's fragments are not sorted by pixel")
 
 
 def _sound(depth: Tensor, coverage: Tensor, radiance: Tensor) -> bool:

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
+from safetensors.torch import save_file
 from torch import Tensor
 
-from ..optics.cache import write_whole
+from ..core.store import Store
 from .factors import Factors, Group
 from .kernels import Kernels
 
 VERSION = 2
 """Raised when the same PSFs would give other factors, so that those on disk are computed again."""
-MEMORY_BYTES = 128 << 20
-"""Largest sum of factors kept in memory; those used longest ago go first."""
 
-_memory: OrderedDict[str, list[Factors]] = OrderedDict()
 _GROUP = [each.name for each in fields(Group)]
 _TENSORS = [each.name for each in fields(Factors) if each.name not in ("group", "predicted_db")]
 
@@ -38,29 +35,16 @@ def factors_for(
         return compute()
     said = [VERSION, kernels.key, str(response.dtype), response.tolist(), tolerance_db]
     key = hashlib.sha256(json.dumps(said).encode()).hexdigest()
-    found = _memory.get(key)
-    path = None if kernels.folder is None else kernels.folder / f"factors-{key}.safetensors"
-    if found is None and path is not None:
-        found = _read(path)
+    found = FACTORS.find(key, kernels.folder)
     if found is None:
-        found = compute()
-        if path is not None:
-            _write(path, found)
-    _remember(key, [_moved(each, "cpu") for each in found])
+        found = [_moved(each, "cpu") for each in compute()]
+        FACTORS.keep(key, found, kernels.folder)
     return [_moved(each, response.device) for each in found]
 
 
 def forget() -> None:
     """Empty the memory."""
-    _memory.clear()
-
-
-def _remember(key: str, factors: list[Factors]) -> None:
-    _memory[key] = factors
-    _memory.move_to_end(key)
-    size = sum(_bytes(kept) for kept in _memory.values())
-    while size > MEMORY_BYTES and len(_memory) > 1:
-        size -= _bytes(_memory.popitem(last=False)[1])
+    FACTORS.forget()
 
 
 def _bytes(factors: Sequence[Factors]) -> int:
@@ -73,30 +57,27 @@ def _moved(factors: Factors, device: torch.device | str) -> Factors:
     return Factors(group=group, predicted_db=factors.predicted_db, **tensors)
 
 
-def _write(path: Path, factors: Sequence[Factors]) -> None:
+def _write(factors: Sequence[Factors], path: Path) -> None:
     tensors = {}
     for number, each in enumerate(factors):
         # clones: groups share tensors, which the file format refuses
-        tensors |= {f"{number} {name}": getattr(each, name).cpu().clone() for name in _TENSORS}
-        tensors |= {f"{number} {name}": getattr(each.group, name).cpu().clone() for name in _GROUP}
-    predicted = json.dumps([each.predicted_db for each in factors])
-    write_whole(path, tensors, {"predicted_db": predicted})
+        tensors |= {f"{number} {name}": getattr(each, name).clone() for name in _TENSORS}
+        tensors |= {f"{number} {name}": getattr(each.group, name).clone() for name in _GROUP}
+    save_file(tensors, path, {"predicted_db": json.dumps([each.predicted_db for each in factors])})
 
 
-def _read(path: Path) -> list[Factors] | None:
-    """The factors of a file; None if there is none or it is damaged."""
-    if not path.is_file():
-        return None
-    try:
-        with safe_open(str(path), "pt") as file:
-            predicted = json.loads(file.metadata()["predicted_db"])
-            return [
-                Factors(
-                    group=Group(*(file.get_tensor(f"{number} {name}") for name in _GROUP)),
-                    predicted_db=decibel,
-                    **{name: file.get_tensor(f"{number} {name}") for name in _TENSORS},
-                )
-                for number, decibel in enumerate(predicted)
-            ]
-    except (OSError, ValueError, KeyError, TypeError, SafetensorError):
-        return None
+def _read(path: Path) -> list[Factors]:
+    with safe_open(path, "pt") as file:
+        return [
+            Factors(
+                group=Group(*(file.get_tensor(f"{number} {name}") for name in _GROUP)),
+                predicted_db=decibel,
+                **{name: file.get_tensor(f"{number} {name}") for name in _TENSORS},
+            )
+            for number, decibel in enumerate(json.loads(file.metadata()["predicted_db"]))
+        ]
+
+
+FACTORS: Store[list[Factors]] = Store(
+    "factors-{}.safetensors", _read, _write, size=_bytes, memory_bytes=128 << 20
+)

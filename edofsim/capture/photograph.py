@@ -13,6 +13,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera, response
 from ..optics.precision import own_precision
@@ -27,7 +28,7 @@ from .light import hat_weights, seen
 from .photo import Photo
 from .prepare import channel_weights, choose_nodes, kernels_of
 from .sensor import automatic_exposure, record, sensor_effects
-from .stopwatch import Progress, Stopwatch
+from .stopwatch import Stopwatch
 
 
 @own_precision

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
-
-from ..optics.transform import good_size
 
 
 def surroundings(window: int) -> tuple[int, int]:
@@ -27,7 +26,7 @@ def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor
     """
     rows, columns = sharp.shape[-2:]
     window = psf.shape[-1]
-    size = (good_size(rows), good_size(columns))
+    size = (next_fast_len(rows, real=True), next_fast_len(columns, real=True))
     spectrum = torch.fft.rfft2(sharp, s=size) * torch.fft.rfft2(psf, s=size)
     direct = torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
     outside = 1 - psf.sum((-1, -2), keepdim=True)

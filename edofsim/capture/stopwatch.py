@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-Progress = Callable[[float, str], None]
+from ..core.progress import Progress
 
 
 class Stopwatch:

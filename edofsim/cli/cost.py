@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ..core.progress import part
 from ..options import (
     CacheOption,
     CameraOption,
@@ -46,7 +47,6 @@ def cost(
         from ..experiments import cost as photos
         from ..experiments import cost_stages
         from ..experiments.cost_page import cost_page, cost_plot, photo_table, stage_plot, stage_table
-        from ..experiments.experiment import part
         from ..optics import Camera
         from ..plan import planner_of
         from ..render import render

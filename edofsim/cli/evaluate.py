@@ -11,12 +11,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
 from ..experiments import EXPERIMENTS
-from ..experiments.experiment import Findings, InPaper, Paper, part
+from ..experiments.experiment import Findings, InPaper, Paper
 from ..options import CacheOption, JsonOption, OutOption, QuietOption, SeedOption
 from ..record import writable_folder
-from .shared import Done, Progress, begun, figures_table, finish
+from .shared import Done, begun, figures_table, finish
 
 LOG = logging.getLogger(__name__)
 

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from .. import console
+from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
 from ..options import (
     AccuracyOption,
@@ -23,7 +24,7 @@ from ..options import (
     TimeOption,
 )
 from ..record import peak_memory_mib, writable_folder
-from .shared import Done, Progress, begun, finish
+from .shared import Done, begun, finish
 
 if TYPE_CHECKING:
     from ..plan import Target

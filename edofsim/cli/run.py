@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from ..core.progress import Progress
 from ..options import (
     AccuracyOption,
     CacheOption,
@@ -32,7 +33,7 @@ from ..options import (
     WithoutOption,
 )
 from ..record import peak_memory_mib, writable_folder
-from .shared import Done, Progress, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
+from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
     from ..pipeline import Run

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from .. import console
+from ..core.progress import Progress
 from ..errors import InputError
 from ..record import record, writable_file, write_record
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from ..plan import Plan
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
     from ..report import Table as PageTable
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)

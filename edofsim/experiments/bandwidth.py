@@ -16,13 +16,14 @@ from pathlib import Path
 
 import torch
 
+from ..core.progress import Progress
 from ..optics import PAPER_COLOURS, Camera, defocus, sampling_bound
 from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..report import Key, Keys, Page, Plot, Section, Text, line_plot
 from ..report.plot import WIDE_IN
 from ..report.words import number
-from .experiment import Findings, Progress, in_paper
+from .experiment import Findings, in_paper
 
 RADIUS = 2.5e-3
 PITCH = 30e-6

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
+from ..core.progress import Progress
 from ..errors import InputError
 from ..record import machine
 from ..report import Column, Table
-from .experiment import Findings, Progress
+from .experiment import Findings
 
 
 def run(

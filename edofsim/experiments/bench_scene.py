@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.progress import Progress, part
 from ..optics import Camera
 from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
@@ -41,7 +42,7 @@ from ..report.pictures import display_gain
 from ..report.words import DASH, number
 from ..scene import build_scene
 from . import scene3d
-from .experiment import Findings, Progress, in_paper, part
+from .experiment import Findings, in_paper
 from .kept import Kept
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, systems_of
 from .scene3d import WHOLE, Measured, Seen

@@ -27,7 +27,8 @@ import typer
 from torch import Tensor
 
 from ..capture.sensor import automatic_exposure
-from ..capture.srgb import srgb_encode
+from ..core.images import srgb_encode, write_png
+from ..core.progress import Progress, part
 from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
 from ..options import CacheOption, SeedOption, SystemsOption, numbers
 from ..recipe import load_scene
@@ -38,9 +39,9 @@ from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import psnr
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
-from .experiment import Findings, Progress, in_paper, part
+from .experiment import Findings, in_paper
 from .kept import Kept, key_of
-from .planes import Shown, middle, noisy, save_png, through
+from .planes import Shown, middle, noisy, through
 from .systems import (
     READ_NOISE,
     WITHOUT_TRAINING,
@@ -310,7 +311,7 @@ def _photographed(
         known = torch.einsum("cb,byx->cyx", weights, psf)
         linear = filtered(photo, known[None])
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
-        save_png(path, srgb_encode(middle(image, SHOWN_PX)))
+        write_png(path, srgb_encode(middle(image, SHOWN_PX)))
     return {
         "photo_db": _scores(photo, sharp),
         "restored_db": _scores(restored, sharp),

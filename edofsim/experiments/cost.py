@@ -14,24 +14,23 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..capture import Photo, capture
+from ..core.progress import Progress
+from ..core.store import found, keep
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import Fidelity, Planner, parse_target
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
-from .experiment import Progress
 from .kept import Kept, key_of
 
 TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
@@ -190,10 +189,11 @@ def _reference(
     """The full simulation's photo, kept in the folder with its measurement: it takes longest of all."""
     key = _key(about, case, 0)
     path = folder / f"{case.name.replace(', ', '-').replace(' ', '-')}-{key[:16]}.safetensors"
-    with suppress(OSError, KeyError, SafetensorError):  # none yet, or a damaged one: it is made again
-        return load_file(path)["photo"]
+    before = found(path, lambda path: load_file(path)["photo"])
+    if before is not None:
+        return before
     photo, entry = _timed(view, camera, case, device, clock, pace)
-    psf_memory.write_whole(path, {"photo": photo.clean.contiguous()}, {})
+    keep(path, lambda path: save_file({"photo": photo.clean.contiguous()}, path))
     kept.put(key, {**entry, "db": math.inf})
     return photo.clean
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..capture import Photo, capture
+from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
 from ..optics import cache as psf_memory
@@ -29,7 +30,6 @@ from ..restore.checkpoint import (
 )
 from ..restore.scores import psnr, within_scale
 from ..restore.telling import forget as forget_told
-from .experiment import Progress
 from .kept import Kept, key_of
 
 FEWEST_SAMPLES = 4

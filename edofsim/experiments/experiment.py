@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Generic, ParamSpec
 
 if TYPE_CHECKING:
     from ..report.page import Page, Table
-
-Progress = Callable[[float, str], None]
 P = ParamSpec("P")
 
 
@@ -74,13 +72,3 @@ def in_paper(
 ) -> Callable[[Callable[P, Findings]], InPaper[P]]:
     """Makes an experiment part of `edofsim evaluate paper`, with these options of its own."""
     return lambda run: InPaper(run, options)
-
-
-def part(progress: Progress, start: float, end: float, what: str = "") -> Progress:
-    """Progress of a part as progress of the whole; what: is said before what the part says."""
-    before = f"{what}: " if what else ""
-    return lambda done, text: progress(start + done * (end - start), before + text)
-
-
-def silent(done: float, text: str) -> None:
-    """Progress that is not shown."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..core.progress import Progress
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..recipe.fabrication import Fabrication
-from .experiment import Findings, Progress, in_paper
+from .experiment import Findings, in_paper
 from .paper_figures import FABRICATION
 from .planes import Condition
 from .robustness import Study, green_focus, measured

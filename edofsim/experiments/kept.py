@@ -5,12 +5,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..errors import EdofsimError
+from ..core.files import append_line
 from ..record import versions
 
 PACKAGE = Path(__file__).parents[1]
@@ -19,24 +18,19 @@ PACKAGE = Path(__file__).parents[1]
 class Kept:
     """Findings by key in a file of lines. A key says everything that decides a finding (see `key_of`).
 
-    A line that an interruption cut short is passed over. Raises EdofsimError where the file cannot be
-    written."""
+    A line that an interruption cut short is passed over."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._found: dict[str, dict[str, Any]] = {}
-        cut = False
         if path.is_file():
             text = path.read_text(encoding="utf-8", errors="replace")
-            cut = bool(text) and not text.endswith("\n")
             for line in text.splitlines():
                 try:
                     entry = json.loads(line)
                     self._found[entry["key"]] = entry["found"]
                 except (ValueError, KeyError, TypeError):
                     continue
-        if cut:
-            self._append("\n")
 
     def __len__(self) -> int:
         return len(self._found)
@@ -46,21 +40,9 @@ class Kept:
         return self._found.get(key)
 
     def put(self, key: str, found: Mapping[str, Any]) -> None:
-        """Keep a finding, on disk before this returns."""
+        """Keep a finding, on disk before this returns. Raises what `core.files.whole` raises."""
         self._found[key] = dict(found)
-        self._append(json.dumps({"key": key, "found": self._found[key]}) + "\n")
-
-    def _append(self, text: str) -> None:
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise EdofsimError(
-                f"{self._path}: cannot be written ({error.strerror}); choose another --out"
-            ) from None
+        append_line(self._path, json.dumps({"key": key, "found": self._found[key]}))
 
 
 def key_of(**parts: Any) -> str:

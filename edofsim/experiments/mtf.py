@@ -16,6 +16,7 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from ..core.progress import Progress
 from ..optics import Camera, defocus
 from ..optics.masks import Mask
 from ..optics.masks.clear import ClearMask
@@ -29,7 +30,7 @@ from ..record import write_csv
 from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text
 from ..report.plot import DASHES, MUTED, NARROW_IN, SERIES, WIDE_IN, new_figure
 from ..report.words import listed, number
-from .experiment import Findings, Progress, in_paper
+from .experiment import Findings, in_paper
 
 GREEN = 543e-9
 PSIS = (0.0, 20.0, 40.0)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..core.progress import Progress
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
-from .experiment import Findings, Progress, in_paper
+from .experiment import Findings, in_paper
 from .paper_figures import NOISE
 from .planes import Condition
 from .robustness import Study, green_focus, measured

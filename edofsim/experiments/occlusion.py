@@ -36,6 +36,8 @@ from ..capture.occlusion import OCCLUSIONS
 from ..capture.photograph import all_in_focus
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
+from ..core.progress import Progress, part
+from ..core.store import keep
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
@@ -55,7 +57,7 @@ from ..report.plot import new_figure, picture_axes
 from ..restore.scores import psnr
 from ..scene import build_scene
 from ..scene.model import SceneModel
-from .experiment import Findings, Progress, part
+from .experiment import Findings
 from .kept import Kept, key_of
 
 SCENES = ("desk", "foliage", "bench")
@@ -244,7 +246,7 @@ def references(
         view, model, list(takes.values()), where, window_px=WINDOW, device=device, progress=progress
     )
     photos = {".".join(take): truth.contiguous() for take, truth in zip(takes, truths, strict=True)}
-    save_file(photos, kept, {"of": said})
+    keep(kept, lambda path: save_file(photos, path, {"of": said}))
     return truths
 
 

@@ -10,16 +10,16 @@ Every finished picture is kept in the output folder; the same call goes on from 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from PIL import Image
 from torch import Tensor
 
 from ..capture.planes import photograph, surroundings
+from ..core.images import mirrored, write_png
+from ..core.progress import Progress
 from ..optics import PAPER_COLOURS, psf_bank
 from ..recipe.fabrication import Fabrication
 from ..record import write_csv
@@ -27,9 +27,7 @@ from ..report import Gallery, Notes, Picture
 from ..report.page import Block
 from ..report.pictures import picture_file
 from ..report.words import decibels, listed
-from ..restore.borders import mirrored
 from ..restore.scores import psnr
-from .experiment import Progress
 from .kept import Kept, key_of
 from .photographs import Photograph, Photographs
 from .systems import NEAREST_PER_M, Contestant, described, made
@@ -143,8 +141,8 @@ def through(sharp: Tensor, psf: Tensor) -> Tensor:
     """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it."""
     before, after = surroundings(psf.shape[-1])
     rows, columns = sharp.shape[-2:]
-    down = mirrored(-before, rows + before + after, rows)
-    across = mirrored(-before, columns + before + after, columns)
+    down = mirrored(torch.arange(-before, rows + after), rows)
+    across = mirrored(torch.arange(-before, columns + after), columns)
     return photograph(sharp[:, down][:, :, across][None], psf[None])[0]
 
 
@@ -180,16 +178,6 @@ def middle(image: Tensor, size: int = SHOWN_PX) -> Tensor:
     return image[..., top : top + size, left : left + size]
 
 
-def save_png(path: Path, image: Tensor) -> Path:
-    """An image [3, y, x] of values as people see them, 1 is white, as PNG. Written whole or not at all."""
-    pixels = (image.clamp(0, 1) * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    Image.fromarray(pixels, "RGB").save(temporary, "PNG", optimize=True)
-    temporary.replace(path)
-    return path
-
-
 def _shown(job: Job, out: Path) -> Shown:
     folder = out / "pictures"
     return Shown(
@@ -220,7 +208,7 @@ def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, sh
     files = _shown(job, out) if job.picture.name in show else None
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
-            save_png(path, middle(image))
+            write_png(path, middle(image))
     row = _row(job, system, psnr(photo, sharp), psnr(restored, sharp), files)
     kept.put(job.key, {"photo_db": row.photo_db, "restored_db": row.restored_db})
     return row

@@ -18,6 +18,7 @@ from typing import Annotated, Any
 import typer
 
 from ..capture import capture
+from ..core.progress import Progress
 from ..optics import Camera
 from ..optics.threads import one_thread
 from ..options import CacheOption
@@ -37,7 +38,7 @@ from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.scores import psnr
 from . import cost
-from .experiment import Findings, Progress
+from .experiment import Findings
 from .kept import Kept, key_of
 
 SCENES = (

@@ -24,7 +24,7 @@ from torch import Tensor
 from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
-from ..capture.srgb import srgb_encode
+from ..core.images import srgb_encode
 from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import direct_part
 from ..recipe import CameraRecipe, Loaded

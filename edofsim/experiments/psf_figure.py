@@ -13,7 +13,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from ..capture.files import write_channels
+from ..core.images import write_exr
+from ..core.progress import Progress, silent
 from ..optics import Camera, PsfBank, psf_bank
 from ..optics.grid import PupilGrid
 from ..optics.masks import catalogue, mask_amplitude
@@ -24,7 +25,6 @@ from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..report import Plot
 from ..report.plot import DASHES, SERIES, new_figure, picture_axes
-from .experiment import Progress, silent
 
 COLOURS_NM = (611.0, 543.0, 482.0)
 DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
@@ -183,4 +183,4 @@ def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camer
         "pixel_um": camera.pixel * 1e6,
         "transmission": bank.transmission,
     }
-    return write_channels(path, channels, header)
+    return write_exr(path, channels, header)

@@ -10,12 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.progress import Progress, part
 from ..optics import focus_distance
 from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text, line_plot
 from ..report.page import Block
 from ..report.plot import WIDE_IN
 from ..report.words import decibels, number
-from .experiment import Findings, Progress, part
+from .experiment import Findings
 from .photographs import Photographs, chosen, photographs
 from .planes import ABOUT, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows
 from .systems import Contestant, contestants

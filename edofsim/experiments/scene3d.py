@@ -23,6 +23,8 @@ from typing import Annotated
 import typer
 from torch import Tensor
 
+from ..core.files import write_bytes
+from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
 from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
@@ -34,7 +36,7 @@ from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
 from ..restore.scores import Score, depth_ranges, score, score_parts, within_scale
 from .depth_edges import near_edges
-from .experiment import Findings, Progress, in_paper, part
+from .experiment import Findings, in_paper
 from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
@@ -155,7 +157,7 @@ def run(
         ours = seen.taken[OURS, seen.systems[1].name]
         alone = seen.taken[OURS, LENS_ALONE]
         shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
-        (each / f"{measured.scene}.png").write_bytes(shown.png)
+        write_bytes(each / f"{measured.scene}.png", shown.png)
 
     outcome = measured_scenes(
         folder,

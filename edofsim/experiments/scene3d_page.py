@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 from PIL import Image
 
+from ..core.images import srgb_decode
 from ..report.crops import Crop
 from ..report.figures import score_plot
 from ..report.model import ImageScore, RunReport
@@ -335,9 +336,7 @@ def _paper_gallery(seen: Seen, system: System) -> Gallery:
 
 def _encoded_picture(image: torch.Tensor, label: str, alt: str) -> Picture:
     """A picture of values that are sRGB already."""
-    x = image.clamp(0, 1)
-    linear = torch.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
-    return picture(linear, label, alt)
+    return picture(srgb_decode(image.clamp(0, 1)), label, alt)
 
 
 def _facts(measured: Measured) -> dict[str, str]:

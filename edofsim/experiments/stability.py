@@ -8,11 +8,12 @@ from typing import Annotated
 
 import typer
 
+from ..core.progress import Progress
 from ..report import Column, Key, Keys, Page, Section, Table, Text
 from ..report.words import significant
 from ..stability import catalogue
 from ..stability.catalogue import CaseResult
-from .experiment import Findings, Progress
+from .experiment import Findings
 
 
 def run(
@@ -39,7 +40,7 @@ def run(
         numbers,
         page(results, numbers),
         shown=[_short(results), summary],
-        outputs={"findings": catalogue.write_csv(folder / "stability.csv", results)},
+        outputs={"findings": catalogue.write_table(folder / "stability.csv", results)},
     )
 
 

@@ -13,12 +13,13 @@ from typing import Annotated
 
 import typer
 
+from ..core.progress import Progress, part
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..report import Column, Key, Keys, Page, Section, Text
 from ..report import Table as PageTable
 from ..report.page import Block
 from ..report.words import number
-from .experiment import Findings, Progress, in_paper, part
+from .experiment import Findings, in_paper
 from .paper_figures import METHOD_OF, METHODS, TABLE
 from .photographs import Photographs, chart, chosen, photographs
 from .planes import ABOUT, RANDOM, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows

@@ -14,6 +14,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..core.progress import Progress
 from .schedule import generator_of, rate_factor
 from .system import Optics
 
@@ -37,7 +38,7 @@ def design(
     seed: int,
     evenness: float = 0.0,
     response: bool = False,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> float:
     """Move a learning mask to where `error` is small over the depth range (inverse depths, 1/m).
 

@@ -7,22 +7,21 @@ which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um 
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
-from ..errors import EdofsimError, InputError
+from ..core.files import whole, write_bytes, write_text
+from ..core.images import png_bytes
+from ..errors import InputError
 from ..optics.fabrication import make
 from ..optics.grid import PupilGrid
 from ..optics.height import natural_samples, surface
 from ..recipe.fabrication import Fabrication
-from ..restore.checkpoint import Checkpoint, camera_with_mask, trained_camera, write_atomically
+from ..record import write_csv
+from ..restore.checkpoint import Checkpoint, camera_with_mask, trained_camera
 
 PITCH_UM = 3.0
 LEVELS = 98
@@ -63,7 +62,7 @@ def write_device(made: Device, folder: Path, name: str, *, gds: bool = False) ->
     """NAME.png (16 bits, grey = level x a whole factor that the file states), NAME-levels.csv (a row of
     levels a line), NAME-heights.csv (level, height), and with `gds` NAME.gds (a layer for each level).
 
-    Raises EdofsimError where the disk refuses, InputError where GDS is asked for without gdstk.
+    Raises what `core.files.whole` raises, and InputError where GDS is asked for without gdstk.
     """
     factor = 65535 // max(1, int(made.levels.max()))
     about = {
@@ -73,15 +72,11 @@ def write_device(made: Device, folder: Path, name: str, *, gds: bool = False) ->
         "orientation": "row 0 is the top of the pupil, column 0 its left, seen from the sensor",
     }
     paths = [folder / f"{name}.png", folder / f"{name}-levels.csv", folder / f"{name}-heights.csv"]
-    write_atomically(paths[0], _png(made.levels * factor, about))
+    write_bytes(paths[0], png_bytes(made.levels * np.uint16(factor), {"edofsim": json.dumps(about)}))
     lines = "\n".join(",".join(map(str, row)) for row in made.levels.tolist()) + "\n"
-    write_atomically(paths[1], lines.encode())
-    table = io.StringIO()
-    writer = csv.writer(table)
-    writer.writerow(["level", "height_nm"])
-    top = int(made.levels.max())
-    writer.writerows([level, f"{level * made.level_height * 1e9:.3f}"] for level in range(top + 1))
-    write_atomically(paths[2], table.getvalue().encode())
+    write_text(paths[1], lines)
+    heights = (f"{level * made.level_height * 1e9:.3f}" for level in range(int(made.levels.max()) + 1))
+    write_csv(paths[2], ("level", "height_nm"), enumerate(heights))
     if gds:
         paths.append(_gds(made, folder / f"{name}.gds"))
     return tuple(paths)
@@ -105,14 +100,6 @@ def rectangles(levels: np.ndarray) -> np.ndarray:
     return np.array(sorted(found))
 
 
-def _png(grey: np.ndarray, about: dict[str, object]) -> bytes:
-    info = PngInfo()
-    info.add_text("edofsim", json.dumps(about))
-    buffer = io.BytesIO()
-    Image.fromarray(grey.astype(np.uint16)).save(buffer, "PNG", pnginfo=info)
-    return buffer.getvalue()
-
-
 def _gds(made: Device, path: Path) -> Path:
     try:
         import gdstk
@@ -128,8 +115,6 @@ def _gds(made: Device, path: Path) -> Path:
                 ((right - half) * step, (half - bottom) * step),
             )
             cell.add(gdstk.rectangle(*corners, layer=level))
-    try:
-        library.write_gds(str(path))
-    except OSError as error:
-        raise EdofsimError(f"{path}: could not be written ({error.strerror})") from None
+    with whole(path) as temporary:
+        library.write_gds(temporary)
     return path

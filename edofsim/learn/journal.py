@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
 import torch
-from PIL import Image
 from torch import Tensor
 
+from ..core.files import write_text
+from ..core.images import write_png
 from ..errors import EdofsimError, InputError
 
 
@@ -47,10 +46,10 @@ class Journal:
         intensities); beside them the height map [n, n], dark is low."""
         grid = torch.cat([torch.cat([image.cpu() for image in row], dim=-1) for row in rows], dim=-2)
         path = self.folder / "pictures" / f"{step:07d}.png"
-        save_picture(path, grid)
+        write_png(path, grid.detach())
         if height is not None:
             relief = stretched(height)[None].expand(3, -1, -1)
-            save_picture(self.folder / "pictures" / f"{step:07d}-height.png", relief)
+            write_png(self.folder / "pictures" / f"{step:07d}-height.png", relief.detach().cpu())
         return path
 
     def __enter__(self) -> Journal:
@@ -64,16 +63,6 @@ class Journal:
             self._board.close()
 
 
-def save_picture(path: Path, image: Tensor) -> None:
-    """[3, y, x] in [0, 1] as an 8-bit PNG."""
-    array = (image.detach().cpu().clamp(0, 1).permute(1, 2, 0).numpy() * 255).round().astype(np.uint8)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(array).save(path)
-    except OSError as error:
-        raise EdofsimError(f"{path}: cannot be written ({error.strerror or error})") from None
-
-
 def stretched(values: Tensor) -> Tensor:
     """Values stretched over [0, 1]; a flat map becomes 0."""
     low, high = values.min(), values.max()
@@ -85,9 +74,7 @@ def _drop_from(path: Path, step: int) -> None:
     if not path.exists():
         return
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if _step_of(line) <= step]
-    kept = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    kept.write_text("".join(line + "\n" for line in lines if step > 0), encoding="utf-8")
-    kept.replace(path)
+    write_text(path, "".join(line + "\n" for line in lines if step > 0))
 
 
 def _step_of(line: str) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import torch
 
 from ..capture.planes import surroundings
+from ..core.progress import Progress
 from ..errors import InputError
 from ..recipe.train import NaturalImages, PackagedImages, TrainRecipe, Views
 from .edges import Edges, draw_covers
@@ -108,7 +109,7 @@ def gather(
     base: Path,
     data: Path | None,
     cache: Path | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Material:
     """Read all sources of a recipe. base: where its relative folders start; data: the folder for sources that
     name none; cache: of rendered views, which are rendered where they are missing.

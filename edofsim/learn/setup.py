@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid
@@ -58,7 +59,7 @@ def prepare(
     data: Path | None,
     workers: Workers,
     cache: Path | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Setup:
     """Read the data, build the mask and the network. Raises InputError for what the recipe cannot have."""
     recipe = loaded.recipe
@@ -122,9 +123,7 @@ def build_mask(
     return learner, pitch, camera.model_copy(update={"mask": plain})
 
 
-def _learner(
-    recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, radian: float
-) -> nn.Module:
+def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, radian: float) -> nn.Module:
     doe = recipe.doe
     limit = doe.height_limit_um * 1e-6
     if doe.start is not None:

@@ -13,8 +13,8 @@ import torch
 from PIL import Image
 from torch import Tensor
 
+from ..core.images import mirrored
 from ..errors import InputError
-from ..restore.borders import mirrored
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 MAX_PIXELS = 100_000_000
@@ -131,15 +131,14 @@ def draw_patches(
     """
     areas = torch.tensor([float(p.shape[-1] * p.shape[-2]) for p in images.pictures])
     chosen = torch.multinomial(areas, count, replacement=True, generator=generator).tolist()
+    span = torch.arange(-around[0], patch + around[1])
     patches = []
     for index in chosen:
         picture = images.pictures[index]
         rows, columns = picture.shape[-2:]
         top = int(torch.randint(rows - patch + 1, (), generator=generator))
         left = int(torch.randint(columns - patch + 1, (), generator=generator))
-        size = patch + sum(around)
-        down, across = mirrored(top - around[0], size, rows), mirrored(left - around[0], size, columns)
-        cut = picture[:, down][:, :, across]
+        cut = picture[:, mirrored(top + span, rows)][:, :, mirrored(left + span, columns)]
         turns = torch.randint(2, (3,), generator=generator).tolist()
         cut = cut.transpose(-1, -2) if turns[0] else cut
         patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
@@ -149,14 +148,14 @@ def draw_patches(
 def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """The same `count` patches each time: the middles of pictures, evenly spaced through the list, and the
     pictures' means, [count, 3]."""
+    span = torch.arange(-around[0], patch + around[1])
     patches = []
     chosen = [index * len(images.pictures) // count % len(images.pictures) for index in range(count)]
     for index in chosen:
         picture = images.pictures[index]
         rows, columns = picture.shape[-2:]
-        size = patch + sum(around)
-        top, left = ((n - patch) // 2 - around[0] for n in (rows, columns))
-        patches.append(picture[:, mirrored(top, size, rows)][:, :, mirrored(left, size, columns)])
+        top, left = ((n - patch) // 2 for n in (rows, columns))
+        patches.append(picture[:, mirrored(top + span, rows)][:, :, mirrored(left + span, columns)])
     return torch.stack(patches).to(torch.float32) / 255, images.means[chosen]
 
 

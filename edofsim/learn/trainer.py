@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from .. import __version__
+from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
@@ -31,7 +32,6 @@ from .state import Position, load_state, save_state
 from .system import Draw, Outcome
 from .workers import Workers, join_workers
 
-Progress = Callable[[float, str], None]
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
 DESIGN_STRAY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests

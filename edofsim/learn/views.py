@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
+from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
 from ..recipe.load import load_scene
@@ -94,7 +94,7 @@ def open_views(
     optics: Optics,
     base: Path,
     cache: Path | None,
-    progress: Callable[[float, str], None] | None,
+    progress: Progress | None,
 ) -> ViewSource:
     """Render or fetch the views of a source. base: where relative scene files start; held_back: share of
     each view's rows that is never trained on.

@@ -12,6 +12,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from ..core.files import whole
 from ..errors import InputError
 from .camera import Camera
 from .fabrication import make, makes_squares, wave_height
@@ -26,11 +27,9 @@ TRAINED, TRAINED_SAMPLING = "mask.height_m", "mask.sampling_m"
 
 def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
     """Write a height map [n, n] in metres with its pitch [m] as safetensors. Returns the path."""
-    save_file(
-        {KEY: height.detach().cpu().contiguous()},
-        str(path),
-        {"edofsim": json.dumps({"pitch_um": pitch * 1e6})},
-    )
+    about = {"edofsim": json.dumps({"pitch_um": pitch * 1e6})}
+    with whole(path) as temporary:
+        save_file({KEY: height.detach().cpu().contiguous()}, temporary, about)
     return path
 
 

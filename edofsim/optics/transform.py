@@ -299,15 +299,3 @@ def _side(image: Tensor, side: tuple[int, int]) -> Tensor:
 def _turned(part: Tensor, side: tuple[int, int]) -> Tensor:
     """A quadrant [y, depth, x] counted outwards from the centre, turned to rising order, or back."""
     return part.flip([axis for axis, sign in zip((0, 2), side, strict=True) if sign < 0])
-
-
-def good_size(size: int) -> int:
-    """The next length that is quick to transform: a product of 2, 3 and 5."""
-    while True:
-        rest = size
-        for factor in (2, 3, 5):
-            while rest % factor == 0:
-                rest //= factor
-        if rest == 1:
-            return size
-        size += 1

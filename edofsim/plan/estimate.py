@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity
+from ..core.progress import Progress
 from .effect import Effect, Errors, Level
 from .facts import Facts, rms
 from .sample import FINEST_LAYERS
 
-Progress = Callable[[float, str], None]
 References = dict[tuple[Fidelity, bool], Tensor]
 """Photos of the sample, by fidelity and whether fragments were moved to the depth nodes."""
 

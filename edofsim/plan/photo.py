@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..capture.fidelity import FULL_SUB_APERTURES, Fidelity
+from ..core.progress import Progress
 from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
@@ -19,8 +20,6 @@ from .rates import Rates, rates
 from .remember import remembered
 from .target import Target
 from .work import Shape, shape_of, work_of
-
-Progress = Callable[[float, str], None]
 
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""

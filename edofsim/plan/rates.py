@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 import torch
 from scipy.optimize import nnls
 
 from ..capture.fidelity import Fidelity
 from ..capture.photograph import capture, nodes_of
+from ..core.store import found, keep, user_folder
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..optics.masks.cubic import CubicMask
@@ -81,25 +80,19 @@ def rates(again: bool = False) -> Rates:
     if name in _known and not again:
         return _known[name]
     path = _folder() / f"rates-{name}.json"
-    if not again and path.is_file():
-        try:
-            _known[name] = {k: tuple(v) for k, v in json.loads(path.read_text(encoding="utf-8")).items()}
-            return _known[name]
-        except (OSError, ValueError, TypeError, AttributeError):
-            pass  # a damaged file is measured again
-    _known[name] = measure()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_suffix(f".{os.getpid()}.tmp")
-        temporary.write_text(json.dumps(_known[name], indent=1), encoding="utf-8")
-        temporary.replace(path)
-    except OSError:
-        pass  # measured again by the next process
+    before = None if again else found(path, _read)
+    _known[name] = before or measure()
+    if before is None:
+        keep(path, lambda path: path.write_text(json.dumps(_known[name], indent=1), encoding="utf-8"))
     return _known[name]
 
 
+def _read(path: Path) -> Rates:
+    return {stage: tuple(each) for stage, each in json.loads(path.read_text(encoding="utf-8")).items()}
+
+
 def _folder() -> Path:
-    return Path(platformdirs.user_cache_dir("edofsim", appauthor=False))
+    return user_folder()
 
 
 def _name() -> str:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 
-import platformdirs
 import torch
 
 from ..capture.photo import PHOTO_MODEL_VERSION
+from ..core.progress import Progress
+from ..core.store import Store, user_folder
 from .effect import Effect, Level
 from .effects import EFFECTS
-from .estimate import Estimate, Estimates, Progress, estimate, levels_of
+from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
 VERSION = 16
@@ -31,59 +30,45 @@ def remembered(
     progress: Progress | None = None,
 ) -> Estimates:
     """`estimate`, or what it found before. Where nothing can be written, it is estimated each time."""
-    path = _folder() / f"{_key(facts, effects, more or {})}.json"
-    known = _read(path, facts, effects, more)
+    key = _key(facts, effects, more or {})
+    kept = Store("{}.json", lambda path: _read(path, facts, effects, more), _write, most_files=KEPT)
+    known = kept.find(key, _folder())
     if known is not None:
         return known
     found = estimate(facts, effects, more, progress)
-    content = {
-        "rows": [
-            {
-                "labels": [level.label for level in row.levels],
-                "errors": row.errors,
-                "images": row.images,
-                "absent": row.absent,
-            }
-            for row in found.rows
-        ],
-        "products": found.products.tolist(),
-    }
-    temporary = path.with_suffix(f".{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(json.dumps(content), encoding="utf-8")
-        temporary.replace(path)
-        oldest = sorted(path.parent.glob("*.json"), key=lambda each: each.stat().st_mtime)[:-KEPT]
-        for each in oldest:
-            each.unlink(missing_ok=True)
-    except OSError:
-        with suppress(OSError):
-            temporary.unlink()
+    kept.keep(key, found, _folder())
     return found
 
 
-def _read(
-    path: Path, facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level] | None
-) -> Estimates | None:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        rows = []
-        for effect, row in zip(effects, content["rows"], strict=True):
-            absent, levels = levels_of(facts, effect, more)
-            if absent != row["absent"] or [level.label for level in levels] != row["labels"]:
-                return None
-            errors = tuple(tuple(float(e) for e in level) for level in row["errors"])
-            rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"])))
-        size = len(content["products"])
-        products = torch.tensor(content["products"], dtype=torch.float64).reshape(size, size)
-        os.utime(path)
-        return Estimates(tuple(rows), products)
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+def _write(found: Estimates, path: Path) -> None:
+    rows = [
+        {
+            "labels": [level.label for level in row.levels],
+            "errors": row.errors,
+            "images": row.images,
+            "absent": row.absent,
+        }
+        for row in found.rows
+    ]
+    path.write_text(json.dumps({"rows": rows, "products": found.products.tolist()}), encoding="utf-8")
+
+
+def _read(path: Path, facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level] | None) -> Estimates:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    rows = []
+    for effect, row in zip(effects, content["rows"], strict=True):
+        absent, levels = levels_of(facts, effect, more)
+        if absent != row["absent"] or [level.label for level in levels] != row["labels"]:
+            raise ValueError("of other levels")
+        errors = tuple(tuple(float(e) for e in level) for level in row["errors"])
+        rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"])))
+    size = len(content["products"])
+    products = torch.tensor(content["products"], dtype=torch.float64).reshape(size, size)
+    return Estimates(tuple(rows), products)
 
 
 def _folder() -> Path:
-    return Path(platformdirs.user_cache_dir("edofsim", appauthor=False)) / "plans"
+    return user_folder() / "plans"
 
 
 def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> str:

@@ -16,6 +16,7 @@ from ..capture.fidelity import Fidelity, disperses, simpler_recipe
 from ..capture.photograph import all_in_focus
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
+from ..core.progress import Progress
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
@@ -23,7 +24,7 @@ from ..render.fetch import run_of
 from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from .effect import Plan
 from .facts import Facts, facts_of
-from .photo import Progress, plan_photo
+from .photo import plan_photo
 from .target import Target
 from .thumbnail import sketch, thumbnail
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -92,7 +92,7 @@ def shape_of(view: View, camera: Camera) -> Shape:
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
-    dark = View(**{**vars(view), "radiance": view.radiance[:0]})
+    dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
     return Shape(
         height=view.height,
         width=view.width,

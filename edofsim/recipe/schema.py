@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from ..core.files import write_text
 from ..core.json_values import Json
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -19,8 +20,7 @@ def json_schema(model: type[BaseModel], title: str) -> Json:
 
 def write_schema(model: type[BaseModel], title: str, path: Path) -> Path:
     """The schema as a file, with a stable order of keys. Returns the path."""
-    path.write_text(json.dumps(json_schema(model, title), indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    return path
+    return write_text(path, json.dumps(json_schema(model, title), indent=1, sort_keys=True) + "\n")
 
 
 def model_of(kind: str) -> type[BaseModel]:

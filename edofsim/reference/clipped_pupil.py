@@ -25,6 +25,7 @@ from ..capture.crop import crop as cropped
 from ..capture.kernels import HeldKernels
 from ..capture.methods import METHODS
 from ..capture.prepare import channel_weights
+from ..core.progress import Progress, silent
 from ..errors import InputError
 from ..optics import Camera, defocus, plan_sampling, psf_bank
 from ..optics.pupil import aperture, pupil_function
@@ -37,8 +38,6 @@ from .visibility import PLACES, first_hits, places_of, pupil_points, visible
 
 if TYPE_CHECKING:
     import mitsuba as mi
-
-Progress = Callable[[float, str], None]
 
 RAYS = 64
 """Pupil points across a square of twice the pupil's diameter."""
@@ -94,7 +93,7 @@ def clipped_pupils(
     progress: Progress | None = None,
 ) -> list[Tensor]:
     """`clipped_pupil` for several cameras of one aperture and pixel angle, which share rays and shadows."""
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     check_crop(view, where)
     first = cameras[0]
     for camera in cameras:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor
 
 from ..capture.checks import check_pixel_angle
 from ..capture.prepare import channel_weights
+from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
@@ -20,8 +20,6 @@ from ..scene import build_scene
 from .clipped_pupil import check_crop, clipped_pupil
 from .pinhole import Crop
 from .thin_lens import thin_lens
-
-Progress = Callable[[float, str], None]
 
 THIN_LENS, PUPIL = "thinlens", "pupil"
 REFERENCES = (THIN_LENS, PUPIL)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.progress import Progress, silent
 from ..errors import InputError
 from ..render.engine import use_engine
 from ..render.view import View
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
     from ..render.translate import Stage
-
-Progress = Callable[[float, str], None]
 
 LAUNCH = 1 << 21
 """Samples of one launch."""
@@ -58,7 +57,7 @@ def thin_lens(
     from ..render.translate import build_stage
 
     stage = build_stage(mi, model)
-    say = progress or (lambda fraction, text: None)
+    say = progress or silent
     image = np.zeros((bands, where.height * where.width))
     each = np.array(distances * (bands // len(distances)))
     different = np.unique(each)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
+from ..core.progress import Progress
 from ..recipe.scene import SceneRecipe
 from . import cache as store
 from .fetch import fetch, place_of
@@ -32,7 +32,7 @@ def render(
     cache: Path | None = None,
     noise: float | None = None,
     device: str = "auto",
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> View:
     """The view of a scene: read from the cache, or rendered and stored there.
 

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -21,13 +21,13 @@ from multiprocessing import Queue
 from pathlib import Path
 from typing import TypeAlias
 
-from ..errors import EdofsimError, EngineError, InputError
+from ..core.files import append_line
+from ..core.progress import Progress
+from ..errors import DiskFullError, EdofsimError, EngineError, InputError
 from ..recipe.scene import SceneRecipe
-from . import cache as store
 from .engine import set_threads, thread_count
 from .fetch import fetch, place_of
 
-Progress = Callable[[float, str], None]
 Messages: TypeAlias = "Queue[tuple[int, float]]"
 
 VIEWS_A_WORKER = 8
@@ -67,12 +67,10 @@ def duration(seconds: float) -> str:
 def note(manifest: Path, outcome: Outcome) -> None:
     """A line of the manifest. One on a view that was there already may be missing: its folder may be such
     that it can only be read."""
-    line = json.dumps({"time": time.time(), **asdict(outcome)}, sort_keys=True) + "\n"
-    manifest.parent.mkdir(parents=True, exist_ok=True)  # a picture with depths needs no cache folder
+    line = json.dumps({"time": time.time(), **asdict(outcome)}, sort_keys=True)
     try:
-        with manifest.open("a", encoding="utf-8") as file:
-            file.write(line)
-    except OSError:
+        append_line(manifest, line)
+    except EdofsimError:
         if outcome.fresh:
             raise
 
@@ -153,7 +151,7 @@ class Batch:
     def _outcome(self, number: int, future: Future[Outcome]) -> Outcome:
         try:
             return future.result()
-        except (store.DiskFullError, EngineError, BrokenProcessPool):
+        except (DiskFullError, EngineError, BrokenProcessPool):
             raise
         except EdofsimError as error:
             return self._failed(number, str(error))

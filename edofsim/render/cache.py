@@ -9,27 +9,25 @@ keeps two processes from rendering one view at the same time.
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
-import shutil
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import platformdirs
 from filelock import FileLock, Timeout
 
+from ..core.files import sync, whole
 from ..core.json_values import Json
-from ..errors import EdofsimError, InputError
+from ..core.store import user_folder
 from .exr import read_view, write_view
 from .view import View
 
-FULL = 1 << 20
-"""A disk with less room than this is full, whatever the system says about a write that failed."""
+OPTION = "--cache or EDOFSIM_CACHE"
+ADVICE = "choose another folder with --cache, and start again: finished work is kept"
 
 SHOWN = 24
 """Digits of the key in file names; the JSON has all 64."""
@@ -43,11 +41,7 @@ def default_folder() -> Path:
     checkout = Path(__file__).resolve().parents[2]
     if (checkout / "render_cache").is_dir() and (checkout / "pyproject.toml").is_file():
         return checkout / "render_cache"
-    return Path(platformdirs.user_cache_dir("edofsim", appauthor=False)) / "views"
-
-
-class DiskFullError(EdofsimError):
-    """There is no room for a view: no other one of the batch will fare better."""
+    return user_folder() / "views"
 
 
 @dataclass(frozen=True)
@@ -89,20 +83,6 @@ class Pruned:
 
     files: int
     bytes: int
-
-
-def open_folder(folder: Path) -> None:
-    """Make the folder if needed. Raises InputError if it cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".writable-{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(
-            f"The cache folder {folder} cannot be written ({error.strerror}); choose another with "
-            "--cache or EDOFSIM_CACHE"
-        ) from error
 
 
 def load(place: Place, *, aside: bool) -> tuple[View | None, str]:
@@ -164,47 +144,23 @@ def set_aside(path: Path) -> Path:
 def store(place: Place, view: View, recipe: Json, record: Json) -> View:
     """Write an entry and return the view as it will be read: the same the first time and from the cache.
 
-    Raises DiskFullError, or EdofsimError if the disk fails otherwise.
+    Raises what `core.files.whole` raises.
     """
     final = place.file("exr")
-    temporary = final.with_name(f".{final.name}.{os.getpid()}.tmp")
-    sidecar = temporary.with_suffix(".json")
-    try:
-        write_view(temporary, view, recipe)
-        _sync(temporary)
+    with whole(final, advice=ADVICE) as view_file, whole(place.file("json"), advice=ADVICE) as record_file:
+        write_view(view_file, view, recipe)
+        sync(view_file)
         content = {
             "key": place.key,
             "scene": place.name,
-            "sha256": _checksum(temporary),
-            "bytes": temporary.stat().st_size,
+            "sha256": _checksum(view_file),
+            "bytes": view_file.stat().st_size,
             "written": time.time(),
             **record,
         }
-        sidecar.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
-        _sync(sidecar)
-        os.replace(sidecar, place.file("json"))
-        os.replace(temporary, final)
-        _sync(place.folder)
-    except OSError as error:
-        full = error.errno in (errno.ENOSPC, errno.EDQUOT) or shutil.disk_usage(place.folder).free < FULL
-        raise (DiskFullError if full else EdofsimError)(
-            f"The view of {place.name} could not be written to {place.folder}"
-            f"{': the disk is full' if full else ''} ({error.strerror or error}); free some space, or choose "
-            "another folder with --cache, and start again: finished work is kept"
-        ) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-        sidecar.unlink(missing_ok=True)
+        record_file.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
+    sync(place.folder)
     return read_view(final)
-
-
-def _sync(path: Path) -> None:
-    """Have the system write a file, or the names in a folder, to the disk now."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 @contextmanager

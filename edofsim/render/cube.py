@@ -29,6 +29,6 @@ def cube_view(source: CubeSource, recipe: SceneRecipe, base: Path) -> View:
         inverse, facts = depths(source.depth, base, whole)
         inverse = inverse[top : whole[0] - bottom, left : whole[1] - right]
     rows, columns, border = frame_indices(shape, recipe)
-    radiance = np.ascontiguousarray(cube[:, rows[:, None], columns[None]].reshape(len(cube), -1))
+    radiance = np.ascontiguousarray(cube[:, rows[:, None], columns[None]])
     facts = {**facts, "beyond the border": border}
     return plain_view(recipe, radiance, inverse[np.ix_(rows, columns)], "read from a spectral cube", facts)

@@ -23,8 +23,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypedDict
 
-import platformdirs
-
+from ..core.store import found, keep, user_folder
 from ..errors import EngineError
 
 LLVM_VARIANT = "llvm_ad_rgb"
@@ -220,7 +219,7 @@ def _reason(status: int, stderr: str) -> str:
 
 
 def _memory_file() -> Path:
-    return Path(platformdirs.user_cache_dir("edofsim", appauthor=False)) / "engines.json"
+    return user_folder() / "engines.json"
 
 
 def _memory_key(variant: str, library: str) -> str:
@@ -234,23 +233,16 @@ def _memory_key(variant: str, library: str) -> str:
 
 
 def _load_memory() -> dict[str, Tried]:
-    try:
-        memory = json.loads(_memory_file().read_text(encoding="utf-8"))
+    def read(path: Path) -> dict[str, Tried]:
+        memory = json.loads(path.read_text(encoding="utf-8"))
         return {key: value for key, value in memory.items() if {"works", "version", "reason"} <= value.keys()}
-    except (OSError, ValueError, AttributeError):
-        return {}
+
+    return found(_memory_file(), read) or {}
 
 
 def _save_memory(memory: dict[str, Tried]) -> None:
     """Remember; a folder that cannot be written only costs the probes again next time."""
-    file = _memory_file()
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        temporary = file.with_name(f"{file.name}.{os.getpid()}.tmp")
-        temporary.write_text(json.dumps(memory, indent=1), encoding="utf-8")
-        os.replace(temporary, file)
-    except OSError:
-        pass
+    keep(_memory_file(), lambda path: path.write_text(json.dumps(memory, indent=1), encoding="utf-8"))
 
 
 def choose(probes: Sequence[EngineProbe], device: str = "auto") -> EngineProbe:

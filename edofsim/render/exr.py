@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ..core.images import save_exr
 from ..core.json_values import Json
 from .view import View
 
@@ -102,10 +103,7 @@ def write_view(path: Path, view: View, recipe: Json | None = None) -> None:
     size = (np.zeros(2, np.int32), np.array(table["pixel"].shape[::-1], np.int32) - 1)
     # All parts of a file share their display window.
     parts.append(OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, table, "fragments"))
-    try:
-        OpenEXR.File(parts).write(str(path))
-    except RuntimeError as error:  # OpenEXR's own exception for anything that goes wrong with the file
-        raise OSError(f"{path}: {error}") from error
+    save_exr(OpenEXR.File(parts), path)
 
 
 def _listed(view: View) -> torch.Tensor:

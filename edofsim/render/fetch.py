@@ -6,21 +6,20 @@ import json
 import logging
 import platform
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.json_values import Json
+from ..core.progress import Progress, silent
 from ..recipe.scene import SceneRecipe
 from ..recipe.sources import CubeSource, RgbdSource
+from ..record import writable_folder
 from . import cache as store
 from .keys import canonical, view_key
 from .settings import RenderSettings
 from .view import View
 
 LOG = logging.getLogger(__name__)
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ def fetch(
     progress: Progress | None,
 ) -> Fetched:
     """See `edofsim.render.render`."""
-    say = progress or (lambda fraction, message: None)
+    say = progress or silent
     place = place_of(recipe, base, cache, noise)
     if isinstance(recipe.source, RgbdSource | CubeSource):
         from .rgbd import picture_view
@@ -57,7 +56,7 @@ def fetch(
     view, _ = store.load(place, aside=False)
     if view is not None:
         return Fetched(view, place, 0.0)
-    store.open_folder(place.folder)
+    writable_folder(place.folder, store.OPTION)
     with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
         view, message = store.load(place, aside=True)
         if view is not None:

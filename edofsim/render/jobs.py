@@ -11,18 +11,18 @@ import math
 import platform
 import shutil
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.progress import Progress, silent
 from ..errors import EdofsimError, InputError
+from ..record import writable_folder
 from . import cache as store
 from .batch import Batch, Outcome, Task, duration, note, rendered
 from .engine import thread_count
 from .fetch import place_of
 from .settings import RenderSettings
-
-Progress = Callable[[float, str], None]
 
 SECONDS_A_SAMPLE = 5e-6
 """Of one thread, for a forecast on a machine that has rendered nothing yet; from then on its own times
@@ -91,7 +91,7 @@ def forecast(
         seconds += pixels * settings.samples * per_sample / thread_count()
         size += pixels * task.recipe.bands.count * per_value
     if in_cache < len(tasks):
-        store.open_folder(folder)
+        writable_folder(folder, store.OPTION)
     free = shutil.disk_usage(folder).free if folder.is_dir() else 0
     return Forecast(len(tasks), in_cache, seconds, math.ceil(size), free, measured)
 
@@ -137,7 +137,7 @@ def render_many(
     outcome with an error, and the others go on. Raises InputError for a shard or folder that cannot be used,
     EngineError where nothing can render, EdofsimError if the disk is too small or full.
     """
-    say = progress or (lambda fraction, message: None)
+    say = progress or silent
     tasks = shard_of(tasks, shard)
     folder = cache or store.default_folder()
     expected = forecast(tasks, cache=cache, jobs=jobs, noise=noise)

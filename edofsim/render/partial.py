@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 from safetensors.numpy import load, save
 
+from ..core.files import write_bytes
 from ..core.json_values import Json
 from .passes import LAUNCH_BYTES, Group, Sums
 
@@ -17,20 +17,10 @@ MAGIC = b"edofsim-sums-1\n"
 
 
 def save_partial(path: Path, sums: Sums) -> None:
-    """Write the sums; the file is complete or not there. Raises OSError, for instance on a full disk."""
+    """Write the sums. Raises what `core.files.whole` raises, for instance on a full disk."""
     counters = json.dumps({**sums.counters(), "launch_bytes": LAUNCH_BYTES})
     data = save(sums.arrays(), metadata={"counters": counters})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(MAGIC + hashlib.sha256(data).digest())
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    write_bytes(path, MAGIC + hashlib.sha256(data).digest() + data)
 
 
 def load_partial(path: Path, groups: tuple[Group, ...], bands: int) -> Sums | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from ..core.json_values import Json
+from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
@@ -26,8 +27,6 @@ from .view import View
 if TYPE_CHECKING:
     from .foreign import ForeignStage
     from .translate import Stage
-
-Progress = Callable[[float, str], None]
 
 HIDDEN_LAYERS = 2
 """Surfaces behind the visible one that a pupil may look at, one behind the other."""
@@ -53,7 +52,7 @@ def render_model(
     and settings give the same bytes, however often it was interrupted and with any number of threads. Raises
     InputError for a scene that cannot be carried, EngineError where nothing can render.
     """
-    say = progress or (lambda fraction, message: None)
+    say = progress or silent
     begun = time.perf_counter()
     mi = use_engine(device)
     from .translate import build_stage
@@ -78,7 +77,7 @@ def render_foreign(
     `render_model`."""
     from .foreign import load_foreign
 
-    say = progress or (lambda fraction, message: None)
+    say = progress or silent
     begun = time.perf_counter()
     mi = use_engine(device, colours="spectral")
     say(0.0, f"loading the scene into Mitsuba's spectral variant: {reasons[0]}")
@@ -100,9 +99,7 @@ def render_stage(
 ) -> View:
     """Survey, samples and fragments of a stage that is loaded."""
     loaded = time.perf_counter()
-    surveys, limits, hidden = survey_layers(
-        stage, settings, lambda part, what: say(SURVEY_SHARE * part, what)
-    )
+    surveys, limits, hidden = survey_layers(stage, settings, part(say, 0.0, SURVEY_SHARE))
     surveyed = time.perf_counter()
     groups = groups_of(surveys, limits)
     sums = load_partial(partial, groups, stage.bands) if partial else None

@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import torch
 
+from ..core.images import mirrored, srgb_decode, unit_rgb
 from ..errors import InputError
 from ..recipe.scene import SceneRecipe
 from ..recipe.sources import CubeSource, DepthMap, RgbdSource
-from ..scene import depth_maps, spectra, textures
+from ..scene import depth_maps, spectra
 from .view import View
 
 
@@ -38,14 +38,14 @@ def rgbd_view(source: RgbdSource, recipe: SceneRecipe, base: Path) -> View:
     """An sRGB picture with depths: radiance is its colours' smooth spectra (Mallett and Yuksel, EGSR 2019)
     under the source's illuminant."""
     picture = depth_maps.read_numbers(source.image, None, base, "picture")
-    linear = spectra.srgb_to_linear(textures.unit_rgb(picture))
+    linear = srgb_decode(unit_rgb(picture))
     wavelengths = recipe.bands.wavelengths()
     light = source.radiance * spectra.illuminant(source.illuminant, wavelengths)
     basis = spectra.srgb_basis(wavelengths) * light
     inverse, facts = depths(source.depth, base, linear.shape[:2])
     rows, columns, border = frame_indices(linear.shape[:2], recipe)
-    colours = linear[np.ix_(rows, columns)].reshape(-1, 3)
-    radiance = np.ascontiguousarray((colours @ basis).T, np.float32)
+    colours = linear[np.ix_(rows, columns)]
+    radiance = np.ascontiguousarray(np.moveaxis(colours @ basis, -1, 0), np.float32)
     facts = {**facts, "beyond the border": border, "light": f"sRGB under {source.illuminant}"}
     return plain_view(
         recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts
@@ -91,12 +91,6 @@ def frame_indices(shape: tuple[int, ...], recipe: SceneRecipe) -> tuple[np.ndarr
     return mirrored(rows, shape[0]), mirrored(columns, shape[1]), said
 
 
-def mirrored(index: np.ndarray, size: int) -> np.ndarray:
-    """Indices of a row of `size` pixels that goes on as its mirror image at both ends."""
-    index = np.mod(index, 2 * size)
-    return np.where(index < size, index, 2 * size - 1 - index)
-
-
 def plain_view(
     recipe: SceneRecipe,
     radiance: np.ndarray,
@@ -104,20 +98,13 @@ def plain_view(
     route: str,
     facts: Mapping[str, object],
 ) -> View:
-    """A view of one fragment a pixel. radiance: float32 [band, pixel]; inverse_depth: [y, x] in 1/m."""
-    count = inverse_depth.size
-    frame = recipe.frame
-    return View(
-        height=frame.height_px,
-        width=frame.width_px,
-        margin=frame.margin_px,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count),
-        inverse_depth=torch.from_numpy(np.ascontiguousarray(inverse_depth.reshape(-1), np.float32)),
-        radiance=torch.from_numpy(radiance),
-        hidden=torch.zeros(count, dtype=torch.bool),
-        wavelengths=torch.from_numpy(recipe.bands.wavelengths()),
-        pixel_angle=frame.pixel_angle_mrad * 1e-3,
+    """A view of one fragment a pixel. radiance: float32 [band, y, x]; inverse_depth: [y, x] in 1/m."""
+    return View.flat(
+        radiance,
+        inverse_depth,
+        wavelengths=recipe.bands.wavelengths(),
+        pixel_angle=recipe.frame.pixel_angle_mrad * 1e-3,
+        margin=recipe.frame.margin_px,
         metadata={
             "scene": recipe.name,
             "route": route,

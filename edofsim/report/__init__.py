@@ -27,7 +27,7 @@ from .page import (
     page_html,
     write_page,
 )
-from .pictures import Picture, picture, png_bytes, save_srgb, srgb_encode
+from .pictures import Picture, picture, save_srgb
 from .plot import Plot, line_plot
 from .run_page import report_page, verdict, write_report
 
@@ -62,10 +62,8 @@ __all__ = [
     "line_plot",
     "page_html",
     "picture",
-    "png_bytes",
     "report_page",
     "save_srgb",
-    "srgb_encode",
     "verdict",
     "write_page",
     "write_report",

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..core.images import srgb_encode
 from .model import DepthRange
-from .pictures import srgb_encode
 
 ENOUGH = 0.01  # a depth range counts as present from this fraction of the pixels on
 LARGEST_OVERLAP = 0.25  # of a crop with another one

@@ -8,8 +8,10 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
+from ..core.images import png_bytes
 from ..errors import InputError
 from .page import Link, Page, index_page, write_page
 from .pictures import Picture
@@ -73,9 +75,9 @@ def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
         left, top = (picture.width - side) // 2, (picture.height - side * 9 // 16) // 2
         picture = picture.crop((left, top, left + side, top + side * 9 // 16))
     picture.thumbnail((THUMBNAIL_PX, THUMBNAIL_PX))
-    buffer = io.BytesIO()
-    picture.save(buffer, "PNG", optimize=True)
-    return Picture(buffer.getvalue(), picture.width, picture.height, title, f"A picture of: {title}.")
+    return Picture(
+        png_bytes(np.asarray(picture)), picture.width, picture.height, title, f"A picture of: {title}."
+    )
 
 
 class _Reader(HTMLParser):

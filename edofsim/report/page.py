@@ -10,7 +10,6 @@ write_page(Path("out/noise.html"), page)
 from __future__ import annotations
 
 import functools
-import os
 import urllib.parse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -21,7 +20,7 @@ from typing import ClassVar, Literal, SupportsFloat, TypeGuard
 import jinja2
 from markupsafe import Markup
 
-from ..errors import InputError
+from ..core.files import write_text
 from .pictures import Picture, data_uri
 from .plot import Plot, darken
 from .words import DASH, number
@@ -217,17 +216,8 @@ def page_html(page: Page) -> str:
 
 
 def write_page(path: Path, page: Page) -> Path:
-    """Write the page, whole or not at all. Raises InputError where the place cannot be written."""
-    content = page_html(page)
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(content, encoding="utf-8")
-        temporary.replace(path)
-    except OSError as error:
-        reason = error.strerror or error
-        raise InputError(f"{path}: the page cannot be written ({reason}); choose another place") from None
-    return path
+    """Write the page. Returns the path; raises what `core.files.whole` raises."""
+    return write_text(path, page_html(page))
 
 
 def index_page(title: str, purpose: str, links: tuple[Link, ...]) -> Page:

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..capture.srgb import srgb_encode
+from ..core.images import png_bytes, srgb_encode, write_png
 from ..errors import InputError
 
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
@@ -99,13 +99,6 @@ def picture_file(path: Path, label: str, alt: str, *, note: str = "") -> Picture
         raise InputError(f"{path}: cannot be read as a picture ({error}); run the same again") from None
 
 
-def png_bytes(pixels: np.ndarray) -> bytes:
-    """uint8 [y, x, 3] as a PNG file; the same pixels give the same bytes."""
-    buffer = io.BytesIO()
-    Image.fromarray(pixels, "RGB").save(buffer, "PNG", optimize=True)
-    return buffer.getvalue()
-
-
 def with_boxes(shown: Picture, boxes: tuple[Box, ...], full_width: int) -> Picture:
     """The picture with frames that were measured in pixels of the full image, `full_width` wide."""
     scale = shown.width / full_width
@@ -115,6 +108,4 @@ def with_boxes(shown: Picture, boxes: tuple[Box, ...], full_width: int) -> Pictu
 
 def save_srgb(path: Path, image: Tensor) -> Path:
     """A linear image [3, y, x] as an sRGB PNG at its full size; full scale 1 is white. Returns the path."""
-    pixels = (srgb_encode(image.detach().cpu().float().nan_to_num()) * 255).round().byte()
-    path.write_bytes(png_bytes(pixels.permute(1, 2, 0).numpy()))
-    return path
+    return write_png(path, srgb_encode(image.detach().cpu().float().nan_to_num()))

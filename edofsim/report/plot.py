@@ -21,6 +21,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from ..core.files import write_bytes
 from ..errors import InputError
 from .words import metres
 
@@ -108,17 +109,12 @@ class Plot:
         return buffer.getvalue()
 
     def save(self, path: Path) -> Path:
-        """Write it as .png or .svg, as the name says. Raises InputError for another ending or a bad place."""
+        """Write it as .png or .svg, as the name says. Raises InputError for another ending, and what
+        `core.files.whole` raises."""
         if path.suffix.lower() not in (".png", ".svg"):
             raise InputError(f"{path}: plots are written as .png or .svg; name such a file")
         content = self.png() if path.suffix.lower() == ".png" else self.svg().encode()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-        except OSError as error:
-            reason = error.strerror or error
-            raise InputError(f"{path}: cannot be written ({reason}); choose another place") from None
-        return path
+        return write_bytes(path, content)
 
 
 def darken(svg: str) -> str:

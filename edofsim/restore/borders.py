@@ -5,12 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-
-def mirrored(start: int, size: int, length: int) -> Tensor:
-    """Indices start ... start + size - 1 into an axis of `length` that its mirror images continue; the
-    border pixel is repeated."""
-    folded = torch.arange(start, start + size).remainder(2 * length)
-    return torch.where(folded < length, folded, 2 * length - 1 - folded)
+from ..core.images import mirrored
 
 
 def continued(image: Tensor, reach: int, *, turned: bool) -> Tensor:
@@ -20,7 +15,7 @@ def continued(image: Tensor, reach: int, *, turned: bool) -> Tensor:
     image turned about the border's value, which goes on with the slope, too. The light that something beyond
     the border spreads into the picture rises towards it: folded back it looks like a line on the border.
     """
-    rows, columns = (mirrored(-reach, n + 2 * reach, n).to(image.device) for n in image.shape[-2:])
+    rows, columns = (mirrored(torch.arange(-reach, n + reach), n).to(image.device) for n in image.shape[-2:])
     mirror = image.index_select(-2, rows).index_select(-1, columns)
     if not turned:
         return mirror

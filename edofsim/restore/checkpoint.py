@@ -12,10 +12,7 @@ learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's t
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +24,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from ..errors import EdofsimError, InputError
+from ..core.files import write_bytes
+from ..errors import InputError, first_line
 from ..optics import Camera
 from ..optics.masks.height_map import HeightMapMask
 from ..recipe.base import RecipeModel
@@ -146,7 +144,7 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
         network.load_state_dict(weights)
     except RuntimeError as error:
         raise InputError(
-            f"{path}: its weights do not fit its network {kind!r}: {_first_line(error)}"
+            f"{path}: its weights do not fit its network {kind!r}: {first_line(error)}"
         ) from None
     height, sampling = arrays.get("mask.height_m"), arrays.get("mask.sampling_m")
     if height is not None and (sampling is None or height.ndim != 2 or height.shape[0] != height.shape[1]):
@@ -244,33 +242,9 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Write a safetensors file atomically and durably. Raises EdofsimError where the disk refuses."""
+    """Write a safetensors file. Raises what `core.files.whole` raises."""
     data = save({name: value.detach().cpu().contiguous() for name, value in arrays.items()}, dict(metadata))
-    write_atomically(path, data)
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file in one step: whoever reads it finds all of the old bytes or all of the new.
-
-    Raises EdofsimError where the disk is full or the folder cannot be written; nothing is left behind.
-    """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except OSError as error:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-        raise EdofsimError(
-            f"{path}: could not be written ({error.strerror}); free some space or choose another folder"
-        ) from None
+    write_bytes(path, data)
 
 
 def load_arrays(path: Path, noun: str) -> tuple[dict[str, Tensor], dict[str, str]]:
@@ -285,14 +259,9 @@ def load_arrays(path: Path, noun: str) -> tuple[dict[str, Tensor], dict[str, str
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; name a {noun}") from None
     except (SafetensorError, OSError, ValueError) as error:
-        problem = f"{path}: not a whole {noun} ({_first_line(error)}); copy or train it again"
+        problem = f"{path}: not a whole {noun} ({first_line(error)}); copy or train it again"
         raise InputError(problem) from None
     for name, value in arrays.items():
         if value.is_floating_point() and not torch.isfinite(value).all():
             raise InputError(f"{path}: {name} holds values that are not finite; this {noun} is damaged")
     return arrays, metadata
-
-
-def _first_line(error: Exception) -> str:
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return " ".join(lines[:2]) if lines else type(error).__name__

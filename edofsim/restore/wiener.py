@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..core.images import mirrored
 from ..errors import InputError
 
 
@@ -51,14 +52,9 @@ def _reflected(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
     image without a jump; and where the image begins in it."""
     rows, columns = (n * 2 * -(-(n + 2 * reach) // (2 * n)) for n in image.shape[-2:])
     top, left = (rows - image.shape[-2]) // 2, (columns - image.shape[-1]) // 2
-    y = _mirror_index(rows, image.shape[-2], top, image.device)
-    x = _mirror_index(columns, image.shape[-1], left, image.device)
+    y = mirrored(torch.arange(-top, rows - top, device=image.device), image.shape[-2])
+    x = mirrored(torch.arange(-left, columns - left, device=image.device), image.shape[-1])
     return image[..., y[:, None], x[None, :]], (top, left)
-
-
-def _mirror_index(size: int, n: int, before: int, device: torch.device) -> Tensor:
-    folded = (torch.arange(size, device=device) - before).remainder(2 * n)
-    return torch.where(folded < n, folded, 2 * n - 1 - folded)
 
 
 def _centred_at_origin(psf: Tensor, rows: int, columns: int) -> Tensor:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.images import read_exr, read_picture
 from ..errors import InputError
 from ..recipe.sources import CubeSource
 from . import spectra
 from .depth_maps import load_mat, mat_value
-from .pictures import read_exr, read_picture
 
 _CHANNEL = re.compile(r"^S0\.(\d+[,.]?\d*)nm$")
 

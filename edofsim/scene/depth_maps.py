@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..core.images import existing, read_exr, read_picture
+from ..errors import InputError, first_line
 from ..recipe.sources import DepthMap
-from .pictures import existing, first_line, read_exr, read_pfm, read_picture
+from .pictures import read_pfm
 
 SKIMAGE = "skimage:"
 """Prefix of pictures and disparities that come inside scikit-image."""

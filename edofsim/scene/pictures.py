@@ -1,4 +1,4 @@
-"""Picture files of the user's: 8 and 16 bit pictures, and high dynamic range in OpenEXR, Radiance and PFM.
+"""Picture files of high dynamic range: OpenEXR, Radiance and PFM.
 
 Arrays are [y, x, channel] or [y, x], row 0 the top. Every reader raises InputError that names the file and
 what it is for.
@@ -11,45 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.images import existing, read_exr_rgb
 from ..errors import InputError
 
 MAX_PIXELS = 1 << 28
 
 
-def first_line(error: Exception) -> str:
-    """The beginning of another library's error, short enough for one sentence."""
-    return (str(error).strip() or type(error).__name__).splitlines()[0][:160]
-
-
-def existing(path: Path, what: str) -> Path:
-    """The path of a file that is there. Raises InputError."""
-    if not path.is_file():
-        raise InputError(f"{what}: the file {str(path)!r} does not exist")
-    return path
-
-
-def read_picture(path: Path, what: str) -> np.ndarray:
-    """A PNG, JPEG or TIFF as it is stored, [y, x] or [y, x, channel]."""
-    existing(path, what)
-    from skimage.io import imread
-
-    try:
-        image = imread(path)
-    except Exception as error:  # the readers behind imread raise nearly anything
-        raise InputError(
-            f"{what}: {str(path)!r} is not a picture that can be read (PNG, JPEG, TIFF): {first_line(error)}"
-        ) from error
-    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "buif":
-        raise InputError(f"{what}: {str(path)!r} holds an array of shape {image.shape}, not one picture")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
-    return image
-
-
 def read_hdr(path: Path, what: str) -> np.ndarray:
     """Linear RGB from an .exr or .hdr file, float32 [y, x, 3], finite."""
     existing(path, what)
-    readers = {".exr": _exr_rgb, ".hdr": read_radiance, ".pic": read_radiance, ".pfm": read_pfm}
+    readers = {".exr": read_exr_rgb, ".hdr": read_radiance, ".pic": read_radiance, ".pfm": read_pfm}
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(f"{what}: {str(path)!r} is not of a known kind; known: {', '.join(readers)}")
@@ -59,28 +30,6 @@ def read_hdr(path: Path, what: str) -> np.ndarray:
     if not np.isfinite(image).all():
         raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
     return image
-
-
-def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
-    """The channels of an OpenEXR file by name, each [y, x]."""
-    existing(path, what)
-    import OpenEXR
-
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:  # OpenEXR raises its own kinds
-        raise InputError(f"{what}: {str(path)!r} cannot be read as OpenEXR: {first_line(error)}") from error
-
-
-def _exr_rgb(path: Path, what: str) -> np.ndarray:
-    channels = read_exr(path, what)
-    names = ("R", "G", "B") if "R" in channels else ("Y",) * 3
-    if any(name not in channels for name in names):
-        raise InputError(
-            f"{what}: {str(path)!r} has no channels R, G, B; it has {', '.join(sorted(channels))}"
-        )
-    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
 
 
 def read_pfm(path: Path, what: str) -> np.ndarray:

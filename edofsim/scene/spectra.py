@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.images import srgb_decode
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -110,17 +111,11 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
     return basis / basis.sum(axis=0)
 
 
-def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """Decode sRGB (IEC 61966-2-1) values in [0, 1] to linear ones, same shape."""
-    v = np.asarray(values, float)
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
-
-
 def hex_to_linear(text: str) -> np.ndarray:
     """`#rrggbb` to linear sRGB, float64 [3]. Raises InputError for anything else."""
     if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
         raise InputError(f"colour {text!r} is not of the form #rrggbb (six hexadecimal digits)")
-    return srgb_to_linear(np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) / 255)
+    return srgb_decode(np.array([int(text[i : i + 2], 16) for i in (1, 3, 5)]) / 255)
 
 
 def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.images import read_picture, srgb_decode, unit_rgb
 from ..errors import InputError
 from ..recipe.surfaces import (
     AnyTexture,
@@ -21,8 +22,7 @@ from ..recipe.surfaces import (
     WoodTexture,
 )
 from .model import BandTexture
-from .pictures import read_picture
-from .spectra import hex_to_linear, reflectance, srgb_basis, srgb_to_linear
+from .spectra import hex_to_linear, reflectance, srgb_basis
 
 PHOTO_MODEL_VERSION = (
     "astronaut", "brick", "camera", "cell", "chelsea", "coffee", "coins", "color", "grass", "gravel",
@@ -39,7 +39,7 @@ def flat(value: float | str, wavelengths: np.ndarray) -> BandTexture:
 def from_srgb(image: np.ndarray, wavelengths: np.ndarray) -> BandTexture:
     """An sRGB picture, uint8/uint16 or float in [0, 1], [y, x], [y, x, 3] or [y, x, 4]."""
     return BandTexture(
-        srgb_basis(wavelengths).astype(np.float32), srgb_to_linear(unit_rgb(image)).astype(np.float32)
+        srgb_basis(wavelengths).astype(np.float32), srgb_decode(unit_rgb(image)).astype(np.float32)
     )
 
 
@@ -47,25 +47,6 @@ def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTe
     """Two spectra mixed by an image: (1 - weight) first + weight second. weight: [y, x] in [0, 1]."""
     image = np.stack([1 - weight, weight], axis=-1)
     return BandTexture(np.stack([first, second]).astype(np.float32), image.astype(np.float32))
-
-
-def unit_rgb(image: np.ndarray) -> np.ndarray:
-    """A picture of any kind as three channels in [0, 1], float64 [y, x, 3]; transparency is painted white."""
-    image = np.asarray(image)
-    if image.dtype == bool:
-        image = image.astype(float)
-    elif np.issubdtype(image.dtype, np.integer):
-        image = image / np.iinfo(image.dtype).max
-    if image.ndim == 2:
-        image = image[..., None]
-    if image.ndim != 3:
-        raise InputError(f"a texture needs the shape [y, x] or [y, x, channel], not {image.shape}")
-    if image.shape[2] in (2, 4):  # alpha: paint on white
-        alpha = image[..., -1:]
-        image = image[..., :-1] * alpha + (1 - alpha)
-    if image.shape[2] not in (1, 3):
-        raise InputError(f"a texture needs 1 to 4 channels, not {image.shape[2]}")
-    return np.clip(np.broadcast_to(image, (*image.shape[:2], 3)), 0, 1)
 
 
 @lru_cache(maxsize=32)

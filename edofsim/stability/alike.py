@@ -26,18 +26,12 @@ NANOMETRES = (482.0, 543.0)
 def _view(camera: Camera, wavelength: float) -> View:
     """Noise of one band on a slope from 5 m to 0.55 m."""
     size = FRAME + WINDOW
-    count = size * size
-    return View(
-        height=FRAME,
-        width=FRAME,
-        margin=WINDOW // 2,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count, dtype=torch.float64),
-        inverse_depth=torch.linspace(0.2, 1.8, size, dtype=torch.float64).repeat_interleave(size),
-        radiance=uniform(1, count),
-        hidden=torch.zeros(count, dtype=torch.bool),
-        wavelengths=torch.tensor([wavelength], dtype=torch.float64),
+    return View.flat(
+        uniform(1, size, size),
+        torch.linspace(0.2, 1.8, size, dtype=torch.float64)[:, None].expand(size, size),
+        wavelengths=[wavelength],
         pixel_angle=camera.pixel_angle,
+        margin=WINDOW // 2,
     )
 
 

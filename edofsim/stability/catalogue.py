@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
+from ..record import write_csv
 from . import CASES, Case, Finding
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -92,22 +91,12 @@ def figures(results: Sequence[CaseResult]) -> dict[str, float]:
     }
 
 
-def write_csv(path: Path, results: Sequence[CaseResult]) -> Path:
-    """Every finding, a line each."""
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["case", "group", "way", "error", "bound", "holds", "seconds"])
-        for result in results:
-            for f in result.findings:
-                writer.writerow(
-                    [
-                        result.case.name,
-                        result.case.group,
-                        f.way,
-                        f"{f.error:.6g}",
-                        f"{f.bound:g}",
-                        f.holds,
-                        f"{f.seconds:.4f}",
-                    ]
-                )
-    return path
+def write_table(path: Path, results: Sequence[CaseResult]) -> Path:
+    """Every finding, a line each, as CSV."""
+    header = ("case", "group", "way", "error", "bound", "holds", "seconds")
+    rows = [
+        (r.case.name, r.case.group, f.way, f.error, f.bound, f.holds, f"{f.seconds:.4f}")
+        for r in results
+        for f in r.findings
+    ]
+    return write_csv(path, header, rows)

@@ -62,29 +62,18 @@ def with_free_height(camera: Camera) -> Camera:
 
 def flat(
     inverse_depth: Tensor | float,
-    radiance: Tensor | None = None,
     rows: int = ROWS,
     columns: int = COLUMNS,
     wavelengths: tuple[float, ...] = NANOMETRES,
 ) -> View:
     """One opaque fragment a pixel. inverse_depth: [y, x] of the frame with its margin, or a number."""
     margin = WINDOW // 2
-    shape = (rows + 2 * margin, columns + 2 * margin)
-    depth = torch.as_tensor(inverse_depth, dtype=torch.float64).expand(shape).reshape(-1).clone()
-    if radiance is None:
-        radiance = 0.1 + 0.9 * uniform(len(wavelengths), *shape)
-    count = shape[0] * shape[1]
-    return View(
-        height=rows,
-        width=columns,
-        margin=margin,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count, dtype=torch.float64),
-        inverse_depth=depth,
-        radiance=radiance.reshape(len(wavelengths), -1).clone(),
-        hidden=torch.zeros(count, dtype=torch.bool),
+    return View.flat(
+        0.1 + 0.9 * uniform(len(wavelengths), rows + 2 * margin, columns + 2 * margin),
+        inverse_depth,
         wavelengths=torch.tensor(wavelengths, dtype=torch.float64) * 1e-9,
         pixel_angle=camera_with(ClearMask()).pixel_angle,
+        margin=margin,
     )
 
 

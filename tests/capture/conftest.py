@@ -42,19 +42,12 @@ class Bench:
         cls, image: Tensor, inverse_depth: Tensor | float, margin: int, pixel_angle: float = 1.6e-4
     ) -> View:
         """One fragment a pixel: image [band, y, x] of the padded frame, inverse depth [y, x] or a number."""
-        bands, rows, columns = image.shape
-        depth = torch.as_tensor(inverse_depth, dtype=image.dtype).expand(rows, columns).reshape(-1).clone()
-        return View(
-            height=rows - 2 * margin,
-            width=columns - 2 * margin,
-            margin=margin,
-            pixel=torch.arange(rows * columns),
-            coverage=torch.ones(rows * columns, dtype=image.dtype),
-            inverse_depth=depth,
-            radiance=image.reshape(bands, -1).clone(),
-            hidden=torch.zeros(rows * columns, dtype=torch.bool),
-            wavelengths=cls.wavelengths(bands),
+        return View.flat(
+            image,
+            inverse_depth,
+            wavelengths=cls.wavelengths(len(image)),
             pixel_angle=pixel_angle,
+            margin=margin,
         )
 
     @classmethod

@@ -251,11 +251,11 @@ def test_photo_file_round_trip(bench, tmp_path):
 
 
 def test_unreadable_images_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="does not exist"):
         read_image(tmp_path / "none.exr")
     for name in ("text.exr", "text.png"):
         (tmp_path / name).write_text("not an image")
-        with pytest.raises(InputError, match="not a readable"):
+        with pytest.raises(InputError, match="cannot be read|not a picture that can be read"):
             read_image(tmp_path / name)
     (tmp_path / "text.txt").write_text("not an image")
     with pytest.raises(InputError, match="OpenEXR, PNG or JPEG"):

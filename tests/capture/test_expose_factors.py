@@ -62,17 +62,12 @@ def test_photos_by_low_rank_do_not_hang_on_rounding():
     height = load_checkpoint("paper-dcnn").height.double()
     draw = torch.Generator().manual_seed(0)
     size = 96 + 128
-    view = View(
-        height=96,
-        width=96,
-        margin=64,
-        pixel=torch.arange(size * size),
-        coverage=torch.ones(size * size),
-        inverse_depth=torch.linspace(0.2, 1.8, size).repeat_interleave(size),
-        radiance=torch.rand(1, size * size, generator=draw),
-        hidden=torch.zeros(size * size, dtype=torch.bool),
-        wavelengths=torch.tensor([543e-9], dtype=torch.float64),
+    view = View.flat(
+        torch.rand(1, size, size, generator=draw),
+        torch.linspace(0.2, 1.8, size)[:, None].expand(size, size),
+        wavelengths=[543e-9],
         pixel_angle=optics.pixel_angle,
+        margin=64,
     )
     low = Fidelity(method="low_rank", occlusion="none", layers_db=50.0, rank_db=50.0)
     one, two = (

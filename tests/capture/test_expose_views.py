@@ -46,6 +46,15 @@ def test_all_that_is_wrong_is_said_at_once(bench):
     assert "and 475 more" in caught.value.problems[0]
 
 
+def test_fragments_beyond_the_frame_or_out_of_order_are_refused(bench):
+    view = plain(bench)
+    for wrong, says in ((view.pixel + 1, "1 to 480.*0 to 479"), (view.pixel - 1, "-1 to 478")):
+        with pytest.raises(InputError, match=says):
+            check_view(replace(view, pixel=wrong))
+    with pytest.raises(InputError, match="sorted"):
+        check_view(replace(view, pixel=view.pixel.flip(0)))
+
+
 def test_a_sound_view_passes(bench):
     view = plain(bench)
     check_view(view)

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 import torch
 
+from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import broadband, chromatic
 from edofsim.experiments.cubes import Reading, read_cubes, read_one
-from edofsim.experiments.experiment import Findings, silent
+from edofsim.experiments.experiment import Findings
 from edofsim.experiments.systems import Contestant
 from edofsim.optics import Camera, response, response_curves
 from edofsim.recipe.camera import CameraRecipe

@@ -39,17 +39,12 @@ def view(monkeypatch: pytest.MonkeyPatch, tmp_path) -> View:
     monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
     side = SIDE + 2 * MARGIN
     draw = torch.Generator().manual_seed(1)
-    return View(
-        height=SIDE,
-        width=SIDE,
-        margin=MARGIN,
-        pixel=torch.arange(side * side),
-        coverage=torch.ones(side * side),
-        inverse_depth=torch.linspace(0, 2, side).repeat(side),
-        radiance=torch.rand(5, side * side, generator=draw),
-        hidden=torch.zeros(side * side, dtype=torch.bool),
-        wavelengths=torch.linspace(420e-9, 720e-9, 5, dtype=torch.float64),
+    return View.flat(
+        torch.rand(5, side, side, generator=draw),
+        torch.linspace(0, 2, side).expand(side, side),
+        wavelengths=torch.linspace(420e-9, 720e-9, 5),
         pixel_angle=CAMERA.pixel_angle,
+        margin=MARGIN,
     )
 
 

@@ -35,18 +35,13 @@ def view(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> View:
     side = 40 + 2 * 16
     draw = torch.Generator().manual_seed(1)
     coarse = torch.rand(31, 9, 9, generator=draw)
-    radiance = torch.nn.functional.interpolate(coarse[None], (side, side), mode="bilinear")[0].flatten(1)
-    return View(
-        height=40,
-        width=40,
-        margin=16,
-        pixel=torch.arange(side * side),
-        coverage=torch.ones(side * side),
-        inverse_depth=torch.full((side * side,), 1.25),
-        radiance=radiance,
-        hidden=torch.zeros(side * side, dtype=torch.bool),
-        wavelengths=torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64),
+    radiance = torch.nn.functional.interpolate(coarse[None], (side, side), mode="bilinear")[0]
+    return View.flat(
+        radiance,
+        1.25,
+        wavelengths=torch.linspace(420e-9, 720e-9, 31),
         pixel_angle=6e-6 / 36.8975e-3,
+        margin=16,
     )
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import torch
 
+from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import fabrication, noise, planes, robustness, table
-from edofsim.experiments.experiment import silent
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths

@@ -18,9 +18,9 @@ from skimage import data as pictures
 from edofsim import console
 from edofsim.capture import Fidelity, capture, ideal_image
 from edofsim.cli import app
+from edofsim.core.progress import silent
 from edofsim.experiments import bench_scene, scene3d
 from edofsim.experiments.depth_edges import near_edges
-from edofsim.experiments.experiment import silent
 from edofsim.experiments.protocols import (
     OURS,
     WAYS,
@@ -329,17 +329,10 @@ def test_objects_of_the_bench_are_where_the_view_shows_them():
     bench = load_scene("bench")
     frame = bench.recipe.frame
     for inverse, seen, other in ((1 / 0.512, "bus", "car"), (1 / 1.31, "car", "bus")):
-        pixels = frame.width_px * frame.height_px
-        plain = View(
-            height=frame.height_px,
-            width=frame.width_px,
-            margin=0,
-            pixel=torch.arange(pixels),
-            coverage=torch.ones(pixels),
-            inverse_depth=torch.full((pixels,), inverse),
-            radiance=torch.zeros(1, pixels),
-            hidden=torch.zeros(pixels, dtype=torch.bool),
-            wavelengths=torch.tensor([550e-9], dtype=torch.float64),
+        plain = View.flat(
+            torch.zeros(1, frame.height_px, frame.width_px),
+            inverse,
+            wavelengths=[550e-9],
             pixel_angle=frame.pixel_angle_mrad * 1e-3,
         )
         parts = bench_scene.object_pixels(bench, plain)

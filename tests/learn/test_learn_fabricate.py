@@ -86,5 +86,5 @@ def test_what_cannot_be_made_is_refused(tmp_path: Path) -> None:
         device(_checkpoint(tmp_path, 3 * _smooth()))
     (tmp_path / "file").write_text("")
     made = device(_checkpoint(tmp_path, _smooth()), pitch_um=210.0)
-    with pytest.raises(EdofsimError, match="could not be written"):
+    with pytest.raises(EdofsimError, match="cannot be written"):
         write_device(made, tmp_path / "file" / "out", "doe")

@@ -8,7 +8,6 @@ import torch
 from scipy.signal import convolve2d
 
 from edofsim.capture.planes import photograph, surroundings
-from edofsim.optics.transform import good_size
 
 
 @pytest.mark.parametrize("window", [1, 5, 8])
@@ -54,7 +53,3 @@ def test_light_beyond_the_window_is_a_veil() -> None:
     lost = 1 - core.sum()
     error = np.abs(photo - exact)
     assert error.max() < 0.03 * lost
-
-
-def test_lengths_for_the_transform_are_products_of_small_primes() -> None:
-    assert [good_size(n) for n in (1, 7, 191, 223, 427)] == [1, 8, 192, 225, 432]

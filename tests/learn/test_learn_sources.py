@@ -11,7 +11,6 @@ from PIL import Image
 
 from edofsim.errors import InputError
 from edofsim.learn.sources import central_patches, draw_patches, packaged_images, read_folder, split
-from edofsim.restore.borders import mirrored
 
 
 def _pictures(folder: Path, sizes: list[tuple[int, int]]) -> None:
@@ -71,7 +70,6 @@ def test_patches_follow_the_seed_and_come_from_the_pictures(tmp_path: Path) -> N
 
 
 def test_pictures_are_continued_by_their_mirror_image() -> None:
-    assert mirrored(-3, 10, 4).tolist() == [2, 1, 0, 0, 1, 2, 3, 3, 2, 1]
     images = packaged_images(190)
     patches, means = central_patches(images, 3, 190, (40, 39))  # one of them is only 191 pixels high
     assert patches.shape == (3, 3, 269, 269) and means.shape == (3, 3)

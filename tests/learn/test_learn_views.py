@@ -28,19 +28,13 @@ def _view(
     height: int, width: int, margin: int, wavelengths: torch.Tensor, inverse_depth: float = 0.8
 ) -> View:
     """A plane with a random picture."""
-    count = (height + 2 * margin) * (width + 2 * margin)
-    generator = torch.Generator().manual_seed(7)
-    return View(
-        height=height,
-        width=width,
-        margin=margin,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count),
-        inverse_depth=torch.full((count,), inverse_depth),
-        radiance=torch.rand(len(wavelengths), count, generator=generator),
-        hidden=torch.zeros(count, dtype=torch.bool),
+    shape = (len(wavelengths), height + 2 * margin, width + 2 * margin)
+    return View.flat(
+        torch.rand(*shape, generator=torch.Generator().manual_seed(7)),
+        inverse_depth,
         wavelengths=wavelengths,
         pixel_angle=_optics().camera.pixel_angle,
+        margin=margin,
     )
 
 

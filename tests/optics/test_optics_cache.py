@@ -103,7 +103,7 @@ def test_mixed_precision_around_it_changes_no_bit():
 
 
 def test_memory_has_a_limit(monkeypatch):
-    monkeypatch.setattr(store, "MEMORY_BYTES", 3000)  # two banks of 16 x 16 float32, not three
+    monkeypatch.setattr(store.BANKS, "memory_bytes", 3000)  # two banks of 16 x 16 float32, not three
     banks = [psf_bank(camera(), [GREEN], [depth]) for depth in (0.1, 0.2, 0.3)]
     assert psf_bank(camera(), [GREEN], [0.3]) is banks[2]
     assert psf_bank(camera(), [GREEN], [0.1]) is not banks[0]

@@ -8,8 +8,8 @@ import math
 import pytest
 import torch
 
+from edofsim.core.progress import silent
 from edofsim.experiments import bandwidth, mtf, psf_figure
-from edofsim.experiments.experiment import silent
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe.camera import CameraRecipe
 

@@ -21,18 +21,12 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     rows, columns = height + 2 * margin, width + 2 * margin
     depth = torch.full((rows, columns), 0.3)
     depth[:, columns // 2 :] = 2.0
-    count = rows * columns
-    view = View(
-        height=height,
-        width=width,
-        margin=margin,
-        pixel=torch.arange(count),
-        coverage=torch.ones(count),
-        inverse_depth=depth.reshape(-1),
-        radiance=torch.rand(bands, count, generator=torch.Generator().manual_seed(0)),
-        hidden=torch.zeros(count, dtype=torch.bool),
-        wavelengths=torch.linspace(420e-9, 720e-9, bands, dtype=torch.float64),
+    view = View.flat(
+        torch.rand(bands, rows, columns, generator=torch.Generator().manual_seed(0)),
+        depth,
+        wavelengths=torch.linspace(420e-9, 720e-9, bands),
         pixel_angle=CAMERA.pixel_angle,
+        margin=margin,
     )
     sample = sample_of(view, CAMERA)
     assert len({float(tile.inverse_depth.mean()) for tile in sample.tiles}) > 1

@@ -3,6 +3,7 @@ damages it."""
 
 from __future__ import annotations
 
+import errno
 import json
 import multiprocessing
 import os
@@ -13,7 +14,7 @@ import OpenEXR
 import pytest
 import torch
 
-from edofsim.errors import EdofsimError, InputError
+from edofsim.errors import DiskFullError, InputError
 from edofsim.recipe import SceneRecipe
 from edofsim.render import cache, cached, render, view_key
 from edofsim.render.exr import channel_name, read_view, write_view
@@ -260,14 +261,18 @@ def test_folder_that_cannot_be_written(tmp_path):
         render(recipe(), tmp_path, cache=blocked)
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_full_disk_is_one_message(tmp_path):
-    """A write that meets a full disk names the folder and leaves no half entry."""
+def test_full_disk_is_one_message(tmp_path, monkeypatch):
+    """A write that meets a full disk names the entry and leaves no half of it."""
+
+    def half(path, view, recipe):
+        path.write_bytes(b"half a view")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(cache, "write_view", half)
     place = cache.Place(tmp_path, "card", "0" * 64)
-    os.symlink("/dev/full", place.file("exr").with_name(f".{place.file('exr').name}.{os.getpid()}.tmp"))
-    with pytest.raises(EdofsimError, match="could not be written"):
+    with pytest.raises(DiskFullError, match="card.*disk is full.*--cache"):
         cache.store(place, made_view(), {}, {})
-    assert cache.ls(tmp_path) == [] and not list(tmp_path.glob("*.exr"))
+    assert not list(tmp_path.iterdir())
 
 
 def test_default_folder(monkeypatch, tmp_path):

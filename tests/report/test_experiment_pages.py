@@ -10,10 +10,11 @@ import pytest
 import torch
 
 from edofsim.cli import evaluate
+from edofsim.core.images import write_png
+from edofsim.core.progress import silent
 from edofsim.errors import EdofsimError, InputError
 from edofsim.experiments import EXPERIMENTS
-from edofsim.experiments.experiment import Findings, InPaper, Paper, silent
-from edofsim.experiments.planes import save_png
+from edofsim.experiments.experiment import Findings, InPaper, Paper
 from edofsim.report import Gallery, Key, Keys, Page, Section, picture, write_page
 from edofsim.report.experiments_index import write_index
 
@@ -31,7 +32,7 @@ def test_the_index_has_a_card_for_each_page(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "other/foreign.html").write_text("<html><title>not ours</title></html>")
     write_page(tmp_path / "mtf/mtf.html", Page("No picture in it", "But a plot beside it."))
-    save_png(tmp_path / "mtf/mtf.png", torch.rand(3, 40, 60))
+    write_png(tmp_path / "mtf/mtf.png", torch.rand(3, 40, 60))
     text = write_index(tmp_path).read_text()
     assert "About noise" in text and "About scene3d" in text and "What it is for." in text
     assert "noise/noise.html" in text and "1.25 dB" in text and "30.10 dB" in text

@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 import torch
 
+from edofsim.core.images import write_png
 from edofsim.experiments import broadband_page, fabrication, noise, robustness, table
 from edofsim.experiments.broadband import DEPTHS_M, Result
 from edofsim.experiments.broadband import Row as BroadbandRow
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
-from edofsim.experiments.planes import RANDOM, Row, Shown, averages, save_png
+from edofsim.experiments.planes import RANDOM, Row, Shown, averages
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page
 
@@ -35,7 +36,7 @@ PROBE = """<script>addEventListener("load", () => parent.postMessage({
 
 def shown(folder: Path) -> Shown:
     random = torch.Generator().manual_seed(0)
-    paths = [save_png(folder / f"{n}.png", torch.rand(3, 60, 60, generator=random)) for n in "abc"]
+    paths = [write_png(folder / f"{n}.png", torch.rand(3, 60, 60, generator=random)) for n in "abc"]
     return Shown(*paths)
 
 

@@ -14,7 +14,7 @@ from skimage.io import imsave
 from edofsim.errors import InputError
 from edofsim.recipe import load_scene
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.rgbd import mirrored, picture_view
+from edofsim.render.rgbd import picture_view
 from edofsim.scene.spectra import illuminant
 
 FRAME = {"width_px": 6, "height_px": 4, "margin_px": 2}
@@ -63,10 +63,6 @@ def test_a_frame_in_the_middle_and_its_mirrored_border(tmp_path: Path):
     torch.testing.assert_close(image[:, 1], image[:, 2])
     torch.testing.assert_close(image[:, :, 0], image[:, :, 3])
     assert view.metadata["beyond the border"].startswith("70.0%")  # 1 - 4 x 6 / (8 x 10)
-
-
-def test_mirrored_indices_go_to_and_fro():
-    np.testing.assert_array_equal(mirrored(np.arange(-4, 8), 3), [2, 2, 1, 0, 0, 1, 2, 2, 1, 0, 0, 1])
 
 
 def test_a_frame_larger_than_the_picture_is_refused(tmp_path: Path):

@@ -51,13 +51,6 @@ def test_a_colour_in_hex_is_seen_as_that_colour_under_d65(text: str):
     np.testing.assert_allclose(colour.XYZ_to_sRGB(xyz), colour.notation.HEX_to_RGB(text), atol=0.01)
 
 
-def test_srgb_decoding_matches_colour_science():
-    values = np.linspace(0, 1, 41)
-    np.testing.assert_allclose(
-        spectra.srgb_to_linear(values), colour.cctf_decoding(values, "sRGB"), atol=1e-9
-    )
-
-
 def test_color_checker_patches_are_the_measured_ones():
     """Lab of the patches under D65 within CIEDE2000 0.2 of the same spectra in colour-science."""
     nm = np.arange(380, 781, 5.0)

@@ -8,7 +8,7 @@ import pytest
 
 from edofsim.errors import InputError
 from edofsim.stability import CASES, Case, Finding
-from edofsim.stability.catalogue import choose, figures, run_case, write_csv
+from edofsim.stability.catalogue import choose, figures, run_case, write_table
 
 SLOW = {
     "psi 1000", "4096 wide", "killed in any step", "a hundred wires", "layers of one pixel",
@@ -47,7 +47,7 @@ def test_what_does_not_hold_is_said(tmp_path):
     assert result.failed == "ZeroDivisionError: no light" and not result.holds
     numbers = figures([result])
     assert (numbers["findings"], numbers["beyond_bound"], numbers["failed"]) == (3, 2, 1)
-    lines = write_csv(tmp_path / "found.csv", [result]).read_text().splitlines()
+    lines = write_table(tmp_path / "found.csv", [result]).read_text().splitlines()
     assert len(lines) == 4 and lines[3].startswith("broken,image,far,2,1,False")
 
 

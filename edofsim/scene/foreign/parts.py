@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.images import read_picture, srgb_encode
 from ...errors import InputError
 from .. import solids, spectra
 from ..builders.imported import read_mesh
 from ..model import BandTexture, Surface, TriangleMesh
-from ..pictures import read_hdr, read_picture
+from ..pictures import read_hdr
 from ..surfaces import settings
 from ..textures import from_srgb, mixture
 from .nodes import Colour, Node
@@ -218,8 +219,7 @@ def _texture(node: Node, reader: Reader, what: str) -> BandTexture:
 def _encoded(picture: np.ndarray) -> np.ndarray:
     """Linear values written as sRGB, because that is what pictures are decoded from."""
     scale = np.iinfo(picture.dtype).max if picture.dtype.kind in "ui" else 1.0
-    v = picture / scale
-    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * np.maximum(v, 1e-9) ** (1 / 2.4) - 0.055)
+    return srgb_encode(picture / scale)
 
 
 def surface(node: Node, reader: Reader, what: str) -> Surface:

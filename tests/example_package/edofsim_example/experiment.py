@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from edofsim.experiments.experiment import Findings, Progress, in_paper
+from edofsim.core.progress import Progress
+from edofsim.experiments.experiment import Findings, in_paper
 from edofsim.optics import Camera, psf_bank
 from edofsim.options import CameraOption
 from edofsim.recipe import load_camera
