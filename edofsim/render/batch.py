@@ -26,6 +26,7 @@ from ..recipe.scene import SceneRecipe
 from . import cache as store
 from .engine import set_threads, thread_count
 from .fetch import fetch, place_of
+from .orphans import at_work, end_with_parent
 
 Progress = Callable[[float, str], None]
 Messages: TypeAlias = "Queue[tuple[int, float]]"
@@ -240,6 +241,7 @@ _one_at_a_time = threading.Lock()
 def _start_worker(threads: int, messages: Messages) -> None:
     global _messages
     _messages = messages
+    end_with_parent()
     set_threads(threads)
 
 
@@ -254,7 +256,7 @@ def _work(number: int, task: Task, folder: Path, noise: float | None, device: st
             _messages.put((number, min(fraction, 0.99)))
 
     # A Dask worker has several threads, and an engine is one for the whole process.
-    with _one_at_a_time:
+    with _one_at_a_time, at_work():
         return rendered(task, folder, noise, device, tell)
 
 

@@ -209,17 +209,17 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     tasks = [Task(recipe(seed), folder) for seed in range(int(sys.argv[2]))]
     print("started", flush=True)
-    outcomes = render_many(tasks, cache=folder, jobs=1)
+    outcomes = render_many(tasks, cache=folder, jobs=int(sys.argv[4]))
     assert not any(outcome.error for outcome in outcomes)
 """
 
 
-def start_batch(folder, count):
+def start_batch(folder, count, jobs=1):
     script = folder.parent / "batch.py"
     script.write_text(BATCH)
     here = os.path.dirname(__file__)
     return subprocess.Popen(
-        [sys.executable, str(script), str(folder), str(count), here],
+        [sys.executable, str(script), str(folder), str(count), here, str(jobs)],
         start_new_session=True,
         stdout=subprocess.PIPE,
     )
@@ -253,6 +253,47 @@ def test_killed_at_any_time(tmp_path, views, kills):
     remember()
     assert len(complete) == views
     assert cache.verify(folder) == cache.Verified(views, ())
+    assert not list(folder.glob("*.damaged-*"))
+
+
+def children(pid):
+    """Processes that a process has started and that still live."""
+    listing = subprocess.run(["ps", "-A", "-o", "pid=,ppid=,stat="], capture_output=True, text=True).stdout
+    rows = [line.split() for line in listing.splitlines()]
+    return [int(child) for child, parent, state in rows if int(parent) == pid and state[0] != "Z"]
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_workers_end_with_a_killed_parent(tmp_path, jobs):
+    """SIGKILL to the parent alone, once while its workers start or render, once between two views."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    for until in (lambda: list(folder.glob("*.lock")), lambda: list(folder.glob("*.exr"))):
+        process = start_batch(folder, 20, jobs)
+        process.stdout.readline()
+        limit = time.monotonic() + 120
+        while not until() and time.monotonic() < limit:
+            time.sleep(0.05)
+        workers = children(process.pid)
+        assert len(workers) > jobs - 1
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        limit = time.monotonic() + 30
+        while any(map(alive, workers)) and time.monotonic() < limit:
+            time.sleep(0.2)
+        left = [pid for pid in workers if alive(pid)]
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+        assert not left
     assert not list(folder.glob("*.damaged-*"))
 
 
