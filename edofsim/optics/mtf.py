@@ -50,15 +50,21 @@ def otf(
     across = frequencies * math.cos(math.radians(angle_deg))
     up = frequencies * math.sin(math.radians(angle_deg))
     plane = _focal_plane(camera, wavelength, inverse_depths, seed)
-    along_x = torch.view_as_real(_wave(-across[None, :] * plane.positions[:, None])).flatten(1)
-    along_y = _wave(up[None, :] * plane.positions[:, None])
-    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=along_y.dtype)
+    along_x = _wave(-across[None, :] * plane.positions[:, None])
+    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=along_x.dtype)
     light = torch.zeros(len(inverse_depths), dtype=torch.float64)
-    for depth in range(len(inverse_depths)):
-        for rows, image in plane.intensity(depth):
-            in_x = torch.view_as_complex((image @ along_x).unflatten(1, (-1, 2)))
-            transform[depth] += (in_x * along_y[rows]).sum(0)
-            light[depth] += image.sum()
+    if angle_deg % 180 == 0:
+        for depth in range(len(inverse_depths)):
+            line = plane.line(depth)
+            transform[depth], light[depth] = line.to(along_x.dtype) @ along_x, line.sum()
+    else:
+        in_parts = torch.view_as_real(along_x).flatten(1)
+        along_y = _wave(up[None, :] * plane.positions[:, None])
+        for depth in range(len(inverse_depths)):
+            for rows, image in plane.intensity(depth):
+                in_x = torch.view_as_complex((image @ in_parts).unflatten(1, (-1, 2)))
+                transform[depth] += (in_x * along_y[rows]).sum(0)
+                light[depth] += image.sum()
     transform = transform / light[:, None]
     # exactly 0 beyond the cut-off, where the samples would repeat the spectrum
     transform = transform * (frequencies.abs() < cutoff_frequency(camera, wavelength))
@@ -161,6 +167,14 @@ class _FocalPlane:
             del folded
             field = torch.fft.ifft(field, n=self.count, dim=1, norm="forward")
             yield slice(part, None, self.parts), field.real.square().add_(field.imag.square())
+
+    def line(self, depth: int) -> Tensor:
+        """|F|^2 summed over y, float64 [count]: by Parseval's theorem the sum over the pupil's own rows."""
+        total = torch.zeros(self.count, dtype=torch.float64)
+        for rows in (self.pupil * self.chirps[depth]).split(max(1, BLOCK_BYTES // (16 * self.count))):
+            field = torch.fft.ifft(rows, n=self.count, dim=1, norm="forward")
+            total += field.real.square().add_(field.imag.square()).sum(0)
+        return total * self.count
 
     def centre(self, depth: int) -> float:
         """|F|^2 in the middle."""

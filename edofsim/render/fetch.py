@@ -77,12 +77,11 @@ def _rendered(
     from .rendering import render_foreign, render_model
 
     start = time.perf_counter()
-    say(0.0, "building the scene")
     settings = RenderSettings.from_recipe(recipe, noise)
     partial = place.file("partial")
     how = {"device": device, "progress": say, "partial": partial}
     try:
-        model = build_scene(recipe, base)
+        model = build_scene(recipe, base, lambda part, text: say(0.0, text))
     except NotCarried as reasons:
         LOG.warning(
             "%s goes through Mitsuba's spectral variant: %s", recipe.name, "; ".join(reasons.problems)

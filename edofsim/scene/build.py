@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,14 +22,19 @@ from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
 
+Progress = Callable[[float, str], None]
+
+TELL_EVERY = 50
+"""Objects between two words on the progress."""
 NEAREST = 1e-3
 """Everything lies at least this far in front of the lens plane, in metres."""
 
 
-def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
+def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = None) -> SceneModel:
     """Build a scene: meshes in metres in camera space, surfaces and lights at the recipe's bands.
 
-    base: folder that file names in the recipe are relative to. Raises InputError with every problem found:
+    base: folder that file names in the recipe are relative to; progress: told the part of the objects that
+    are built, and a sentence. Raises InputError with every problem found:
     names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
@@ -42,7 +48,9 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     names = _names(recipe.objects, problems)
     objects: list[SceneObject] = []
     tops: dict[str, float] = {}
-    for name, item in zip(names, recipe.objects, strict=True):
+    for number, (name, item) in enumerate(zip(names, recipe.objects, strict=True)):
+        if progress is not None and number % TELL_EVERY == 0:
+            progress(number / len(names), f"building the scene, object {number + 1} of {len(names)}")
         try:
             parts = BUILDERS[item.kind](item, Context(wavelengths, Path(base), recipe.seed, name))
             built = _placed(item, name, parts, recipe, tops)
@@ -83,11 +91,12 @@ def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
     """Every object's name: its own, or its kind with a number."""
     given = [o.name for o in objects if o.name is not None]
     problems += _repeated(given)
+    taken = set(given)
     names: list[str] = []
     counts: dict[str, int] = {}
     for item in objects:
         name = item.name
-        while name is None or (item.name is None and name in given):
+        while name is None or (item.name is None and name in taken):
             counts[item.kind] = counts.get(item.kind, 0) + 1
             name = f"{item.kind}-{counts[item.kind]}"
         names.append(name)
@@ -95,8 +104,8 @@ def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
 
 
 def _repeated(names: Sequence[str]) -> list[str]:
-    twice = sorted({n for n in names if list(names).count(n) > 1})
-    return [f"the name {n!r} is given to {list(names).count(n)} objects; names must differ" for n in twice]
+    twice = sorted((n, count) for n, count in Counter(names).items() if count > 1)
+    return [f"the name {n!r} is given to {count} objects; names must differ" for n, count in twice]
 
 
 def _placed(

@@ -203,7 +203,11 @@ def test_transfer_functions_in_parts_are_those_of_the_whole(monkeypatch):
     whole = otf(camera, GREEN, depths, frequencies, angle_deg=30.0)
     on_axis = strehl(camera, [GREEN], depths, on_axis=True)
     largest = strehl(camera, [GREEN], depths)
+    # along x the sum over the rows of the pupil takes the place of that over the sensor's
+    level = otf(camera, GREEN, depths, frequencies)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies, angle_deg=1e-9), level, atol=1e-9)
     monkeypatch.setattr("edofsim.optics.mtf.BLOCK_BYTES", 4 << 20)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies), level, atol=1e-9)
     assert torch.allclose(otf(camera, GREEN, depths, frequencies, angle_deg=30.0), whole, atol=1e-9)
     assert torch.allclose(strehl(camera, [GREEN], depths, on_axis=True), on_axis, rtol=1e-9)
     # found on a grid of another number of samples, of four to the width of a speckle
