@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from .. import console
-from ..errors import InputError
+from ..errors import EdofsimError, InputError
 from ..record import record, writable_file, write_record
 
 if TYPE_CHECKING:
@@ -25,14 +25,15 @@ Progress = Callable[[float, str], None]
 @dataclass(frozen=True)
 class Done:
     """The end of a command: what it prints, last of all the paths of what it wrote. problems: what could not
-    be used while the rest was finished."""
+    be used while the rest was finished; failures: what was begun and did not succeed."""
 
     printed: Sequence[str | Table | PageTable] = ()
     outputs: Mapping[str, Path] = field(default_factory=dict)
     problems: Sequence[str] = ()
+    failures: Sequence[str] = ()
 
     def show(self) -> None:
-        """Print it. Raises InputError at the end if there were problems."""
+        """Print it. Raises InputError at the end if there were problems, EdofsimError for failures."""
         for item in self.printed:
             if isinstance(item, str):
                 console.out.print(item, markup=False)
@@ -41,6 +42,8 @@ class Done:
         console.show_outputs(self.outputs)
         if self.problems:
             raise InputError(self.problems)
+        if self.failures:
+            raise EdofsimError("\n".join(self.failures))
 
 
 @contextmanager

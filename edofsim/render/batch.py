@@ -25,7 +25,7 @@ from ..errors import EdofsimError, EngineError, InputError
 from ..recipe.scene import SceneRecipe
 from . import cache as store
 from .engine import set_threads, thread_count
-from .fetch import fetch, place_of
+from .fetch import fetch, is_picture, place_of
 from .orphans import at_work, end_with_parent
 
 Progress = Callable[[float, str], None]
@@ -46,7 +46,7 @@ class Task:
 @dataclass(frozen=True)
 class Outcome:
     """What became of a task. seconds: of rendering, 0 if it was in the cache; error: empty if all went
-    well."""
+    well; origin: of a view that is not fresh, `cache`, or `file` where it is read from the scene's own."""
 
     name: str
     key: str
@@ -56,6 +56,7 @@ class Outcome:
     host: str
     fresh: bool
     error: str = ""
+    origin: str = "cache"
 
 
 def duration(seconds: float) -> str:
@@ -274,4 +275,5 @@ def rendered(
         found.view.noise,
         platform.node(),
         found.seconds > 0,
+        origin="file" if is_picture(task.recipe) else "cache",
     )

@@ -32,6 +32,11 @@ class Fetched:
     seconds: float
 
 
+def is_picture(recipe: SceneRecipe) -> bool:
+    """Whether a recipe's view is read, not rendered: a picture with depths, or a spectral cube."""
+    return isinstance(recipe.source, RgbdSource | CubeSource)
+
+
 def place_of(recipe: SceneRecipe, base: Path, cache: Path | None, noise: float | None) -> store.Place:
     """Where the view of a recipe lives, whether or not it is there yet."""
     return store.Place(cache or store.default_folder(), recipe.name, view_key(recipe, base, noise))
@@ -48,7 +53,7 @@ def fetch(
     """See `edofsim.render.render`."""
     say = progress or (lambda fraction, message: None)
     place = place_of(recipe, base, cache, noise)
-    if isinstance(recipe.source, RgbdSource | CubeSource):
+    if is_picture(recipe):
         from .rgbd import picture_view
 
         # Read faster than the cache could be.
