@@ -24,6 +24,8 @@ from .placement import place, rotation
 
 Progress = Callable[[float, str], None]
 
+BRIGHTEST = 1e20
+"""W/m2/sr/nm: a star's surface has 1e5."""
 TELL_EVERY = 50
 """Objects between two words on the progress."""
 NEAREST = 1e-3
@@ -70,7 +72,9 @@ def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = Non
         problems.append('the scene has no light: add a table to [[lights]], for instance kind = "sky"')
     if problems:
         raise InputError(problems)
-    return SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+    return _checked(
+        SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+    )
 
 
 def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneModel:
@@ -84,6 +88,19 @@ def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneMod
     )
     if model.environment is None and not any(o.emission is not None for o in model.objects):
         raise InputError(f"{recipe.name}: the scene that was read has no light; add a table to [[lights]]")
+    return _checked(model)
+
+
+def _checked(model: SceneModel) -> SceneModel:
+    """The model, if the renderer can count with its numbers."""
+    for item in model.objects:
+        _check(item.mesh, item.name)
+        if item.emission is not None:
+            _check_light(item.name, item.emission)
+    if model.environment is not None:
+        radiance = model.environment.radiance
+        brightest = 1.0 if radiance.image is None else float(np.abs(radiance.image).max(initial=0))
+        _check_light("the environment", brightest * np.asarray(radiance.basis, np.float64))
     return model
 
 
@@ -132,7 +149,6 @@ def _placed(
     for part in parts:
         label = f"{name}/{part.suffix}" if part.suffix else name
         mesh = solids.moved(part.mesh, matrix, shift)
-        _check(mesh, label)
         built.append(SceneObject(label, mesh, part.surface, part.emission))
     _check_in_front(name, built)
     return built
@@ -141,6 +157,16 @@ def _placed(
 def _check(mesh: TriangleMesh, label: str) -> None:
     if not np.isfinite(mesh.vertices).all():
         raise InputError(f"{label}: its size or position is too large for single precision")
+    if len(mesh.faces) == 0 or (mesh.normals is not None and not np.isfinite(mesh.normals).all()):
+        raise InputError(f"{label}: it is too thin or too small for single precision; make it larger")
+
+
+def _check_light(what: str, light: np.ndarray) -> None:
+    if not (np.isfinite(light).all() and np.abs(light).max(initial=0) < BRIGHTEST):
+        raise InputError(
+            f"{what}: its radiance is not finite, or more than {BRIGHTEST:g} W/m2/sr/nm, which sums in single "
+            "precision cannot hold; make it darker"
+        )
 
 
 def _check_in_front(name: str, built: Sequence[SceneObject]) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
 from ..recipe.sources import DepthMap
-from .pictures import existing, first_line, read_exr, read_pfm, read_picture
+from .pictures import check_numbers, existing, first_line, read_exr, read_pfm, read_picture
 
 SKIMAGE = "skimage:"
 """Prefix of pictures and disparities that come inside scikit-image."""
@@ -72,7 +73,7 @@ def packaged(name: str, what: str) -> np.ndarray:
 def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
     existing(path, what)
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return _numbers(loaded, path, what)
         names = loaded.files
@@ -80,6 +81,12 @@ def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
             raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key")
         if key is not None and key not in names:
             raise InputError(f"{what}: {str(path)!r} holds no {key!r}; it holds {', '.join(names)}")
+        with zipfile.ZipFile(path) as archive, archive.open(f"{key or names[0]}.npy") as member:
+            version = np.lib.format.read_magic(member)
+            read_header = np.lib.format.read_array_header_1_0
+            if version != (1, 0):
+                read_header = np.lib.format.read_array_header_2_0
+            check_numbers(read_header(member)[0], path, what)
         return _numbers(loaded[key or names[0]], path, what)
     except InputError:
         raise
@@ -90,7 +97,8 @@ def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
 def _numbers(array: np.ndarray, path: Path, what: str) -> np.ndarray:
     if array.dtype.kind not in "buif" or array.size == 0:
         raise InputError(f"{what}: {str(path)!r} holds {array.dtype}, not numbers")
-    return array
+    check_numbers(array.shape, path, what)
+    return np.array(array)
 
 
 def _exr(path: Path, key: str | None, what: str) -> np.ndarray:

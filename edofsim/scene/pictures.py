@@ -6,6 +6,7 @@ what it is for.
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -13,7 +14,10 @@ import numpy as np
 
 from ..errors import InputError
 
-MAX_PIXELS = 1 << 28
+MAX_PIXELS = 1 << 26
+"""Of one picture, 8192 x 8192: as linear light in three channels these take 1.5 GiB."""
+MAX_NUMBERS = 1 << 28
+"""Of a depth map or spectral cube."""
 
 
 def first_line(error: Exception) -> str:
@@ -31,8 +35,15 @@ def existing(path: Path, what: str) -> Path:
 def read_picture(path: Path, what: str) -> np.ndarray:
     """A PNG, JPEG or TIFF as it is stored, [y, x] or [y, x, channel]."""
     existing(path, what)
+    from PIL import Image
     from skimage.io import imread
 
+    try:
+        with Image.open(path) as header:
+            columns, rows = header.size
+    except Exception:  # of a kind that another reader knows, or damaged: that one says so
+        columns = rows = 0
+    check_pixels(rows, columns, path, what)
     try:
         image = imread(path)
     except Exception as error:  # the readers behind imread raise nearly anything
@@ -44,6 +55,26 @@ def read_picture(path: Path, what: str) -> np.ndarray:
     if image.dtype.kind == "f" and not np.isfinite(image).all():
         raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
     return image
+
+
+def check_pixels(rows: int, columns: int, path: Path, what: str) -> None:
+    """Raises InputError for a picture too large to hold, by what its file says of itself."""
+    if rows * columns > MAX_PIXELS:
+        raise InputError(
+            f"{what}: {str(path)!r} has {columns} x {rows} pixels, too many to read (at most {MAX_PIXELS >> 20} "
+            "x 2^20); scale it down or cut it"
+        )
+
+
+def check_numbers(shape: tuple[int, ...], path: Path, what: str) -> None:
+    """Raises InputError for an array too large to compute with."""
+    count = math.prod(shape)
+    if count > MAX_NUMBERS:
+        size = " x ".join(map(str, shape))
+        raise InputError(
+            f"{what}: {str(path)!r} holds {size} numbers ({count * 8 / 2**30:.1f} GiB in double precision), more "
+            f"than {MAX_NUMBERS >> 20} x 2^20; cut it to the part that you need"
+        )
 
 
 def read_hdr(path: Path, what: str) -> np.ndarray:
@@ -67,8 +98,16 @@ def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
     import OpenEXR
 
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = (np.asarray(corner, int) for corner in file.header()["dataWindow"])
+            columns, rows = (high - low + 1).tolist()
+            names = [channel.name for channel in file.header()["channels"]]
+        check_pixels(rows, columns, path, what)
+        check_numbers((len(names), rows, columns), path, what)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except InputError:
+        raise
     except Exception as error:  # OpenEXR raises its own kinds
         raise InputError(f"{what}: {str(path)!r} cannot be read as OpenEXR: {first_line(error)}") from error
 
@@ -91,10 +130,7 @@ def read_pfm(path: Path, what: str) -> np.ndarray:
         raise InputError(f"{what}: {str(path)!r} does not begin as a PFM file does (Pf or PF, size, scale)")
     columns, rows = int(header[2]), int(header[3])
     channels = 3 if header[1] == b"PF" else 1
-    if columns * rows * channels > MAX_PIXELS:
-        raise InputError(
-            f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels, too many to read"
-        )
+    check_pixels(rows, columns, path, what)
     kind = "<f4" if float(header[4]) < 0 else ">f4"
     body = data[header.end() :]
     if len(body) < 4 * columns * rows * channels:
@@ -110,10 +146,7 @@ def read_radiance(path: Path, what: str) -> np.ndarray:
     if header is None or header[1] != b"-" or header[3] != b"+":
         raise InputError(f"{what}: {str(path)!r} is no Radiance picture with rows from the top and left")
     rows, columns = int(header[2]), int(header[4])
-    if rows * columns > MAX_PIXELS:
-        raise InputError(
-            f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels, too many to read"
-        )
+    check_pixels(rows, columns, path, what)
     try:
         pixels = _rgbe_rows(np.frombuffer(data, np.uint8, offset=header.end()), rows, columns)
     except (IndexError, ValueError):
