@@ -190,6 +190,23 @@ def test_forecast_learns_from_what_was_rendered(mi, tmp_path):
     assert after.bytes == pytest.approx(3 * entry.record["bytes"], rel=0.01)
 
 
+def test_forecast_tells_set_up_from_samples(tmp_path, monkeypatch):
+    """Two views of 10 s set-up and 1 us a sample and thread, one of them small, tell what any other takes."""
+    monkeypatch.setattr(job_module, "thread_count", lambda: 2)
+
+    def record(pixels, samples):
+        paths = pixels * samples * 1e-6 / 2
+        run = {"host": job_module.platform.node(), "threads": 2, "seconds": {"paths": paths}}
+        return {"pixels": pixels, "samples": samples, "bands": 3, "bytes": 1, "run": {**run, "total_seconds": paths + 10}}
+
+    entries = [cache.Entry(tmp_path, "", "", 0, 0.0, record(*size)) for size in ((100, 2), (10**6, 64))]
+    monkeypatch.setattr(job_module.store, "ls", lambda folder: entries)
+    settings = job_module.RenderSettings.from_recipe(recipe())
+    count = settings.padded_shape[0] * settings.padded_shape[1] * settings.samples
+    expected = forecast([Task(recipe(seed), tmp_path) for seed in range(3)], cache=tmp_path)
+    assert expected.seconds == pytest.approx(3 * (10 + count * 1e-6 / 2), rel=1e-6)
+
+
 def test_disk_too_small_is_noticed_before(tmp_path, monkeypatch):
     class Usage:
         total, used, free = 10, 10, 10
