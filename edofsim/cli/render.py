@@ -72,6 +72,7 @@ def render(
         from ..render.jobs import MANIFEST, Task, check_scenes, forecast, render_many, render_one
         from ..scene.family import members as family_members
 
+        loaded = [_framed(item) for item in loaded]
         tasks = [
             Task(recipe, item.base)
             for item in loaded
@@ -126,6 +127,18 @@ def render(
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": level}
         return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
+
+
+def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:
+    """A scene as its own camera frames it; one that gives its pixels' angle is rendered so, for any."""
+    from ..capture.framing import follows, framed
+    from ..optics import Camera
+    from ..recipe import load_camera
+
+    if not follows(scene.recipe):
+        return scene
+    camera = load_camera(scene.recipe.camera, scene.base)
+    return replace(scene, recipe=framed(scene.recipe, Camera.from_recipe(camera.recipe, camera.base)))
 
 
 def _as_planned(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +56,9 @@ def begun(title: str, json: Path | None, *, quiet: bool = False) -> Iterator[Pro
 
 
 def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
-    """Both recipes, with the problems of both if both have any."""
+    """Both recipes, with the problems of both if both have any, the scene as the camera frames it."""
+    from ..capture.framing import framed
+    from ..optics import Camera
     from ..recipe import load_camera, load_scene
 
     problems: list[str] = []
@@ -73,7 +75,9 @@ def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loa
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return scene_recipe, camera_recipe
+    assert scene_recipe is not None and camera_recipe is not None
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+    return replace(scene_recipe, recipe=framed(scene_recipe.recipe, optics)), camera_recipe
 
 
 def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:

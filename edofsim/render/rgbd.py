@@ -117,7 +117,7 @@ def plain_view(
         radiance=torch.from_numpy(radiance),
         hidden=torch.zeros(count, dtype=torch.bool),
         wavelengths=torch.from_numpy(recipe.bands.wavelengths()),
-        pixel_angle=frame.pixel_angle_mrad * 1e-3,
+        pixel_angle=frame.pixel_angle,
         metadata={
             "scene": recipe.name,
             "route": route,

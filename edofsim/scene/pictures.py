@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +40,10 @@ def read_picture(path: Path, what: str) -> np.ndarray:
     from skimage.io import imread
 
     try:
-        with Image.open(path) as header:
-            columns, rows = header.size
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a size that is too large is said below
+            with Image.open(path) as header:
+                columns, rows = header.size
     except Exception:  # of a kind that another reader knows, or damaged: that one says so
         columns = rows = 0
     check_pixels(rows, columns, path, what)

@@ -68,3 +68,11 @@ def test_what_is_done_of_a_list_is_shown_when_one_fails(
     assert {"first.png", "third.png"} <= {path.name for path in (tmp_path / "o").iterdir()}
     figures = json.loads((tmp_path / "r.json").read_text())["figures"]
     assert figures["views"] == 2 and "seconds.first" in figures and "seconds.second" not in figures
+
+
+def test_a_camera_of_other_pixels_is_found_first(edofsim: Run, scenes, tmp_path: Path):
+    path = scenes("fixed", PANEL)
+    path.write_text(path.read_text().replace("[frame]\n", "[frame]\npixel_angle_mrad = 0.4\n"))
+    status, said = edofsim("run", path, "--cache", tmp_path / "c", "--out", tmp_path / "o")
+    assert status == 2 and "sees 0.4 mrad" in said and '"auto"' in said
+    assert not (tmp_path / "c").exists()
