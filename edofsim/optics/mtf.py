@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,6 +18,8 @@ from .transform import good_size
 FEWEST_SAMPLES = 512
 """Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a
 transfer function, with so many less than 1e-3 of the light."""
+PEAKS = 8
+"""Samples around which the peak of a large pupil's PSF is looked for."""
 BLOCK_BYTES = 256 << 20
 """Largest part of a transformed field that is held at a time: a fast lens needs thousands of samples."""
 
@@ -106,12 +108,9 @@ def strehl(
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     ratios = []
     for wavelength in torch.as_tensor(wavelengths, dtype=torch.float64).flatten().tolist():
-        padding = 2 if on_axis else 4  # between samples of the coarser grid a peak could be missed
-        plane = _focal_plane(camera, wavelength, inverse_depths, seed, padding)
-        peaks = [
-            plane.centre(depth) if on_axis else max(float(image.max()) for _, image in plane.intensity(depth))
-            for depth in range(len(inverse_depths))
-        ]
+        plane = _focal_plane(camera, wavelength, inverse_depths, seed)
+        find = plane.centre if on_axis else plane.peak
+        peaks = [find(depth) for depth in range(len(inverse_depths))]
         ratios.append(torch.tensor(peaks, dtype=torch.float64) / plane.amplitude**2)
     return torch.stack(ratios, dim=1)
 
@@ -180,15 +179,40 @@ class _FocalPlane:
         """|F|^2 in the middle."""
         return float((self.chirps[depth] @ self.pupil @ self.chirps[depth]).abs() ** 2)
 
+    def peak(self, depth: int) -> float:
+        """Largest |F|^2 on a grid twice as fine, for between samples of this one a peak could be missed; of a
+        large pupil only around the brightest samples of this one."""
+        if (2 * self.count) ** 2 * self.pupil.itemsize <= BLOCK_BYTES:
+            finer = replace(self, count=2 * self.count, step=self.step / 2)
+            return max(float(image.max()) for _, image in finer.intensity(depth))
+        found: list[tuple[float, int, int]] = []
+        for rows, image in self.intensity(depth):
+            values, places = image.flatten().topk(PEAKS)
+            for value, place in zip(values.tolist(), places.tolist(), strict=True):
+                found.append((value, rows.start + place // self.count * rows.step, place % self.count))
+        brightest = sorted(found, reverse=True)[:PEAKS]
+        beside = torch.tensor([-0.5, -0.25, 0.0, 0.25, 0.5], dtype=torch.float64) / self.count
+        samples = torch.arange(len(self.pupil), dtype=torch.float64)
+        down, along = (
+            torch.tensor([place[axis] for place in brightest], dtype=torch.float64)[:, None] / self.count
+            + beside
+            for axis in (1, 2)
+        )
+        lit = self.chirps[depth]
+        rows_there = (_wave(down.flatten()[:, None] * samples) * lit) @ self.pupil
+        rows_there = (rows_there * lit).unflatten(0, (-1, len(beside)))
+        across = _wave(along[:, :, None] * samples)
+        fields = torch.bmm(rows_there, across.transpose(1, 2))
+        return float(fields.abs().square().max())
+
 
 def _focal_plane(
     camera: Camera,
     wavelength: float,
     inverse_depths: Tensor,
     seed: int | None,
-    padding: int = 2,
 ) -> _FocalPlane:
-    """What comes of waves from inverse depths [depth], `padding` samples to a cell of diffraction."""
+    """What comes of waves from inverse depths [depth], two samples to a cell of diffraction each way."""
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
     grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px).grid
     if grid.samples < FEWEST_SAMPLES:
@@ -199,7 +223,7 @@ def _focal_plane(
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
     chirps = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)
-    count = padding * grid.samples
+    count = 2 * grid.samples
     parts = math.ceil(count**2 * pupil.itemsize / BLOCK_BYTES)
     if parts > 1:
         count = parts * good_size(math.ceil(count / parts))
