@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import re
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping
@@ -86,7 +87,35 @@ def exit_status(command: Callable[[], object]) -> int:
             [f"{place}: {error.strerror or error}; see to it, or name another place, and run the same again"],
             FAILED,
         )
+    except (MemoryError, RuntimeError) as error:
+        size = refused_memory(error)
+        if size is None:
+            raise
+        return _complain(
+            [
+                f"out of memory: {size} more could not be had; what bounds it is the size of the work: the "
+                "scene's [frame] width_px, height_px and margin_px, [bands] count and [render] fragments, the "
+                "camera's [psf] window_px, --layers and --bands"
+            ],
+            FAILED,
+        )
     return DONE
+
+
+def refused_memory(error: Exception) -> str | None:
+    """How much memory an error says could not be had, in words; None where it is of another kind.
+
+    NumPy raises MemoryErrors, PyTorch and Dr.Jit RuntimeErrors that only their texts tell from others."""
+    text = str(error)
+    asked = "out of memory" in text.lower() or "allocate memory" in text.lower()
+    if not (isinstance(error, MemoryError) or asked):
+        return None
+    found = re.search(r"allocate\s+([\d.]+)\s*([KMGTPE]iB|bytes)", text)
+    if found is None:
+        return "an amount that was not told"
+    if found[2] != "bytes":
+        return f"{found[1]} {found[2]}"
+    return f"{float(found[1]) / 2**30:.3g} GiB"
 
 
 class _Warnings(logging.Handler):

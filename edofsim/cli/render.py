@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,9 +70,10 @@ def render(
     folder = writable_folder(out) if out else None
     with begun("render", json, quiet=quiet) as progress:
         from ..render import cache as store
-        from ..render.jobs import MANIFEST, Task, forecast, render_many, render_one
+        from ..render.jobs import MANIFEST, Task, check_scenes, forecast, render_many, render_one
         from ..scene.family import members as family_members
 
+        loaded = [_framed(item) for item in loaded]
         tasks = [
             Task(recipe, item.base)
             for item in loaded
@@ -82,6 +84,8 @@ def render(
 
             target = parse_target(accuracy, time)
             tasks = [_as_planned(task, target, cache, device.value, progress, quiet) for task in tasks]
+        if len(tasks) > 1:
+            check_scenes([Task(item.recipe, item.base) for item in loaded], progress)
         expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
         if not quiet:
             console.err.print(str(expected), markup=False)
@@ -101,7 +105,8 @@ def render(
                 progress=progress,
             )
         failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
-        if failed:
+        outcomes = [outcome for outcome in outcomes if not outcome.error]
+        if failed and not outcomes:
             raise EdofsimError("\n".join(failed))
         fresh = sum(outcome.fresh for outcome in outcomes)
         numbers: dict[str, float] = {
@@ -112,7 +117,7 @@ def render(
         }
         table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
         for each in outcomes:
-            origin = "rendered" if each.fresh else "cache"
+            origin = "rendered" if each.fresh else each.origin
             cells = (f"{each.seconds:.1f}", str(each.samples), f"{each.noise:.2%}", each.host, origin)
             table.add_row(each.name, *cells)
             numbers[f"seconds.{each.name}"] = each.seconds
@@ -122,7 +127,19 @@ def render(
             outputs |= _view_pictures(tasks, folder, level, cache)
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": level}
-        return finish("render", [table], numbers, outputs, json, inputs=inputs)
+        return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
+
+
+def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:
+    """A scene as its own camera frames it; one that gives its pixels' angle is rendered so, for any."""
+    from ..capture.framing import follows, framed
+    from ..optics import Camera
+    from ..recipe import load_camera
+
+    if not follows(scene.recipe):
+        return scene
+    camera = load_camera(scene.recipe.camera, scene.base)
+    return replace(scene, recipe=framed(scene.recipe, Camera.from_recipe(camera.recipe, camera.base)))
 
 
 def _as_planned(
@@ -147,13 +164,13 @@ def _view_pictures(
     tasks: Sequence[Task], folder: Path, noise: float | None, cache: Path | None
 ) -> dict[str, Path]:
     from ..capture import ideal_image
-    from ..render import cached
+    from ..render import finished
     from ..report import depth_plot, save_srgb
 
     outputs: dict[str, Path] = {}
     for task in tasks:
-        view = cached(task.recipe, task.base, cache=cache, noise=noise)
-        if view is None:  # of another shard
+        view = finished(task.recipe, task.base, cache=cache, noise=noise)
+        if view is None:  # of another shard, or failed
             continue
         name = task.recipe.name
         outputs[f"{name} picture"] = save_srgb(folder / f"{name}.png", view.crop_margin(ideal_image(view)))

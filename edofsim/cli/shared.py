@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from rich.table import Table
 
 from .. import console
 from ..core.progress import Progress
-from ..errors import InputError
+from ..errors import EdofsimError, InputError
 from ..record import record, writable_file, write_record
 
 if TYPE_CHECKING:
@@ -24,14 +24,15 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class Done:
     """The end of a command: what it prints, last of all the paths of what it wrote. problems: what could not
-    be used while the rest was finished."""
+    be used while the rest was finished; failures: what was begun and did not succeed."""
 
     printed: Sequence[str | Table | PageTable] = ()
     outputs: Mapping[str, Path] = field(default_factory=dict)
     problems: Sequence[str] = ()
+    failures: Sequence[str] = ()
 
     def show(self) -> None:
-        """Print it. Raises InputError at the end if there were problems."""
+        """Print it. Raises InputError at the end if there were problems, EdofsimError for failures."""
         for item in self.printed:
             if isinstance(item, str):
                 console.out.print(item, markup=False)
@@ -40,6 +41,8 @@ class Done:
         console.show_outputs(self.outputs)
         if self.problems:
             raise InputError(self.problems)
+        if self.failures:
+            raise EdofsimError("\n".join(self.failures))
 
 
 @contextmanager
@@ -52,7 +55,9 @@ def begun(title: str, json: Path | None, *, quiet: bool = False) -> Iterator[Pro
 
 
 def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
-    """Both recipes, with the problems of both if both have any."""
+    """Both recipes, with the problems of both if both have any, the scene as the camera frames it."""
+    from ..capture.framing import framed
+    from ..optics import Camera
     from ..recipe import load_camera, load_scene
 
     problems: list[str] = []
@@ -69,7 +74,9 @@ def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loa
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return scene_recipe, camera_recipe
+    assert scene_recipe is not None and camera_recipe is not None
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
+    return replace(scene_recipe, recipe=framed(scene_recipe.recipe, optics)), camera_recipe
 
 
 def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:

@@ -7,6 +7,8 @@ what it is for.
 from __future__ import annotations
 
 import io
+import math
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -25,6 +27,12 @@ if TYPE_CHECKING:
 
 
 A = TypeVar("A", np.ndarray, "Tensor")
+
+
+MAX_PIXELS = 1 << 26
+"""Of one picture, 8192 x 8192: as linear light in three channels these take 1.5 GiB."""
+MAX_NUMBERS = 1 << 28
+"""Of a depth map or spectral cube."""
 
 
 def srgb_encode(linear: A) -> A:
@@ -47,11 +55,39 @@ def existing(path: Path, what: str) -> Path:
     return path
 
 
+def check_pixels(rows: int, columns: int, path: Path, what: str) -> None:
+    """Raises InputError for a picture too large to hold, by what its file says of itself."""
+    if rows * columns > MAX_PIXELS:
+        raise InputError(
+            f"{what}: {str(path)!r} has {columns} x {rows} pixels, too many to read (at most {MAX_PIXELS >> 20} "
+            "x 2^20); scale it down or cut it"
+        )
+
+
+def check_numbers(shape: tuple[int, ...], path: Path, what: str) -> None:
+    """Raises InputError for an array too large to compute with."""
+    count = math.prod(shape)
+    if count > MAX_NUMBERS:
+        size = " x ".join(map(str, shape))
+        raise InputError(
+            f"{what}: {str(path)!r} holds {size} numbers ({count * 8 / 2**30:.1f} GiB in double precision), more "
+            f"than {MAX_NUMBERS >> 20} x 2^20; cut it to the part that you need"
+        )
+
+
 def read_picture(path: Path, what: str) -> np.ndarray:
     """A PNG, JPEG or TIFF as it is stored, [y, x] or [y, x, channel]."""
     existing(path, what)
     from skimage.io import imread
 
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a size that is too large is said below
+            with Image.open(path) as header:
+                columns, rows = header.size
+    except Exception:  # of a kind that another reader knows, or damaged: that one says so
+        columns = rows = 0
+    check_pixels(rows, columns, path, what)
     try:
         image = imread(path)
     except Exception as error:  # the readers behind imread raise nearly anything
@@ -112,8 +148,16 @@ def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
     import OpenEXR
 
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = (np.asarray(corner, int) for corner in file.header()["dataWindow"])
+            columns, rows = (high - low + 1).tolist()
+            names = [channel.name for channel in file.header()["channels"]]
+        check_pixels(rows, columns, path, what)
+        check_numbers((len(names), rows, columns), path, what)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except InputError:
+        raise
     except Exception as error:  # OpenEXR raises its own kinds
         raise InputError(f"{what}: {str(path)!r} cannot be read as OpenEXR: {first_line(error)}") from error
 

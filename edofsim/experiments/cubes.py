@@ -61,11 +61,17 @@ def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[lis
         try:
             cubes.append(read_one(place, wanted_nm, reading))
         except InputError as error:
-            problems += [f"{place}: {problem}" for problem in error.problems]
+            problems += [f"{place}: {_with_options(problem)}" for problem in error.problems]
     if not cubes:
         kinds = "folders with a PNG or TIFF a band, .mat and spectral .exr files"
         raise InputError(problems or f"{path}: holds no spectral cubes ({kinds})")
     return cubes, problems
+
+
+def _with_options(problem: str) -> str:
+    """A sentence about a cube with the options of the command line in place of a recipe's keys."""
+    problem = re.sub(r'with key = "([^"]*)"', r"with --key \1", problem)
+    return problem.replace("start_nm and step_nm", "--start-nm and --step-nm")
 
 
 def read_one(path: Path, wanted_nm: np.ndarray, reading: Reading) -> Cube:

@@ -56,7 +56,7 @@ def usable_pictures(
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name one with photographs, --data DIR")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and path.is_file())
     if not paths:
         kinds = ", ".join(SUFFIXES)
         raise InputError(f"{folder}: holds no pictures ({kinds}); name a folder with photographs")

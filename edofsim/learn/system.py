@@ -55,9 +55,7 @@ class Optics:
             device=self.device,
         )
 
-    def mean_response_psfs(
-        self, inverse_depths: Tensor, height_noise: float, shift: float = 0.0
-    ) -> Tensor:
+    def mean_response_psfs(self, inverse_depths: Tensor, height_noise: float, shift: float = 0.0) -> Tensor:
         """`mean_psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window].
 
         shift: of these wavelengths, as a part of their distance, 0 to 1. Raises InputError for a sensor

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from .camera import Camera, defocus
 from .grid import PupilGrid, disc_coverage
-from .pupil import Aperture, aperture, chirp, pupil_function
+from .pupil import aperture, chirp, pupil_function
 from .sampling import plan_sampling
+from .transform import good_size
 
 FEWEST_SAMPLES = 512
 """Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a
 transfer function, with so many less than 1e-3 of the light."""
+PEAKS = 8
+"""Samples around which the peak of a large pupil's PSF is looked for."""
+BLOCK_BYTES = 256 << 20
+"""Largest part of a transformed field that is held at a time: a fast lens needs thousands of samples."""
 
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
@@ -45,13 +51,23 @@ def otf(
     frequencies = torch.as_tensor(frequencies, dtype=torch.float64).flatten()
     across = frequencies * math.cos(math.radians(angle_deg))
     up = frequencies * math.sin(math.radians(angle_deg))
-    images, step, _ = _intensities(camera, wavelength, inverse_depths, seed)
-    count = images.shape[-1]
-    position = (torch.arange(count, dtype=torch.float64) - count // 2) * step
-    along_x = _wave(-across[None, :] * position[:, None])
-    along_y = _wave(up[None, :] * position[:, None])
-    transform = torch.stack([((image.to(along_x.dtype) @ along_x) * along_y).sum(0) for image in images])
-    transform = transform / images.sum((-1, -2))[:, None]
+    plane = _focal_plane(camera, wavelength, inverse_depths, seed)
+    along_x = _wave(-across[None, :] * plane.positions[:, None])
+    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=along_x.dtype)
+    light = torch.zeros(len(inverse_depths), dtype=torch.float64)
+    if angle_deg % 180 == 0:
+        for depth in range(len(inverse_depths)):
+            line = plane.line(depth)
+            transform[depth], light[depth] = line.to(along_x.dtype) @ along_x, line.sum()
+    else:
+        in_parts = torch.view_as_real(along_x).flatten(1)
+        along_y = _wave(up[None, :] * plane.positions[:, None])
+        for depth in range(len(inverse_depths)):
+            for rows, image in plane.intensity(depth):
+                in_x = torch.view_as_complex((image @ in_parts).unflatten(1, (-1, 2)))
+                transform[depth] += (in_x * along_y[rows]).sum(0)
+                light[depth] += image.sum()
+    transform = transform / light[:, None]
     # exactly 0 beyond the cut-off, where the samples would repeat the spectrum
     transform = transform * (frequencies.abs() < cutoff_frequency(camera, wavelength))
     if with_pixel:
@@ -92,11 +108,10 @@ def strehl(
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     ratios = []
     for wavelength in torch.as_tensor(wavelengths, dtype=torch.float64).flatten().tolist():
-        padding = 2 if on_axis else 4  # between samples of the coarser grid a peak could be missed
-        images, _, opening = _intensities(camera, wavelength, inverse_depths, seed, padding)
-        middle = images.shape[-1] // 2
-        peaks = images[:, middle, middle] if on_axis else images.amax((-1, -2))
-        ratios.append(peaks / float(sum(part for part, _ in opening.regions).sum()) ** 2)
+        plane = _focal_plane(camera, wavelength, inverse_depths, seed)
+        find = plane.centre if on_axis else plane.peak
+        peaks = [find(depth) for depth in range(len(inverse_depths))]
+        ratios.append(torch.tensor(peaks, dtype=torch.float64) / plane.amplitude**2)
     return torch.stack(ratios, dim=1)
 
 
@@ -112,31 +127,108 @@ def encircled_energy(psfs: Tensor, radii_px: Tensor | Sequence[float]) -> Tensor
     return torch.einsum("...yx,ryx->...r", psfs, inside.to(psfs))
 
 
-def _intensities(
+@dataclass(frozen=True)
+class _FocalPlane:
+    """The field's transform over a whole replica period, `count` x `count` samples in upright orientation.
+
+    pupil: complex128 [samples, samples] without defocus; chirps: its defocus along an axis, [depth, samples];
+    step: between samples [m]; parts: of the rows, every so many-th at a time; amplitude: sum of the pupil's.
+    """
+
+    pupil: Tensor
+    chirps: Tensor
+    count: int
+    parts: int
+    step: float
+    amplitude: float
+
+    @property
+    def positions(self) -> Tensor:
+        """Places of the samples along one axis in metres, in the order of the transform, float64 [count]."""
+        index = torch.arange(self.count, dtype=torch.float64)
+        return ((index + self.count // 2) % self.count - self.count // 2) * self.step
+
+    def intensity(self, depth: int) -> Iterator[tuple[slice, Tensor]]:
+        """Each part of the rows, and |F|^2 there, float64 [row, count].
+
+        Every `parts`-th row is a transform of the pupil's rows times a phase, folded to as many as are asked
+        for (decimation in frequency: Cooley and Tukey, Math. Comput. 19, 297, 1965).
+        """
+        rows, chirp_ = self.count // self.parts, self.chirps[depth]
+        samples = torch.arange(len(self.pupil), dtype=torch.float64)
+        for part in range(self.parts):
+            down = chirp_ * _wave(samples * (part / self.count)) if part else chirp_
+            folded = sum(
+                torch.nn.functional.pad(block * weight[:, None] * chirp_, (0, 0, 0, rows - len(block)))
+                for block, weight in zip(self.pupil.split(rows), down.split(rows), strict=True)
+            )
+            field = torch.fft.ifft(folded, dim=0, norm="forward")
+            del folded
+            field = torch.fft.ifft(field, n=self.count, dim=1, norm="forward")
+            yield slice(part, None, self.parts), field.real.square().add_(field.imag.square())
+
+    def line(self, depth: int) -> Tensor:
+        """|F|^2 summed over y, float64 [count]: by Parseval's theorem the sum over the pupil's own rows."""
+        total = torch.zeros(self.count, dtype=torch.float64)
+        for rows in (self.pupil * self.chirps[depth]).split(max(1, BLOCK_BYTES // (16 * self.count))):
+            field = torch.fft.ifft(rows, n=self.count, dim=1, norm="forward")
+            total += field.real.square().add_(field.imag.square()).sum(0)
+        return total * self.count
+
+    def centre(self, depth: int) -> float:
+        """|F|^2 in the middle."""
+        return float((self.chirps[depth] @ self.pupil @ self.chirps[depth]).abs() ** 2)
+
+    def peak(self, depth: int) -> float:
+        """Largest |F|^2 on a grid twice as fine, for between samples of this one a peak could be missed; of a
+        large pupil only around the brightest samples of this one."""
+        if (2 * self.count) ** 2 * self.pupil.itemsize <= BLOCK_BYTES:
+            finer = replace(self, count=2 * self.count, step=self.step / 2)
+            return max(float(image.max()) for _, image in finer.intensity(depth))
+        found: list[tuple[float, int, int]] = []
+        for rows, image in self.intensity(depth):
+            values, places = image.flatten().topk(PEAKS)
+            for value, place in zip(values.tolist(), places.tolist(), strict=True):
+                found.append((value, rows.start + place // self.count * rows.step, place % self.count))
+        brightest = sorted(found, reverse=True)[:PEAKS]
+        beside = torch.tensor([-0.5, -0.25, 0.0, 0.25, 0.5], dtype=torch.float64) / self.count
+        samples = torch.arange(len(self.pupil), dtype=torch.float64)
+        down, along = (
+            torch.tensor([place[axis] for place in brightest], dtype=torch.float64)[:, None] / self.count
+            + beside
+            for axis in (1, 2)
+        )
+        lit = self.chirps[depth]
+        rows_there = (_wave(down.flatten()[:, None] * samples) * lit) @ self.pupil
+        rows_there = (rows_there * lit).unflatten(0, (-1, len(beside)))
+        across = _wave(along[:, :, None] * samples)
+        fields = torch.bmm(rows_there, across.transpose(1, 2))
+        return float(fields.abs().square().max())
+
+
+def _focal_plane(
     camera: Camera,
     wavelength: float,
     inverse_depths: Tensor,
     seed: int | None,
-    padding: int = 2,
-) -> tuple[Tensor, float, Aperture]:
-    """|F|^2 [depth, y, x] over a whole replica period in upright orientation, its step [m], and the pupil."""
+) -> _FocalPlane:
+    """What comes of waves from inverse depths [depth], two samples to a cell of diffraction each way."""
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
     grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px).grid
     if grid.samples < FEWEST_SAMPLES:
         pitch = 2 * camera.aperture_radius / (FEWEST_SAMPLES - 2)
         grid = PupilGrid(FEWEST_SAMPLES, pitch, camera.aperture_radius)
     opening = aperture(camera, grid, seed)
+    amplitude = float(sum(part for part, _ in opening.regions).sum())
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
-    whole = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)
-    count = padding * grid.samples
-    images = []
-    for of_depth in whole:
-        field = torch.fft.ifft2(
-            pupil * of_depth[:, None] * of_depth[None, :], s=(count, count), norm="forward"
-        )
-        images.append(torch.fft.fftshift(field.abs() ** 2))
-    return torch.stack(images), wavelength * camera.sensor_distance / (count * grid.pitch), opening
+    chirps = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)
+    count = 2 * grid.samples
+    parts = math.ceil(count**2 * pupil.itemsize / BLOCK_BYTES)
+    if parts > 1:
+        count = parts * good_size(math.ceil(count / parts))
+    step = wavelength * camera.sensor_distance / (count * grid.pitch)
+    return _FocalPlane(pupil, chirps, count, parts, step, amplitude)
 
 
 def _wave(cycles: Tensor) -> Tensor:

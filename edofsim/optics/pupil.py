@@ -13,6 +13,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
@@ -50,6 +51,11 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     if not regions:
         regions = [(amplitude, surface(camera, grid, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
+    if not total > 0:
+        raise InputError(
+            f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of the "
+            "pupil; open it wider"
+        )
     return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
 
 

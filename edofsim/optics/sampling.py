@@ -81,7 +81,7 @@ def plan_sampling(
         samples = natural_samples(camera, pitch)
     if samples > LARGEST_PUPIL:
         raise InputError(
-            f"PSFs at Psi = {largest:.4g} need {samples} samples across the pupil"
+            f"PSFs at Psi = {largest:.4g} need {samples:.6g} samples across the pupil"
             f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; leave out the extreme depths or narrow the"
             " window"
         )
@@ -108,6 +108,7 @@ def _automatic(
     fabrication, mask = camera.recipe.fabrication, camera.recipe.mask
     if fabrication is not None and fabrication.pitch_um is not None:
         made = fabrication.pitch_um * 1e-6
+        _check_made(camera, made)
         pitch = made / math.ceil(made / needed - 1e-9)
         return natural_samples(camera, pitch), pitch
     designed = map_pitch or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
@@ -115,6 +116,16 @@ def _automatic(
         needed = min(needed, reach / (SCATTERED_ORDERS * reach / designed + window / 2))
     across = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
     return across + 2, 2 * camera.aperture_radius / across  # the samples of an edge reach a cell beyond it
+
+
+def _check_made(camera: Camera, pitch: float) -> None:
+    diameter = 2 * camera.aperture_radius
+    if not diameter / LARGEST_PUPIL <= pitch <= diameter:
+        raise InputError(
+            f"fabrication.pitch_um = {pitch * 1e6:.4g} does not suit a pupil of {diameter * 1e3:.4g} mm: choose "
+            f"from {diameter * 1e6 / LARGEST_PUPIL:.3g} ({LARGEST_PUPIL} samples across it) to "
+            f"{diameter * 1e6:.4g} um"
+        )
 
 
 def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool) -> Tensor:

@@ -212,7 +212,7 @@ def _in_photo(difference: Tensor, facts: Facts, small: SceneRecipe) -> tuple[flo
     a PSF leaves `facts.averaging` of it, the root of sum psf^2, which a Gaussian of 1 / (2 sqrt(pi) sigma)
     has. The Gaussian here is as wide as that of the photo, and at least one pixel of the thumbnail.
     """
-    coarser = small.frame.pixel_angle_mrad / facts.recipe.frame.pixel_angle_mrad
+    coarser = small.frame.pixel_angle / facts.recipe.frame.pixel_angle
     fewer = small.render.samples / facts.recipe.render.samples
     found = []
     for plane, kept in zip(difference.numpy(), facts.averaging, strict=True):

@@ -18,7 +18,7 @@ def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
             "width_px": max(1, frame.width_px // coarser),
             "height_px": max(1, frame.height_px // coarser),
             "margin_px": -(-frame.margin_px // coarser),
-            "pixel_angle_mrad": frame.pixel_angle_mrad * coarser,
+            "pixel_angle_mrad": frame.pixel_angle * 1e3 * coarser,
         }
     )
     render = recipe.render.model_copy(update={"samples": min(SAMPLES, recipe.render.samples)})

@@ -34,9 +34,7 @@ class Work:
     bytes: float
 
 
-def work_of(
-    shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int
-) -> Work:
+def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int) -> Work:
     """The work of a photo.
 
     layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs.

@@ -2,15 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler
+from pydantic_core import PydanticCustomError, core_schema
+
+
+def _numbers_only(schema: Any) -> None:
+    """Have each number in a model's schema refuse true, false and text. Models within have done so."""
+    for part in schema.values() if isinstance(schema, dict) else schema:
+        if isinstance(part, dict) and part.get("type") in ("int", "float"):
+            number = dict(part)
+            part.clear()
+            part.update(core_schema.no_info_before_validator_function(_refuse_words, number))
+        elif isinstance(part, dict | list | tuple) and not (
+            isinstance(part, dict) and part.get("type") == "model"
+        ):
+            _numbers_only(part)
+
+
+def _refuse_words(value: object) -> object:
+    if isinstance(value, bool | str | bytes):
+        raise PydanticCustomError("number", "a number")
+    return value
 
 
 class RecipeModel(BaseModel):
     """Base of every table in a recipe."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(
+        cls, source: type[BaseModel], handler: GetCoreSchemaHandler
+    ) -> core_schema.CoreSchema:
+        schema = handler(source)
+        inner: Any = schema
+        while inner["type"] != "model":  # inside its own validators
+            inner = inner["schema"]
+        _numbers_only(inner)
+        return schema
 
 
 Positive = Annotated[float, Field(gt=0)]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from ..errors import InputError
 from .base import Positive, RecipeModel
 from .family import Family
 from .objects import AnyLight, AnyObject
@@ -32,12 +33,24 @@ class Bands(RecipeModel):
 
 
 class Frame(RecipeModel):
-    """The pixels of the view. One pixel sees `pixel_angle_mrad` (tangent, on the optical axis)."""
+    """The pixels of the view. One pixel sees `pixel_angle_mrad` (tangent, on the optical axis); "auto", as
+    where none is given, follows the camera that looks at the scene."""
 
     width_px: Annotated[int, Field(ge=1, le=8192)] = 512
     height_px: Annotated[int, Field(ge=1, le=8192)] = 384
-    pixel_angle_mrad: Positive = 0.1626126
+    pixel_angle_mrad: Positive | Literal["auto"] = 0.1626126
     margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
+
+    @property
+    def pixel_angle(self) -> float:
+        """Tangent of the angle that one pixel sees. Raises InputError where it follows a camera yet to
+        come."""
+        if self.pixel_angle_mrad == "auto":
+            raise InputError(
+                'frame.pixel_angle_mrad = "auto" follows a camera, and there is none here: name it '
+                "(`capture.framing.framed`), or give a number"
+            )
+        return self.pixel_angle_mrad * 1e-3
 
 
 class Render(RecipeModel):

@@ -15,12 +15,13 @@ Pixels = Annotated[int, Field(ge=0)]
 
 
 class DepthMap(RecipeModel):
-    """A file of depths (PNG, TIFF, PFM, NPY, NPZ or EXR), or of disparities with their stereo calibration.
+    """A file of depths (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR or Sintel's DPT), or of disparities with their stereo calibration.
 
     `holds` says what the numbers are, after they are multiplied by `unit`: depth along the axis in metres,
     its inverse in 1/m, or disparity in pixels, of which depth = baseline focal / (disparity + offset).
     NaN, negative values, and a depth of 0 are holes, as is a disparity that is not finite; an infinite depth
-    is background. `scale` stretches the scene along the axis.
+    is background. Where a `disparity_offset_px` is given, negative disparities are depths as well, those that
+    it makes positive. `scale` stretches the scene along the axis.
     """
 
     path: str

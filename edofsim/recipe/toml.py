@@ -20,6 +20,7 @@ Location = tuple[str | int, ...]
 _HEADER = re.compile(r"^\s*(\[\[|\[)\s*([^\]]+?)\s*\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_\-]+|\"[^\"]*\"|'[^']*')\s*(?:\.[^=]*)?=")
 MAX_RECIPE_BYTES = 1 << 20
+SHOWN_DIGITS = 30
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], str]:
@@ -28,9 +29,14 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
     Raises InputError for a missing, unreadable, oversized or malformed file.
     """
     try:
-        if path.stat().st_size > MAX_RECIPE_BYTES:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            raise InputError(f"{path}: is a device or a pipe; a recipe is an ordinary file")
+        with path.open("rb") as file:
+            content = file.read(MAX_RECIPE_BYTES + 1)
+        if len(content) > MAX_RECIPE_BYTES:
             raise InputError(f"{path}: larger than {MAX_RECIPE_BYTES >> 20} MiB, which no recipe is")
-        text = path.read_text(encoding="utf-8")
+        # some editors begin a file with a byte-order mark
+        text = content.decode("utf-8-sig").replace("\r\n", "\n")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; name a recipe, or a shipped one by its name") from None
     except IsADirectoryError:
@@ -45,6 +51,8 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         raise InputError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid TOML: nested too deeply") from None
+    except ValueError as error:  # of int(): thousands of digits
+        raise InputError(f"{path}: holds a number that cannot be read ({error})") from None
 
 
 def validate(model: type[Model], data: Mapping[str, Any], text: str, path: Path) -> Model:
@@ -53,7 +61,11 @@ def validate(model: type[Model], data: Mapping[str, Any], text: str, path: Path)
         return model.model_validate(data, context={"path": path})
     except ValidationError as error:
         lines = line_numbers(text)
-        problems = [_sentence(item, model, data, lines, path) for item in error.errors()]
+        found = error.errors()
+        # a list of which every entry is wrong is called too short as well
+        inner = {item["loc"][:end] for item in found for end in range(len(item["loc"]))}
+        found = [item for item in found if item["type"] != "too_short" or item["loc"] not in inner]
+        problems = [_sentence(item, model, data, lines, path) for item in found]
     # one wrong value in a union can be reported once for each member
     raise InputError(dict.fromkeys(problems))
 
@@ -107,8 +119,8 @@ def _sentence(
         case "extra_forbidden":
             known = _known_keys(model, item["loc"][:-1], data)
             near = difflib.get_close_matches(str(location[-1]), known, 1, 0.5)
-            hint = f"; did you mean {near[0]!r}?" if near else "; remove it"
-            return f"{where}unknown key {name!r}{hint}"
+            hint = f"did you mean {near[0]!r}? " if near else "remove it; "
+            return f"{where}unknown key {name!r}; {hint}known: {', '.join(known)}"
         case "missing":
             return f"{where}{name!r} is missing"
         case "union_tag_invalid":
@@ -130,12 +142,14 @@ def _shorten(message: str) -> str:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**SHOWN_DIGITS:
+        return f"a number of more than {SHOWN_DIGITS} digits"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _location_in_file(loc: Location, data: Any) -> Location:
-    """pydantic puts the tag of a chosen union member into the location; the file has no such level."""
+    """pydantic puts the tag or type of a tried union member into the location; the file has no such level."""
     location: list[str | int] = []
     for position, part in enumerate(loc):
         inside = isinstance(data, Mapping) and part in data
@@ -144,7 +158,11 @@ def _location_in_file(loc: Location, data: Any) -> Location:
         if inside or indexed:
             data = data[part]
             location.append(part)
-        elif last and not (isinstance(data, Mapping) and data.get("kind") == part):
+        elif (
+            last
+            and isinstance(data, Mapping | list)
+            and not (isinstance(data, Mapping) and data.get("kind") == part)
+        ):
             location.append(part)
     return tuple(location)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from ..core.progress import Progress
 from ..recipe.scene import SceneRecipe
 from . import cache as store
-from .fetch import fetch, place_of
+from .fetch import fetch, is_picture, place_of
 from .jobs import Forecast, Outcome, Task, forecast, render_many
 from .keys import view_key
 from .view import View
@@ -18,6 +18,7 @@ __all__ = [
     "Task",
     "View",
     "cached",
+    "finished",
     "forecast",
     "render",
     "render_many",
@@ -49,3 +50,13 @@ def cached(
 ) -> View | None:
     """The view of a scene if it is in the cache."""
     return store.load(place_of(recipe, base, cache, noise), aside=False)[0]
+
+
+def finished(
+    recipe: SceneRecipe, base: Path, *, cache: Path | None = None, noise: float | None = None
+) -> View | None:
+    """The view of a scene if nothing has to be rendered for it: it is in the cache, or a picture with depths
+    or a spectral cube, which is read. Raises InputError for files that cannot be used."""
+    if is_picture(recipe):
+        return fetch(recipe, base, cache, noise, "cpu", None).view
+    return cached(recipe, base, cache=cache, noise=noise)

@@ -26,7 +26,8 @@ from ..core.progress import Progress
 from ..errors import DiskFullError, EdofsimError, EngineError, InputError
 from ..recipe.scene import SceneRecipe
 from .engine import set_threads, thread_count
-from .fetch import fetch, place_of
+from .fetch import fetch, is_picture, place_of
+from .orphans import at_work, end_with_parent
 
 Messages: TypeAlias = "Queue[tuple[int, float]]"
 
@@ -45,7 +46,7 @@ class Task:
 @dataclass(frozen=True)
 class Outcome:
     """What became of a task. seconds: of rendering, 0 if it was in the cache; error: empty if all went
-    well."""
+    well; origin: of a view that is not fresh, `cache`, or `file` where it is read from the scene's own."""
 
     name: str
     key: str
@@ -55,6 +56,7 @@ class Outcome:
     host: str
     fresh: bool
     error: str = ""
+    origin: str = "cache"
 
 
 def duration(seconds: float) -> str:
@@ -238,6 +240,7 @@ _one_at_a_time = threading.Lock()
 def _start_worker(threads: int, messages: Messages) -> None:
     global _messages
     _messages = messages
+    end_with_parent()
     set_threads(threads)
 
 
@@ -252,7 +255,7 @@ def _work(number: int, task: Task, folder: Path, noise: float | None, device: st
             _messages.put((number, min(fraction, 0.99)))
 
     # A Dask worker has several threads, and an engine is one for the whole process.
-    with _one_at_a_time:
+    with _one_at_a_time, at_work():
         return rendered(task, folder, noise, device, tell)
 
 
@@ -270,4 +273,5 @@ def rendered(
         found.view.noise,
         platform.node(),
         found.seconds > 0,
+        origin="file" if is_picture(task.recipe) else "cache",
     )

@@ -31,6 +31,11 @@ class Fetched:
     seconds: float
 
 
+def is_picture(recipe: SceneRecipe) -> bool:
+    """Whether a recipe's view is read, not rendered: a picture with depths, or a spectral cube."""
+    return isinstance(recipe.source, RgbdSource | CubeSource)
+
+
 def place_of(recipe: SceneRecipe, base: Path, cache: Path | None, noise: float | None) -> store.Place:
     """Where the view of a recipe lives, whether or not it is there yet."""
     return store.Place(cache or store.default_folder(), recipe.name, view_key(recipe, base, noise))
@@ -47,7 +52,7 @@ def fetch(
     """See `edofsim.render.render`."""
     say = progress or silent
     place = place_of(recipe, base, cache, noise)
-    if isinstance(recipe.source, RgbdSource | CubeSource):
+    if is_picture(recipe):
         from .rgbd import picture_view
 
         # Read faster than the cache could be.
@@ -76,12 +81,11 @@ def _rendered(
     from .rendering import render_foreign, render_model
 
     start = time.perf_counter()
-    say(0.0, "building the scene")
     settings = RenderSettings.from_recipe(recipe, noise)
     partial = place.file("partial")
     how = {"device": device, "progress": say, "partial": partial}
     try:
-        model = build_scene(recipe, base)
+        model = build_scene(recipe, base, lambda part, text: say(0.0, text))
     except NotCarried as reasons:
         LOG.warning(
             "%s goes through Mitsuba's spectral variant: %s", recipe.name, "; ".join(reasons.problems)

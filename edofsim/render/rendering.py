@@ -57,7 +57,7 @@ def render_model(
     mi = use_engine(device)
     from .translate import build_stage
 
-    say(0.0, "loading the scene")
+    say(0.0, f"loading {len(model.objects)} objects")
     stage = build_stage(mi, model)
     about = {"scene": model.name, "route": _route(model)}
     return render_stage(mi, stage, model.wavelengths, settings, about, say, partial, begun)

@@ -103,7 +103,7 @@ def plain_view(
         radiance,
         inverse_depth,
         wavelengths=recipe.bands.wavelengths(),
-        pixel_angle=recipe.frame.pixel_angle_mrad * 1e-3,
+        pixel_angle=recipe.frame.pixel_angle,
         margin=recipe.frame.margin_px,
         metadata={
             "scene": recipe.name,

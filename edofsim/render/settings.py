@@ -54,7 +54,7 @@ class RenderSettings:
             height=frame.height_px,
             width=frame.width_px,
             margin=frame.margin_px,
-            pixel_angle=frame.pixel_angle_mrad * 1e-3,
+            pixel_angle=frame.pixel_angle,
             samples=render.samples,
             max_depth=render.max_depth,
             fragments=render.fragments,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,14 +22,21 @@ from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
 
+Progress = Callable[[float, str], None]
+
+BRIGHTEST = 1e20
+"""W/m2/sr/nm: a star's surface has 1e5."""
+TELL_EVERY = 50
+"""Objects between two words on the progress."""
 NEAREST = 1e-3
 """Everything lies at least this far in front of the lens plane, in metres."""
 
 
-def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
+def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = None) -> SceneModel:
     """Build a scene: meshes in metres in camera space, surfaces and lights at the recipe's bands.
 
-    base: folder that file names in the recipe are relative to. Raises InputError with every problem found:
+    base: folder that file names in the recipe are relative to; progress: told the part of the objects that
+    are built, and a sentence. Raises InputError with every problem found:
     names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
@@ -42,7 +50,9 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     names = _names(recipe.objects, problems)
     objects: list[SceneObject] = []
     tops: dict[str, float] = {}
-    for name, item in zip(names, recipe.objects, strict=True):
+    for number, (name, item) in enumerate(zip(names, recipe.objects, strict=True)):
+        if progress is not None and number % TELL_EVERY == 0:
+            progress(number / len(names), f"building the scene, object {number + 1} of {len(names)}")
         try:
             parts = BUILDERS[item.kind](item, Context(wavelengths, Path(base), recipe.seed, name))
             built = _placed(item, name, parts, recipe, tops)
@@ -62,7 +72,9 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
         problems.append('the scene has no light: add a table to [[lights]], for instance kind = "sky"')
     if problems:
         raise InputError(problems)
-    return SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+    return _checked(
+        SceneModel(recipe.name, wavelengths, tuple(objects), environment, {"purpose": recipe.purpose})
+    )
 
 
 def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneModel:
@@ -76,6 +88,19 @@ def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneMod
     )
     if model.environment is None and not any(o.emission is not None for o in model.objects):
         raise InputError(f"{recipe.name}: the scene that was read has no light; add a table to [[lights]]")
+    return _checked(model)
+
+
+def _checked(model: SceneModel) -> SceneModel:
+    """The model, if the renderer can count with its numbers."""
+    for item in model.objects:
+        _check(item.mesh, item.name)
+        if item.emission is not None:
+            _check_light(item.name, item.emission)
+    if model.environment is not None:
+        radiance = model.environment.radiance
+        brightest = 1.0 if radiance.image is None else float(np.abs(radiance.image).max(initial=0))
+        _check_light("the environment", brightest * np.asarray(radiance.basis, np.float64))
     return model
 
 
@@ -83,11 +108,12 @@ def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
     """Every object's name: its own, or its kind with a number."""
     given = [o.name for o in objects if o.name is not None]
     problems += _repeated(given)
+    taken = set(given)
     names: list[str] = []
     counts: dict[str, int] = {}
     for item in objects:
         name = item.name
-        while name is None or (item.name is None and name in given):
+        while name is None or (item.name is None and name in taken):
             counts[item.kind] = counts.get(item.kind, 0) + 1
             name = f"{item.kind}-{counts[item.kind]}"
         names.append(name)
@@ -95,8 +121,8 @@ def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
 
 
 def _repeated(names: Sequence[str]) -> list[str]:
-    twice = sorted({n for n in names if list(names).count(n) > 1})
-    return [f"the name {n!r} is given to {list(names).count(n)} objects; names must differ" for n in twice]
+    twice = sorted((n, count) for n, count in Counter(names).items() if count > 1)
+    return [f"the name {n!r} is given to {count} objects; names must differ" for n, count in twice]
 
 
 def _placed(
@@ -123,7 +149,6 @@ def _placed(
     for part in parts:
         label = f"{name}/{part.suffix}" if part.suffix else name
         mesh = solids.moved(part.mesh, matrix, shift)
-        _check(mesh, label)
         built.append(SceneObject(label, mesh, part.surface, part.emission))
     _check_in_front(name, built)
     return built
@@ -132,6 +157,16 @@ def _placed(
 def _check(mesh: TriangleMesh, label: str) -> None:
     if not np.isfinite(mesh.vertices).all():
         raise InputError(f"{label}: its size or position is too large for single precision")
+    if len(mesh.faces) == 0 or (mesh.normals is not None and not np.isfinite(mesh.normals).all()):
+        raise InputError(f"{label}: it is too thin or too small for single precision; make it larger")
+
+
+def _check_light(what: str, light: np.ndarray) -> None:
+    if not (np.isfinite(light).all() and np.abs(light).max(initial=0) < BRIGHTEST):
+        raise InputError(
+            f"{what}: its radiance is not finite, or more than {BRIGHTEST:g} W/m2/sr/nm, which sums in single "
+            "precision cannot hold; make it darker"
+        )
 
 
 def _check_in_front(name: str, built: Sequence[SceneObject]) -> None:

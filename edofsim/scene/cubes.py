@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.images import read_exr, read_picture
+from ..core.images import check_numbers, read_exr, read_picture
 from ..errors import InputError
 from ..recipe.sources import CubeSource
 from . import spectra
@@ -93,6 +93,7 @@ def _folder(path: Path, what: str) -> np.ndarray:
     bands: list[np.ndarray] = []
     for file in files:
         picture = read_picture(file, what)
+        check_numbers((len(files), *picture.shape[:2]), path, what)
         if picture.ndim == 3 and picture.shape[2] in (3, 4) and (picture[..., :3] == picture[..., :1]).all():
             picture = picture[..., 0]
         if picture.ndim != 2 or (bands and picture.shape != bands[0].shape):
@@ -115,6 +116,7 @@ def _mat(path: Path, key: str | None, what: str) -> tuple[np.ndarray, np.ndarray
         raise InputError(
             f"{what}: {key or 'its variable'} has the shape {value.shape}; it needs [y, x, band]"
         )
+    check_numbers(value.shape, path, what)
     cube = value.astype(np.float64)
     if value.dtype.kind == "u" and key is not None and "." in key:
         holder = mat_value(data, key.rpartition(".")[0], path, what)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from ..core.images import existing, read_exr, read_picture
+from ..core.images import check_numbers, check_pixels, existing, read_exr, read_picture
 from ..errors import InputError, first_line
 from ..recipe.sources import DepthMap
 from .pictures import read_pfm
@@ -36,7 +37,7 @@ def read_inverse_depth(source: DepthMap, base: Path) -> np.ndarray:
         else:
             assert source.baseline_mm is not None and source.focal_length_px is not None
             shifted = values + source.disparity_offset_px
-            known = np.isfinite(values) & (values > 0) & (shifted > 0)
+            known = np.isfinite(values) & (values != 0) & (shifted > 0)
             inverse = np.where(known, shifted / (source.baseline_mm * 1e-3 * source.focal_length_px), np.nan)
     inverse = inverse / source.scale
     if not np.isfinite(inverse).any():
@@ -55,7 +56,27 @@ def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarra
         return readers[suffix](path, key, what)
     if suffix == ".pfm":
         return read_pfm(path, what)
+    if suffix == ".dpt":
+        return read_sintel(path, what)
     return read_picture(path, what)
+
+
+def read_sintel(path: Path, what: str) -> np.ndarray:
+    """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres."""
+    existing(path, what)
+    with path.open("rb") as file:
+        head = file.read(12)
+        tag = np.frombuffer(head[:4], "<f4") if len(head) == 12 else np.zeros(1)
+        if tag[0] != np.float32(202021.25):
+            raise InputError(f"{what}: {str(path)!r} does not begin as Sintel's .dpt files do (202021.25)")
+        columns, rows = np.frombuffer(head[4:], "<i4").tolist()
+        if columns < 1 or rows < 1:
+            raise InputError(f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels")
+        check_pixels(rows, columns, path, what)
+        body = file.read(4 * rows * columns)
+    if len(body) < 4 * rows * columns:
+        raise InputError(f"{what}: {str(path)!r} is cut short")
+    return np.frombuffer(body, "<f4").reshape(rows, columns).copy()
 
 
 def packaged(name: str, what: str) -> np.ndarray:
@@ -73,14 +94,22 @@ def packaged(name: str, what: str) -> np.ndarray:
 def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
     existing(path, what)
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return _numbers(loaded, path, what)
         names = loaded.files
         if key is None and len(names) != 1:
-            raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key")
+            raise InputError(
+                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
+            )
         if key is not None and key not in names:
             raise InputError(f"{what}: {str(path)!r} holds no {key!r}; it holds {', '.join(names)}")
+        with zipfile.ZipFile(path) as archive, archive.open(f"{key or names[0]}.npy") as member:
+            version = np.lib.format.read_magic(member)
+            read_header = np.lib.format.read_array_header_1_0
+            if version != (1, 0):
+                read_header = np.lib.format.read_array_header_2_0
+            check_numbers(read_header(member)[0], path, what)
         return _numbers(loaded[key or names[0]], path, what)
     except InputError:
         raise
@@ -91,7 +120,8 @@ def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
 def _numbers(array: np.ndarray, path: Path, what: str) -> np.ndarray:
     if array.dtype.kind not in "buif" or array.size == 0:
         raise InputError(f"{what}: {str(path)!r} holds {array.dtype}, not numbers")
-    return array
+    check_numbers(array.shape, path, what)
+    return np.array(array)
 
 
 def _exr(path: Path, key: str | None, what: str) -> np.ndarray:
@@ -146,7 +176,9 @@ def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -
     names = [name for name in data if not name.startswith("__")]
     if key is None:
         if len(names) != 1:
-            raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key")
+            raise InputError(
+                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
+            )
         return data[names[0]]
     value: object = data
     for step in key.split("."):

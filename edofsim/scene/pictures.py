@@ -11,10 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.images import existing, read_exr_rgb
+from ..core.images import check_pixels, existing, read_exr_rgb
 from ..errors import InputError
-
-MAX_PIXELS = 1 << 28
 
 
 def read_hdr(path: Path, what: str) -> np.ndarray:
@@ -40,10 +38,7 @@ def read_pfm(path: Path, what: str) -> np.ndarray:
         raise InputError(f"{what}: {str(path)!r} does not begin as a PFM file does (Pf or PF, size, scale)")
     columns, rows = int(header[2]), int(header[3])
     channels = 3 if header[1] == b"PF" else 1
-    if columns * rows * channels > MAX_PIXELS:
-        raise InputError(
-            f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels, too many to read"
-        )
+    check_pixels(rows, columns, path, what)
     kind = "<f4" if float(header[4]) < 0 else ">f4"
     body = data[header.end() :]
     if len(body) < 4 * columns * rows * channels:
@@ -59,10 +54,7 @@ def read_radiance(path: Path, what: str) -> np.ndarray:
     if header is None or header[1] != b"-" or header[3] != b"+":
         raise InputError(f"{what}: {str(path)!r} is no Radiance picture with rows from the top and left")
     rows, columns = int(header[2]), int(header[4])
-    if rows * columns > MAX_PIXELS:
-        raise InputError(
-            f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels, too many to read"
-        )
+    check_pixels(rows, columns, path, what)
     try:
         pixels = _rgbe_rows(np.frombuffer(data, np.uint8, offset=header.end()), rows, columns)
     except (IndexError, ValueError):

@@ -20,7 +20,7 @@ def rotation(turn_deg: float, tilt_deg: float, roll_deg: float) -> np.ndarray:
 
 def half_frame(frame: Frame, depth_m: float) -> tuple[float, float]:
     """Half width and half height of the frame (without its margin) at a depth, in metres."""
-    per_pixel = frame.pixel_angle_mrad * 1e-3 * depth_m
+    per_pixel = frame.pixel_angle * depth_m
     return frame.width_px / 2 * per_pixel, frame.height_px / 2 * per_pixel
 
 

@@ -26,6 +26,20 @@ DEPTH_OF_FIELD_TEXT = (
 )
 
 
+LONGEST_SIDE = 16384
+"""Pixels beyond which a print is refused: its sides then differ by a factor of hundreds."""
+
+
+def _blank(rows: float, columns: float) -> Image.Image:
+    """An image without ink. Raises InputError for one too long to print."""
+    if not max(rows, columns) <= LONGEST_SIDE:
+        raise InputError(
+            f"its print would be {columns:.4g} x {rows:.4g} pixels, more than {LONGEST_SIDE}; bring its sides "
+            "closer to each other"
+        )
+    return Image.new("L", (round(columns), round(rows)), 0)
+
+
 @lru_cache(maxsize=64)
 def _font(name: str, size: int) -> ImageFont.FreeTypeFont:
     import matplotlib
@@ -37,10 +51,11 @@ def _coverage(image: Image.Image) -> np.ndarray:
     return np.asarray(image, np.float32) / 255
 
 
-def line_of_text(text: str, rows: int, columns: int, font: str = "DejaVuSans-Bold.ttf") -> np.ndarray:
+def line_of_text(text: str, rows: int, columns: float, font: str = "DejaVuSans-Bold.ttf") -> np.ndarray:
     """One line of text in the middle of an image, as large as fits: ink coverage [row, column] in [0, 1]."""
-    image = Image.new("L", (columns, rows), 0)
+    image = _blank(rows, columns)
     draw = ImageDraw.Draw(image)
+    columns = image.width
     size = max(6, round(0.6 * rows))
     while size > 6 and draw.textlength(text, _font(font, size)) > 0.9 * columns:
         size -= 2
@@ -58,8 +73,9 @@ def page_of_text(text: str | None, lines: int, aspect: float, font: str = "DejaV
         raise InputError("a page of text needs some text")
     pitch = 40
     rows = round(pitch * lines / 0.86)
-    columns = max(64, round(rows * aspect))
-    image = Image.new("L", (columns, rows), 0)
+    columns = max(64, rows * aspect)
+    image = _blank(rows, columns)
+    columns = image.width
     draw = ImageDraw.Draw(image)
     letters = _font(font, round(0.72 * pitch))
     margin = round(0.09 * columns)

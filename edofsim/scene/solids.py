@@ -7,6 +7,7 @@ panel faces the camera, -z. Texture coordinates start at the lower left as seen 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -151,8 +152,9 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
     return mesh(vertices, faces, uv.reshape(-1, 2), normals.reshape(-1, 3))
 
 
+@lru_cache(maxsize=64)
 def sphere(radius: float, segments: int = 64) -> TriangleMesh:
-    """A ball about the origin."""
+    """A ball about the origin; read-only, for it is shared."""
     theta = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
     profile = np.stack([radius * np.cos(theta), radius * np.sin(theta)], 1)
     profile[[0, -1], 0] = 0

@@ -268,10 +268,7 @@ def _wide() -> Iterator[Finding]:
     fidelity = Fidelity(method="brute", occlusion="none", **SHIPPED)
 
     def same() -> float:
-        whole, alone = (
-            capture(each, camera, fidelity, exposure=1.0).clean
-            for each in (view, part)
-        )
+        whole, alone = (capture(each, camera, fidelity, exposure=1.0).clean for each in (view, part))
         return distance(whole[..., -64:], alone)
 
     yield timed("brute, its end alone", 0.01, same)

@@ -93,7 +93,7 @@ def test_cubes_that_cannot_be_used_are_refused(cave: Path, tmp_path: Path) -> No
     with pytest.raises(InputError, match="none that the sensor sees"):
         read_cubes(cave, NM, Reading(start_nm=900, step_nm=10))
     (cave / "toy_ms_31.png").unlink()
-    with pytest.raises(InputError, match="give start_nm and step_nm"):
+    with pytest.raises(InputError, match="give --start-nm and --step-nm"):
         read_cubes(cave, NM, Reading())
     with pytest.raises(InputError, match="--bands 430: give 2 numbers"):
         broadband.run(tmp_path, silent, [cave], bands="430")
@@ -127,3 +127,14 @@ def test_measures_of_a_point_spread_function() -> None:
     assert float(chromatic.rms_transfer(psf)) == 1  # a point passes every frequency on
     flat = torch.full((8, 8), 1 / 64, dtype=torch.float64)
     assert float(chromatic.rms_transfer(flat)) == pytest.approx(1 / 8)  # only frequency 0 of 64
+
+
+def test_what_a_cube_does_not_tell_is_asked_for_by_option(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(tmp_path / "a.mat", {"cube": np.ones((64, 64, 4)), "other": np.ones(3)})
+    wanted = np.array([500.0, 520.0])
+    with pytest.raises(InputError, match="say which with --key cube"):
+        read_cubes(tmp_path / "a.mat", wanted, Reading())
+    with pytest.raises(InputError, match="give --start-nm and --step-nm"):
+        read_cubes(tmp_path / "a.mat", wanted, Reading(key="cube"))

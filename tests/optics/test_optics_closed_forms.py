@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -192,3 +194,37 @@ def test_pixel_transfer_function_is_a_sinc():
     bare = otf(camera, GREEN, [in_focus(camera)], frequencies, angle_deg=0)
     seen = otf(camera, GREEN, [in_focus(camera)], frequencies, angle_deg=0, with_pixel=True)
     assert torch.allclose((seen / bare).real[0], torch.sinc(frequencies * camera.pixel), atol=1e-12)
+
+
+def test_transfer_functions_in_parts_are_those_of_the_whole(monkeypatch):
+    # the same sums, in another order: only rounding may differ
+    camera = ideal({"kind": "cubic"})
+    depths, frequencies = [0.3, 1.1], torch.tensor([0.0, 11e3, 70e3])
+    whole = otf(camera, GREEN, depths, frequencies, angle_deg=30.0)
+    on_axis = strehl(camera, [GREEN], depths, on_axis=True)
+    largest = strehl(camera, [GREEN], depths)
+    # along x the sum over the rows of the pupil takes the place of that over the sensor's
+    level = otf(camera, GREEN, depths, frequencies)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies, angle_deg=1e-9), level, atol=1e-9)
+    monkeypatch.setattr("edofsim.optics.mtf.BLOCK_BYTES", 4 << 20)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies), level, atol=1e-9)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies, angle_deg=30.0), whole, atol=1e-9)
+    assert torch.allclose(strehl(camera, [GREEN], depths, on_axis=True), on_axis, rtol=1e-9)
+    # found on a finer grid around the brightest samples
+    assert torch.allclose(strehl(camera, [GREEN], depths), largest, rtol=0.03)
+
+
+def test_memory_of_transfer_functions_does_not_grow_with_the_lens():
+    # f/2, 50 mm: 16 times as many samples each way as the paper's lens; whole fields would take 10 GiB each
+    text = """
+import resource
+from edofsim.optics import Camera
+from edofsim.optics.mtf import mtf
+from edofsim.recipe.camera import CameraRecipe
+lens = {"radius_of_curvature_mm": 22.92, "aperture_radius_mm": 12.5, "thickness": "parabolic"}
+camera = Camera.from_recipe(CameraRecipe(name="f2", lens=lens, focus={"distance_m": 2.0}, psf={"window_px": 64}))
+mtf(camera, 543e-9, [0.0, 0.4], [0.0, 20e3])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 3072

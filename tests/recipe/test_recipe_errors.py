@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import tomllib
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from edofsim.errors import InputError
-from edofsim.recipe.load import load_scene
+from edofsim.recipe.load import load_camera, load_scene
 from edofsim.recipe.toml import line_numbers
 
 GOOD = """\
@@ -147,3 +148,50 @@ def test_the_command_ends_in_one_message_and_status_2(tmp_path: Path):
     )
     assert done.returncode == 2
     assert "radius_mm" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_byte_order_mark_and_windows_line_ends(tmp_path: Path):
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())
+    assert load_scene(path).recipe.frame.width_px == 32
+
+
+def test_an_unknown_key_lists_what_is_allowed(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("width_px = 32", "zoom = 32"))
+    assert only.endswith("known: height_px, margin_px, pixel_angle_mrad, width_px")
+
+
+@pytest.mark.parametrize("value", ["true", '"32"'])
+def test_only_numbers_are_numbers(tmp_path: Path, value: str):
+    (only,) = problems(tmp_path, GOOD.replace("width_px = 32", f"width_px = {value}"))
+    assert "line 5: frame.width_px must be a number, not" in only
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0", f"radius_mm = {value}"))
+    assert "objects.0.radius_mm must be a number" in only
+    (only,) = problems(tmp_path, GOOD.replace("roughness = 0.2", f"roughness = {value}"))
+    assert "objects.1.surface.roughness must be a number" in only
+
+
+@pytest.mark.parametrize("digits", [400, 5000])
+def test_numbers_of_many_digits(tmp_path: Path, digits: int):
+    (only,) = problems(tmp_path, GOOD.replace("radius_mm = 5.0", "radius_mm = " + "9" * digits))
+    assert len(only) < 300 and str(tmp_path) in only
+
+
+def test_a_wrong_term_of_a_mask_is_named(tmp_path: Path):
+    path = tmp_path / "camera.toml"
+    path.write_text('name = "own"\n[mask]\nkind = "zernike"\nterms = [{ noll = 0, rms_rad = 1.0 }]\n')
+    with pytest.raises(InputError) as caught:
+        load_camera(path)
+    (only,) = caught.value.problems
+    assert "line 4: mask.terms.0.noll must be greater than or equal to 1, not 0" in only
+
+
+def test_what_is_no_ordinary_file_is_not_read(tmp_path: Path):
+    os.mkfifo(tmp_path / "scene.toml")
+    for path in (tmp_path / "scene.toml", Path("/dev/zero"), Path("/dev/full")):
+        with pytest.raises(InputError, match="a device or a pipe"):
+            load_scene(path)
+    grown = tmp_path / "large.toml"
+    grown.write_bytes(b"#" * (2 << 20))
+    with pytest.raises(InputError, match="larger than 1 MiB"):
+        load_scene(grown)

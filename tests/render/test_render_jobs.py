@@ -190,6 +190,29 @@ def test_forecast_learns_from_what_was_rendered(mi, tmp_path):
     assert after.bytes == pytest.approx(3 * entry.record["bytes"], rel=0.01)
 
 
+def test_forecast_tells_set_up_from_samples(tmp_path, monkeypatch):
+    """Two views of 10 s set-up and 1 us a sample and thread, one of them small, tell what any other takes."""
+    monkeypatch.setattr(job_module, "thread_count", lambda: 2)
+
+    def record(pixels, samples):
+        paths = pixels * samples * 1e-6 / 2
+        run = {"host": job_module.platform.node(), "threads": 2, "seconds": {"paths": paths}}
+        return {
+            "pixels": pixels,
+            "samples": samples,
+            "bands": 3,
+            "bytes": 1,
+            "run": {**run, "total_seconds": paths + 10},
+        }
+
+    entries = [cache.Entry(tmp_path, "", "", 0, 0.0, record(*size)) for size in ((100, 2), (10**6, 64))]
+    monkeypatch.setattr(job_module.store, "ls", lambda folder: entries)
+    settings = job_module.RenderSettings.from_recipe(recipe())
+    count = settings.padded_shape[0] * settings.padded_shape[1] * settings.samples
+    expected = forecast([Task(recipe(seed), tmp_path) for seed in range(3)], cache=tmp_path)
+    assert expected.seconds == pytest.approx(3 * (10 + count * 1e-6 / 2), rel=1e-6)
+
+
 def test_disk_too_small_is_noticed_before(tmp_path, monkeypatch):
     class Usage:
         total, used, free = 10, 10, 10
@@ -209,17 +232,17 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1])
     tasks = [Task(recipe(seed), folder) for seed in range(int(sys.argv[2]))]
     print("started", flush=True)
-    outcomes = render_many(tasks, cache=folder, jobs=1)
+    outcomes = render_many(tasks, cache=folder, jobs=int(sys.argv[4]))
     assert not any(outcome.error for outcome in outcomes)
 """
 
 
-def start_batch(folder, count):
+def start_batch(folder, count, jobs=1):
     script = folder.parent / "batch.py"
     script.write_text(BATCH)
     here = os.path.dirname(__file__)
     return subprocess.Popen(
-        [sys.executable, str(script), str(folder), str(count), here],
+        [sys.executable, str(script), str(folder), str(count), here, str(jobs)],
         start_new_session=True,
         stdout=subprocess.PIPE,
     )
@@ -253,6 +276,47 @@ def test_killed_at_any_time(tmp_path, views, kills):
     remember()
     assert len(complete) == views
     assert cache.verify(folder) == cache.Verified(views, ())
+    assert not list(folder.glob("*.damaged-*"))
+
+
+def children(pid):
+    """Processes that a process has started and that still live."""
+    listing = subprocess.run(["ps", "-A", "-o", "pid=,ppid=,stat="], capture_output=True, text=True).stdout
+    rows = [line.split() for line in listing.splitlines()]
+    return [int(child) for child, parent, state in rows if int(parent) == pid and state[0] != "Z"]
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_workers_end_with_a_killed_parent(tmp_path, jobs):
+    """SIGKILL to the parent alone, once while its workers start or render, once between two views."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    for until in (lambda: list(folder.glob("*.lock")), lambda: list(folder.glob("*.exr"))):
+        process = start_batch(folder, 20, jobs)
+        process.stdout.readline()
+        limit = time.monotonic() + 120
+        while not until() and time.monotonic() < limit:
+            time.sleep(0.05)
+        workers = children(process.pid)
+        assert len(workers) > jobs - 1
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        limit = time.monotonic() + 30
+        while any(map(alive, workers)) and time.monotonic() < limit:
+            time.sleep(0.2)
+        left = [pid for pid in workers if alive(pid)]
+        for pid in left:
+            os.kill(pid, signal.SIGKILL)
+        assert not left
     assert not list(folder.glob("*.damaged-*"))
 
 

@@ -34,12 +34,15 @@ def write(folder: Path, kind: str) -> dict:
         OpenEXR.File(header, {"Z": Z.astype(np.float32), "Y": Z.astype(np.float32)}).write(
             str(folder / "z.exr")
         )
+    elif kind == "dpt":
+        head = np.float32(202021.25).tobytes() + np.array([3, 2], "<i4").tobytes()
+        (folder / "z.dpt").write_bytes(head + Z.astype("<f4").tobytes())
     elif kind == "pfm":
         (folder / "z.pfm").write_bytes(b"Pf\n3 2\n-1.0\n" + Z[::-1].astype("<f4").tobytes())
     return {"path": f"z.{kind}"}
 
 
-@pytest.mark.parametrize("kind", ["png", "npy", "npz", "mat", "exr", "pfm"])
+@pytest.mark.parametrize("kind", ["png", "npy", "npz", "mat", "exr", "pfm", "dpt"])
 def test_every_format_gives_the_same_inverse_depth(tmp_path: Path, kind: str):
     source = DepthMap(**write(tmp_path, kind))
     np.testing.assert_allclose(read_inverse_depth(source, tmp_path), 1 / Z, rtol=1e-6)
@@ -51,6 +54,21 @@ def test_stereo_calibration_gives_metres(tmp_path: Path):
     source = DepthMap(path="d.npy", holds="disparity", focal_length_px=1000, baseline_mm=200,
                       disparity_offset_px=10, scale=0.3)  # fmt: skip
     np.testing.assert_allclose(read_inverse_depth(source, tmp_path), [[1 / 1.5, np.nan, np.nan, np.nan]])
+
+
+def test_negative_disparities_of_light_fields_are_depths(tmp_path: Path):
+    """Disparity counts from the plane in focus, so that what is farther is negative (Honauer et al., ACCV
+    2016): z = 0.1 m x 500 px / (d + 5)."""
+    np.save(tmp_path / "d.npy", np.array([[-2.5, 2.5, -5.0, -7.0, np.nan, -1.0]]))
+    source = DepthMap(path="d.npy", holds="disparity", focal_length_px=500, baseline_mm=100,
+                      disparity_offset_px=5)  # fmt: skip
+    np.testing.assert_allclose(
+        read_inverse_depth(source, tmp_path), [[0.05, 0.15, np.nan, np.nan, np.nan, 0.08]]
+    )
+    plain = source.model_copy(update={"disparity_offset_px": 0.0})
+    np.testing.assert_allclose(
+        read_inverse_depth(plain, tmp_path), [[np.nan, 0.05, np.nan, np.nan, np.nan, np.nan]]
+    )
 
 
 def test_holes_and_infinity_are_told_apart(tmp_path: Path):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
 from edofsim.scene import build_scene, solids
 from edofsim.scene.builders.imported import read_mesh
@@ -70,3 +74,33 @@ def test_texture_coordinates_are_kept(tmp_path: Path):
 def test_flat_shading_has_no_normals(tmp_path: Path):
     ell().export(tmp_path / "ell.stl")
     assert imported(tmp_path, "ell.stl", smooth=False).normals is None
+
+
+@pytest.fixture
+def no_guessing(monkeypatch):
+    """trimesh's optional library that guesses encodings is not there, as after a plain installation."""
+    monkeypatch.setitem(sys.modules, "charset_normalizer", None)
+
+
+def test_latin_1_in_names_and_comments(tmp_path: Path, no_guessing):
+    (tmp_path / "b\u00fc.mtl").write_bytes(b"# B\xfccher\nnewmtl b\xfc\nKd 1 0 0\n")
+    text = b"# B\xfccher\nmtllib b\xc3\xbc.mtl\nusemtl b\xfc\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    (tmp_path / "a.obj").write_bytes(text.replace(b"\xc3\xbc.mtl", b"\xfc.mtl"))
+    assert len(read_mesh(tmp_path / "a.obj", "thing").faces) == 1
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "glb", "gltf", "off"])
+def test_garbled_files_are_called_so(tmp_path: Path, suffix: str, no_guessing):
+    (tmp_path / f"a.{suffix}").write_bytes(bytes(range(128, 256)) * 9)
+    with pytest.raises(InputError, match="cannot be read as a mesh: (?!No module)"):
+        read_mesh(tmp_path / f"a.{suffix}", "thing")
+
+
+def test_pipes_beside_a_mesh_are_not_waited_for(tmp_path: Path):
+    os.mkfifo(tmp_path / "a.mtl")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with contextlib.suppress(InputError):
+        read_mesh(tmp_path / "a.obj", "thing")
+    os.mkfifo(tmp_path / "b.obj")
+    with pytest.raises(InputError, match="does not exist"):
+        read_mesh(tmp_path / "b.obj", "thing")

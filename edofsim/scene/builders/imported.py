@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 
@@ -42,11 +43,31 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
         raise InputError(f"{what}: {str(path)!r} is not of a known kind; known: {', '.join(SUFFIXES)}")
     import trimesh
 
+    class _Beside(trimesh.resolvers.FilePathResolver):
+        """Files that the mesh names."""
+
+        def get(self, name: str) -> bytes:
+            inner = self.absolute(name)
+            if inner.exists() and not inner.is_file():
+                raise ValueError(f"{name!r} is no ordinary file")
+            return _as_utf8(inner, super().get(name))
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            near = trimesh.resolvers.FilePathResolver(str(path), allow_anywhere=allow_outside)
-            loaded = trimesh.load(path, force="mesh", process=False, resolver=near)
+            near = _Beside(str(path), allow_anywhere=allow_outside)
+            loaded = trimesh.load(
+                io.BytesIO(_as_utf8(path, path.read_bytes())),
+                file_type=path.suffix[1:].lower(),
+                force="mesh",
+                process=False,
+                resolver=near,
+            )
+    except ModuleNotFoundError as error:  # trimesh would guess the encoding of what is neither
+        raise InputError(
+            f"{what}: {str(path)!r} cannot be read as a mesh: it is damaged, or not of the kind that its name "
+            "says"
+        ) from error
     except Exception as error:  # each reader raises its own kinds
         if "escapes resolver root" in str(error):
             raise InputError(
@@ -73,6 +94,17 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
             "infinity); mend the file in the program that wrote it"
         )
     return _mended(loaded, path, what, smooth)
+
+
+def _as_utf8(path: Path, content: bytes) -> bytes:
+    """Text files of meshes in UTF-8: older programs write Latin-1, in names and comments."""
+    if path.suffix.lower() not in (".obj", ".mtl", ".off"):
+        return content
+    try:
+        content.decode("utf-8")
+    except UnicodeDecodeError:
+        return content.decode("latin-1").encode("utf-8")
+    return content
 
 
 def _mended(loaded, path: Path, what: str, smooth: bool) -> TriangleMesh:

@@ -54,7 +54,7 @@ def _spine(recipe: Book, w: float, h: float, t: float, lift: float):
 
 
 def _spine_surface(recipe: Book, context: Context, aspect: float):
-    ink = printing.line_of_text(recipe.title, rows=128, columns=max(128, round(128 * aspect)))
+    ink = printing.line_of_text(recipe.title, rows=128, columns=max(128, 128 * aspect))
     cover = recipe.cover
     ground = reflectance(getattr(cover, "reflectance", 0.5), context.wavelengths)
     gold = reflectance("#e8d9a0", context.wavelengths)

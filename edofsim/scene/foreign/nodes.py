@@ -81,9 +81,12 @@ def _snake(name: str) -> str:
 
 def _numbers(text: str, where: str) -> list[float]:
     try:
-        return [float(part) for part in re.split(r"[\s,]+", text.strip()) if part]
+        numbers = [float(part) for part in re.split(r"[\s,]+", text.strip()) if part]
     except ValueError:
         raise InputError(f"{where}: {text[:60]!r} holds something that is no number") from None
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where}: {text[:60]!r} holds a number that is not finite")
+    return numbers
 
 
 # ---- XML ---------------------------------------------------------------------------------------------
@@ -299,6 +302,8 @@ def _json_node(data: Json, name: str, where: str, known: dict[str, Node]) -> Nod
             flat = [float(v) for v in np.asarray(value, float).ravel()]
             values[_snake(key)] = square(flat, place) if len(flat) in (9, 16) else np.array(flat)
         else:
+            if isinstance(value, float) and not np.isfinite(value):
+                raise InputError(f"{place}: {value} is not finite")
             values[_snake(key)] = value
     return Node(_kind(kind_of), kind_of, values, tuple(parts))
 

@@ -1,0 +1,84 @@
+"""Lists of scenes: looked through before anything is rendered, and what is done of them is kept and shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.io import imsave
+
+from edofsim.render import batch
+
+Run = Callable[..., tuple[int, str]]
+
+FRAME = "[frame]\nwidth_px = 12\nheight_px = 8\nmargin_px = 2\n[bands]\ncount = 3\nstart_nm = 480\nstop_nm = 600\n"
+PANEL = (
+    '[[objects]]\nkind = "panel"\nwidth_mm = 20\nheight_mm = 20\ndepth_m = 1.0\n[[lights]]\nkind = "sky"\n'
+)
+CUBE = '[source]\nkind = "cube"\npath = "cube"\ndepth_m = 1.0\n'
+RGBD = '[source]\nkind = "rgbd"\nimage = "a.png"\n[source.depth]\npath = "z.npy"\n'
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> Callable[..., Path]:
+    (tmp_path / "cube").mkdir()
+    for band in range(3):
+        imsave(tmp_path / "cube" / f"{band}.png", np.full((16, 20), 90, np.uint8), check_contrast=False)
+    imsave(tmp_path / "a.png", np.full((16, 20, 3), 90, np.uint8), check_contrast=False)
+    np.save(tmp_path / "z.npy", np.full((16, 20), 2.0))
+
+    def write(name: str, body: str, more: str = "") -> Path:
+        path = tmp_path / f"{name}.toml"
+        path.write_text(f'name = "{name}"\n{FRAME}[render]\nsamples = 2\n{body}{more}')
+        return path
+
+    return write
+
+
+def test_a_cube_without_wavelengths_is_found_before_anything_is_rendered(
+    edofsim: Run, scenes, tmp_path: Path
+):
+    status, said = edofsim("render", scenes("panel", PANEL), scenes("cube", CUBE), "--cache", tmp_path / "c")
+    assert status == 2 and "start_nm and step_nm" in said and "to render" not in said
+    assert not list((tmp_path / "c").glob("*.exr"))
+
+
+def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
+    cube = scenes("cube", CUBE, "start_nm = 480\nstep_nm = 60\n")
+    status, said = edofsim(
+        "render", cube, scenes("rgbd", RGBD), "--cache", tmp_path / "c", "--out", tmp_path / "o"
+    )
+    assert status == 0 and "2 read from pictures; nothing to render" in said
+    names = {"cube.png", "cube-depth.png", "rgbd.png", "rgbd-depth.png"}
+    assert names == {path.name for path in (tmp_path / "o").iterdir()}
+
+
+def test_what_is_done_of_a_list_is_shown_when_one_fails(
+    edofsim: Run, scenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    real = batch.Batch._outcome
+
+    def lost(self, number, future):
+        outcome = real(self, number, future)
+        return self._failed(number, batch.LOST) if number == 1 else outcome
+
+    monkeypatch.setattr(batch.Batch, "_outcome", lost)
+    paths = [scenes("first", PANEL), scenes("second", PANEL), scenes("third", RGBD)]
+    status, said = edofsim(
+        "render", *paths, "--cache", tmp_path / "c", "--out", tmp_path / "o", "--json", tmp_path / "r.json"
+    )
+    assert status == 1 and "second: its worker died" in said
+    assert {"first.png", "third.png"} <= {path.name for path in (tmp_path / "o").iterdir()}
+    figures = json.loads((tmp_path / "r.json").read_text())["figures"]
+    assert figures["views"] == 2 and "seconds.first" in figures and "seconds.second" not in figures
+
+
+def test_a_camera_of_other_pixels_is_found_first(edofsim: Run, scenes, tmp_path: Path):
+    path = scenes("fixed", PANEL)
+    path.write_text(path.read_text().replace("[frame]\n", "[frame]\npixel_angle_mrad = 0.4\n"))
+    status, said = edofsim("run", path, "--cache", tmp_path / "c", "--out", tmp_path / "o")
+    assert status == 2 and "sees 0.4 mrad" in said and '"auto"' in said
+    assert not (tmp_path / "c").exists()
