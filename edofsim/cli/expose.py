@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -95,7 +95,7 @@ def expose(
             check_reference(reference, optics)
         name = f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}"
         folder = writable_folder(out or Path("out") / name)
-        overrule: dict[str, Any] = {"method": method, "layers": layers, "occlusion": occlusion}
+        overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
         watch = Stopwatch(progress)
         view, plan = planned_view(

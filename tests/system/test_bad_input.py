@@ -215,7 +215,8 @@ def test_effects_that_cannot_be_simulated_or_left_out(edofsim: Run, tmp_path: Pa
     base = (command, scene_file(tmp_path, SCENE), "--cache", tmp_path / "cache")
     refused(edofsim(*base, "--with", "exact lense"), "'exact lense'", "exact lens")
     refused(edofsim(*base, "--without", "glare"), "'glare' is not known")
-    refused(edofsim(*base, "--with", "occlusion", "--without", "occlusion"), "--with and --without 'occlusion'")
+    both = ("--with", "occlusion", "--without", "occlusion")
+    refused(edofsim(*base, *both), "--with and --without 'occlusion'")
     assert not (tmp_path / "cache").exists()
 
 
