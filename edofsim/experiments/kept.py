@@ -8,8 +8,8 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..core.json_values import Json
 from ..errors import EdofsimError
 from ..record import versions
 
@@ -24,7 +24,7 @@ class Kept:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._found: dict[str, dict[str, Any]] = {}
+        self._found: dict[str, Json] = {}
         cut = False
         if path.is_file():
             text = path.read_text(encoding="utf-8", errors="replace")
@@ -41,11 +41,11 @@ class Kept:
     def __len__(self) -> int:
         return len(self._found)
 
-    def get(self, key: str) -> dict[str, Any] | None:
+    def get(self, key: str) -> Json | None:
         """The finding of a key, or None."""
         return self._found.get(key)
 
-    def put(self, key: str, found: Mapping[str, Any]) -> None:
+    def put(self, key: str, found: Mapping[str, object]) -> None:
         """Keep a finding, on disk before this returns."""
         self._found[key] = dict(found)
         self._append(json.dumps({"key": key, "found": self._found[key]}) + "\n")
@@ -63,7 +63,7 @@ class Kept:
             ) from None
 
 
-def key_of(**parts: Any) -> str:
+def key_of(**parts: object) -> str:
     """A key of everything that decides a finding: JSON values by name, and the code that makes it."""
     said = {"code": code_of(PACKAGE), "versions": _versions(), **parts}
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:24]
