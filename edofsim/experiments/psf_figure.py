@@ -134,7 +134,7 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
                 if d == 0:
                     axis.set_ylabel(f"{nm:g} nm", fontsize=9)
                 axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
-        draw_mask(axes[0][0], camera, camera.recipe.mask)
+        draw_mask(axes[0][0], camera, camera.mask)
         axes[0][0].axis("on")
         axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
         if len(wavelengths_nm) > 1:

@@ -133,8 +133,9 @@ def run(
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
     shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
     worsts = [
-        f"worst of {name}: {low.scene}, {low.score(OURS, name, 'restored').psnr_db:.2f} dB"
+        f"worst of {name}: {low.scene}, {row.psnr_db:.2f} dB"
         for name, low in lows.items()
+        if (row := low.score(OURS, name, "restored")) is not None
     ]
     return Findings(
         figures(outcome, names),
