@@ -109,7 +109,8 @@ def expose(
         )
         fidelity = plan.fidelity
         if bands is not None:  # in place of what the plan gathers them in
-            view, fidelity = merged_bands(view, bands), fidelity.changed({"groups": 0, "colours": 0})
+            view = merged_bands(view, bands)
+            fidelity = fidelity.changed({"band_groups": 0, "group_wavelengths": 0})
         if where is not None:
             check_crop(view, where)
         with watch.stage("expose", 0.7, 0.8):
