@@ -157,7 +157,7 @@ def planned_view(
     device: str = "auto",
 ) -> tuple[View, Plan]:
     """The stages `plan` and `render`: the view of a scene, and the plan of its photo. See `run`."""
-    checked_overrule(overrule)
+    overrule = checked_overrule(overrule)
     with watch.stage("plan", 0.0, 0.2) as tell:
         looked = look(scene.recipe, scene.base, camera, cache=cache, device=device)
         plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)

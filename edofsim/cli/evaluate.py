@@ -26,19 +26,20 @@ class Experiment(TyperCommand):
     """The command of an experiment, which is imported when it is run or its options are asked for."""
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        self.help = EXPERIMENTS.about(self.name)
+        self.help = EXPERIMENTS.about(self.name or "")
         return super().get_short_help_str(limit)
 
-    def make_context(self, *given: Any, **more: Any) -> Any:
+    # what is handed on is Click's, which some versions of Typer hold inside
+    def make_context(self, *given: Any, **more: Any) -> Any:  # pyrefly: ignore[explicit-any]
         alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-        alone.command(self.name)(command_of(self.name))
+        alone.command(self.name)(command_of(self.name or ""))
         return typer.main.get_command(alone).make_context(*given, **more)
 
 
 class Experiments(TyperGroup):
-    def __init__(self, **attributes: Any) -> None:
+    def __init__(self, **attributes: Any) -> None:  # pyrefly: ignore[explicit-any]
         super().__init__(**attributes)
-        self.commands = {name: Experiment(name) for name in EXPERIMENTS} | dict(self.commands)
+        self.commands = {**{name: Experiment(name) for name in EXPERIMENTS}, **self.commands}
 
 
 evaluate_app = typer.Typer(
@@ -79,6 +80,7 @@ def perform(
         from ..report import write_page
 
         outputs["page"] = write_page(folder / f"{name}.html", found.page)
+    seed = options.get("seed")
     given = {option: value for option, value in options.items() if option not in ("seed", "cache", "device")}
     return finish(
         f"evaluate {name}",
@@ -87,7 +89,7 @@ def perform(
         outputs,
         json or folder / f"{name}.json",
         problems=found.problems,
-        seed=options.get("seed"),
+        seed=seed if isinstance(seed, int) else None,
         inputs={**given, **found.inputs},
         left_out=list(found.problems),
         **found.record,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -95,7 +95,7 @@ def expose(
             check_reference(reference, optics)
         name = f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}"
         folder = writable_folder(out or Path("out") / name)
-        overrule: dict[str, Any] = {"method": method, "layers": layers, "occlusion": occlusion}
+        overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
         watch = Stopwatch(progress)
         view, plan = planned_view(
@@ -109,7 +109,8 @@ def expose(
         )
         fidelity = plan.fidelity
         if bands is not None:  # in place of what the plan gathers them in
-            view, fidelity = merged_bands(view, bands), fidelity.changed({"groups": 0, "colours": 0})
+            view = merged_bands(view, bands)
+            fidelity = fidelity.changed({"band_groups": 0, "group_wavelengths": 0})
         if where is not None:
             check_crop(view, where)
         with watch.stage("expose", 0.7, 0.8):

@@ -183,7 +183,8 @@ def _all_scenes(scenes: Sequence[str]) -> list[Loaded[SceneRecipe]]:
     """All recipes, or all that is wrong with any of them."""
     from ..recipe import load_scene
 
-    loaded, problems = [], []
+    loaded: list[Loaded[SceneRecipe]] = []
+    problems: list[str] = []
     for scene in scenes:
         try:
             loaded.append(load_scene(scene))

@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -36,6 +36,8 @@ from ..record import peak_memory_mib, writable_folder
 from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from ..pipeline import Run
     from ..report import Plot
 
@@ -76,7 +78,7 @@ def run(
         from ..plan import parse_target
         from ..report import save_srgb, write_run_report
 
-        overrule: dict[str, Any] = {"method": method, "layers": layers, "occlusion": occlusion}
+        overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
         result = pipeline.run(
             scene_recipe,
@@ -119,7 +121,7 @@ def run(
         )
 
 
-def _images(result: Run) -> Mapping[str, Any]:
+def _images(result: Run) -> Mapping[str, Tensor]:
     images = {
         "ideal": result.photo.ideal,
         "photo": result.photo.image,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -46,7 +46,7 @@ class Done:
 
 
 @contextmanager
-def begun(title: str, json: Path | None, *, quiet: bool = False) -> Iterator[Progress]:
+def begun(title: str, json: Path | None, *, quiet: bool = False) -> Generator[Progress]:
     """Progress of a command, once it is known that its figures can be written. Raises InputError."""
     if json:
         writable_file(json)
@@ -60,29 +60,24 @@ def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loa
     from ..optics import Camera
     from ..recipe import load_camera, load_scene
 
-    problems: list[str] = []
-    scene_recipe = camera_recipe = None
     try:
-        scene_recipe = load_scene(scene)
+        loaded = load_scene(scene)
     except InputError as error:
-        problems += error.problems
-    if camera or scene_recipe:
-        try:
-            base = scene_recipe.base if scene_recipe and not camera else None
-            camera_recipe = load_camera(camera or scene_recipe.recipe.camera, base)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    assert scene_recipe is not None and camera_recipe is not None
-    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
-    return replace(scene_recipe, recipe=framed(scene_recipe.recipe, optics)), camera_recipe
+        problems = list(error.problems)
+        if camera:
+            try:
+                load_camera(camera)
+            except InputError as other:
+                problems += other.problems
+        raise InputError(problems) from None
+    found = load_camera(camera) if camera else load_camera(loaded.recipe.camera, loaded.base)
+    optics = Camera.from_recipe(found.recipe, found.base)
+    return replace(loaded, recipe=framed(loaded.recipe, optics)), found
 
 
 def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:
-    return {"scene": str(scene.path), "camera": str(camera.path)} | {
-        k: str(v) for k, v in more.items() if v is not None
-    }
+    said = {name: str(value) for name, value in more.items() if value is not None}
+    return {"scene": str(scene.path), "camera": str(camera.path), **said}
 
 
 def finish(
@@ -93,12 +88,16 @@ def finish(
     json: Path | None,
     *,
     problems: Sequence[str] = (),
-    **more: Any,
+    seed: int | None = None,
+    inputs: Mapping[str, object] | None = None,
+    **more: object,
 ) -> Done:
     """The end of a command, after its figures are written. more: of the record."""
     if json:
         outputs = {**outputs, "json": json}
-        write_record(json, record(command, figures=figures, outputs=outputs, **more))
+        write_record(
+            json, record(command, figures=figures, seed=seed, inputs=inputs, outputs=outputs, **more)
+        )
     return Done(printed, outputs, problems)
 
 

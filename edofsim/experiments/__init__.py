@@ -14,7 +14,7 @@ from ..core.registry import Registry
 if TYPE_CHECKING:
     from .experiment import Findings, InPaper
 
-EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper]" = Registry(
+EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper[...]]" = Registry(
     "edofsim.experiments",
     "experiment",
     {

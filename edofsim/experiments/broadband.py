@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -146,9 +146,13 @@ def run(
     """
     from .broadband_page import page
 
-    low_high = None if bands is None else numbers(bands, "--bands", "430,690", 2)
-    sides = (0,) * 4 if crop is None else tuple(int(n) for n in numbers(crop, "--crop", "4,0,0,0", 4))
-    reading = Reading(key=key, start_nm=start_nm, step_nm=step_nm, bands=low_high, crop=sides)
+    reading = Reading(key=key, start_nm=start_nm, step_nm=step_nm)
+    if bands is not None:
+        low, high = numbers(bands, "--bands", "430,690", 2)
+        reading = replace(reading, bands=(low, high))
+    if crop is not None:
+        left, top, right, bottom = (int(n) for n in numbers(crop, "--crop", "4,0,0,0", 4))
+        reading = replace(reading, crop=(left, top, right, bottom))
     loaded = [load_scene(scene) for scene in scenes or ([] if data else ["desk"])]
     cubes: list[Cube] = []
     problems: list[str] = []

@@ -16,13 +16,13 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..capture import Photo, capture
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..core.store import found, keep
 from ..optics import Camera
@@ -128,7 +128,7 @@ def measure(
     pace: what tells how fast the machine is just then, asked before and after each case.
     """
     kept = Kept(folder / "measurements.jsonl")
-    about = _about(view, camera, clock)
+    about = _about(view, camera, device, clock)
     (case,) = [case for case in cases if case.kind == "full"]
     how = (folder, kept, about, device, clock, pace)
     full = _reference(view, camera, case, *how)
@@ -155,18 +155,22 @@ def _timed(
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
-) -> tuple[Photo, dict[str, Any]]:
+) -> tuple[Photo, Json]:
     psf_memory.forget()
     before = pace() if pace else 0.0
     started = clock()
     photo = capture(view, camera, case.fidelity, device=device, clock=clock)
-    entry = {"case": f"{case.kind} {case.name}", "seconds": clock() - started, "stages": dict(photo.seconds)}
+    entry: Json = {
+        "case": f"{case.kind} {case.name}",
+        "seconds": clock() - started,
+        "stages": dict(photo.seconds),
+    }
     if pace:
         entry["pace"] = (before + pace()) / 2
     return photo, entry
 
 
-def _row(case: Case, entries: list[dict[str, Any]]) -> Row:
+def _row(case: Case, entries: list[Json]) -> Row:
     stages = {
         stage: statistics.median(entry["stages"].get(stage, 0.0) for entry in entries) for stage in STAGES
     }
@@ -181,7 +185,7 @@ def _reference(
     case: Case,
     folder: Path,
     kept: Kept,
-    about: Mapping[str, Any],
+    about: Mapping[str, object],
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
@@ -198,17 +202,22 @@ def _reference(
     return photo.clean
 
 
-def _about(view: View, camera: Camera, clock: Callable[[], float]) -> dict[str, Any]:
+def _about(view: View, camera: Camera, device: str, clock: Callable[[], float]) -> dict[str, object]:
     """What decides all measurements of a photo, for keys."""
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
     height = camera.height_map
     for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
-    about = {"machine": machine(), "clock": clock.__name__, "threads": torch.get_num_threads()}
-    return {**about, "photo": digest.hexdigest()}
+    return {
+        "machine": machine(),
+        "device": device,
+        "clock": clock.__name__,
+        "threads": torch.get_num_threads(),
+        "photo": digest.hexdigest(),
+    }
 
 
-def _key(about: Mapping[str, Any], case: Case, turn: int) -> str:
+def _key(about: Mapping[str, object], case: Case, turn: int) -> str:
     return key_of(**about, case=[case.kind, case.name, repr(case.fidelity)], turn=turn)
 
 

@@ -101,7 +101,7 @@ def restore_points(
     The networks take turns; the median of the repeats counts. folder: keeps what was measured.
     """
     own = network_of(camera)
-    default = own.path.resolve() if own else None
+    default = _place(own)
     kept = Kept(folder / "restoration.jsonl")
     rivals: list[tuple[str, Checkpoint | None, Checkpoint | None]] = [("Wiener", None, None)]
     for name in shipped_checkpoints():
@@ -110,15 +110,16 @@ def restore_points(
         except InputError:  # of another camera
             continue
         rivals.append((name, checkpoint, checkpoint))
-        if checkpoint.height is not None and checkpoint.path.resolve() != default:
+        if checkpoint.height is not None and _place(checkpoint) != default:
             rivals.append((f"Wiener, mask of {name}", checkpoint, None))
-    scores, photos = {}, {}
+    scores: dict[str, float] = {}
+    photos: dict[Path | None, tuple[Camera, Photo]] = {}
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
     for turn in range(repeats):
         for number, (name, mask, network) in enumerate(rivals):
             if progress:
                 progress((turn + number / len(rivals)) / repeats, f"restoring by {name}")
-            key = key_of(turn=turn, name=name, about=_about(view, camera, mask))
+            key = key_of(turn=turn, name=name, about=_about(view, camera, mask), device=device)
             found = kept.get(key)
             if found is None:
                 where = mask.path if mask else None
@@ -128,12 +129,16 @@ def restore_points(
                 kept.put(key, found)
             seconds[name].append(found["seconds"])
             scores[name] = found["psnr_db"]
-    chosen = {name for name, _, network in rivals if network and network.path.resolve() == default}
+    chosen = {name for name, _, network in rivals if network and _place(network) == default}
     chosen = chosen or {"Wiener"}
     return [
         Point("restore", name, scores[name], statistics.median(seconds[name]), name in chosen)
         for name, _, _ in rivals
     ]
+
+
+def _place(checkpoint: Checkpoint | None) -> Path | None:
+    return checkpoint.path.resolve() if checkpoint and checkpoint.path else None
 
 
 def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) -> list[object]:

@@ -7,9 +7,9 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from ..core.files import append_line
+from ..core.json_values import Json
 from ..record import versions
 
 PACKAGE = Path(__file__).parents[1]
@@ -22,7 +22,7 @@ class Kept:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._found: dict[str, dict[str, Any]] = {}
+        self._found: dict[str, Json] = {}
         if path.is_file():
             text = path.read_text(encoding="utf-8", errors="replace")
             for line in text.splitlines():
@@ -35,17 +35,17 @@ class Kept:
     def __len__(self) -> int:
         return len(self._found)
 
-    def get(self, key: str) -> dict[str, Any] | None:
+    def get(self, key: str) -> Json | None:
         """The finding of a key, or None."""
         return self._found.get(key)
 
-    def put(self, key: str, found: Mapping[str, Any]) -> None:
+    def put(self, key: str, found: Mapping[str, object]) -> None:
         """Keep a finding, on disk before this returns. Raises what `core.files.whole` raises."""
         self._found[key] = dict(found)
         append_line(self._path, json.dumps({"key": key, "found": self._found[key]}))
 
 
-def key_of(**parts: Any) -> str:
+def key_of(**parts: object) -> str:
     """A key of everything that decides a finding: JSON values by name, and the code that makes it."""
     said = {"code": code_of(PACKAGE), "versions": _versions(), **parts}
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:24]

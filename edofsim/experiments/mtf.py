@@ -72,7 +72,7 @@ class Curve:
 
 def classic_curves() -> list[Curve]:
     """Clear, coded and cubic pupil for three values of Psi at 543 nm, with the paper's lens as a parabola."""
-    curves = []
+    curves: list[Curve] = []
     for name, mask in MASKS.items():
         camera = _parabolic(mask)
         at_infinity = float(defocus(camera, GREEN, 0.0))
@@ -86,7 +86,7 @@ def classic_curves() -> list[Curve]:
 def camera_curves(camera: Camera) -> list[Curve]:
     """The camera's own mask and lens at three depths for its three colours."""
     inverse_depths = [1 / depth for depth in DEPTHS_M]
-    curves = []
+    curves: list[Curve] = []
     for nm in COLOURS_NM:
         values = mtf(camera, nm * 1e-9, inverse_depths, FREQUENCIES_PER_MM * 1e3)
         labels = ("infinity" if math.isinf(depth) else f"{depth:g}_m" for depth in DEPTHS_M)

@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -136,7 +136,7 @@ def measure(
             )
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
-        rendering = _rendering(recipe, scene.base, view, camera, place, {"cache": cache})
+        rendering = _rendering(recipe, scene.base, view, camera, place, cache)
         found.append(Outcome(name, mask, (*paced, *rendering)))
     return found
 
@@ -147,26 +147,27 @@ def _rendering(
     view: View,
     camera: Camera,
     place: Path,
-    how: Mapping[str, Any],
+    cache: Path | None,
 ) -> list[cost.Row]:
     """Effects of rendering left out: predicted from thumbnails, measured on the photo of another rendering.
 
     Seconds are not compared. None for a view that is not rendered here, or not with such effects. place:
-    keeps what was measured; how: cache and device of `render`.
+    keeps what was measured.
     """
     changes = {}
     planner = planner_of(view, camera)
-    shorter, plain = seen_in_thumbnails(replace(planner.facts, recipe=recipe), base, **how)
+    shorter, plain = seen_in_thumbnails(replace(planner.facts, recipe=recipe), base, cache=cache)
     if 2 in shorter:
         changes["interreflection"] = (Fidelity(bounces=2), shorter[2])
     if plain:
         changes["dispersion of scene glass"] = (Fidelity(scene_dispersion=False), plain)
-    kept, rows = Kept(place / "rendering.jsonl"), []
+    kept = Kept(place / "rendering.jsonl")
+    rows: list[cost.Row] = []
     for name, (change, error) in changes.items():
         key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
         known = kept.get(key)
         if known is None:
-            without = render(simpler_recipe(recipe, change), base, **how)
+            without = render(simpler_recipe(recipe, change), base, cache=cache)
             plan = planner.plan().fidelity
             truth = capture(view, camera, plan)
             other = capture(without, camera, plan, exposure=truth.exposure)

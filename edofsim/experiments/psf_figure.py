@@ -17,10 +17,9 @@ from ..core.images import write_exr
 from ..core.progress import Progress, silent
 from ..optics import Camera, PsfBank, psf_bank
 from ..optics.grid import PupilGrid
-from ..optics.masks import catalogue, mask_amplitude
+from ..optics.masks import Mask, catalogue, mask_amplitude
 from ..optics.mtf import mtf, strehl
 from ..optics.pupil import aperture
-from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..report import Plot
@@ -100,7 +99,7 @@ def gallery(out: Path, progress: Progress = silent) -> Path:
     return Plot(paint, about, about).save(out / "masks.png")
 
 
-def draw_mask(axis: Axes, camera: Camera, mask: RecipeModel) -> None:
+def draw_mask(axis: Axes, camera: Camera, mask: Mask) -> None:
     """Draw a mask in its pupil, seen from the sensor: its relief in um, or what it lets through."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
     regions = aperture(camera, grid).regions
@@ -135,7 +134,7 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
                 if d == 0:
                     axis.set_ylabel(f"{nm:g} nm", fontsize=9)
                 axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
-        draw_mask(axes[0][0], camera, camera.recipe.mask)
+        draw_mask(axes[0][0], camera, camera.mask)
         axes[0][0].axis("on")
         axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
         if len(wavelengths_nm) > 1:
@@ -178,7 +177,7 @@ def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camer
         for d, row in enumerate(names)
         for b, name in enumerate(row)
     }
-    header = {
+    header: dict[str, object] = {
         "camera": camera.recipe.model_dump_json(),
         "pixel_um": camera.pixel * 1e6,
         "transmission": bank.transmission,

@@ -16,7 +16,7 @@ import hashlib
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +29,7 @@ from ..errors import EdofsimError, InputError
 from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.load import shipped, shipped_folder
-from ..record import writable_folder, write_csv
+from ..record import writable_folder
 from ..render import View, render
 from ..render.keys import view_key
 from ..report import Link, write_page
@@ -41,8 +41,9 @@ from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
+from .scene_scores import WHOLE, Measured, Outcome, Row, figures, worst, write_table
 
-WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
+NEAR_EDGES, AWAY = "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
 TRUTH_SAMPLES = 512
@@ -58,44 +59,6 @@ def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
-    with near_m <= depth < far_m, or another part by its name."""
-
-    scene: str
-    way: str
-    system: str
-    image: str
-    region: str
-    near_m: float
-    far_m: float
-    psnr_db: float
-    ssim: float
-    pixels: int
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A finished scene: its scores, and facts (sizes, shares, noise, seconds)."""
-
-    scene: str
-    rows: tuple[Row, ...]
-    facts: Mapping[str, float]
-
-    def score(self, way: str, system: str, image: str, region: str = WHOLE) -> Row | None:
-        """The row of that name; None where the scene has none, such as a scene without edges."""
-        wanted = (way, system, image, region)
-        found = (row for row in self.rows if (row.way, row.system, row.image, row.region) == wanted)
-        return next(found, None)
-
-    def gain(self, way: str, system: str, region: str = WHOLE) -> float:
-        """PSNR in dB of what the system restored above that of the lens alone; NaN where either lacks."""
-        restored = self.score(way, system, "restored", region)
-        alone = self.score(way, LENS_ALONE, "photo", region)
-        return math.nan if restored is None or alone is None else restored.psnr_db - alone.psnr_db
-
-
-@dataclass(frozen=True)
 class Seen:
     """What a page is made from, of one scene: recipes, view, systems, and what was taken in the ways of
     `SHOWN`, by way and system. edges: bool [y, x]."""
@@ -106,14 +69,6 @@ class Seen:
     systems: tuple[System, ...]
     taken: Mapping[tuple[str, str], Taken]
     edges: Tensor
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """All finished scenes in order, and what was wrong with those that could not be finished, by name."""
-
-    measured: tuple[Measured, ...]
-    failed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
@@ -180,8 +135,9 @@ def run(
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
     shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
     worsts = [
-        f"worst of {name}: {low.scene}, {low.score(OURS, name, 'restored').psnr_db:.2f} dB"
+        f"worst of {name}: {low.scene}, {row.psnr_db:.2f} dB"
         for name, low in lows.items()
+        if (row := low.score(OURS, name, "restored")) is not None
     ]
     return Findings(
         figures(outcome, names),
@@ -346,60 +302,12 @@ def _facts(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:
     }
 
 
-def figures(outcome: Outcome, networks: Sequence[str]) -> dict[str, float]:
-    """Flat: psnr_db and ssim .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK, SCENE also `mean`; IMAGE is
-    lens_alone, NETWORK, NETWORK.photo or NETWORK.wiener. networks: names of the systems."""
-    found: dict[str, float] = {}
-    for way in WAYS:
-        images = {LENS_ALONE: (LENS_ALONE, "photo")}
-        for network in networks:
-            images |= {network: (network, "restored")}
-            images |= {f"{network}.{image}": (network, image) for image in ("photo", "wiener")}
-        for label, (system, image) in images.items():
-            rows = {m.scene: m.score(way.name, system, image) for m in outcome.measured}
-            for measure in ("psnr_db", "ssim"):
-                values = {scene: getattr(row, measure) for scene, row in rows.items() if row is not None}
-                found |= _with_mean(
-                    values, lambda scene, m=measure, w=way, i=label: f"{m}.{scene}.{w.name}.{i}"
-                )
-        for network in networks:
-            gains = {m.scene: m.gain(way.name, network) for m in outcome.measured}
-            found |= _with_mean(gains, lambda scene, w=way, n=network: f"gain_db.{scene}.{w.name}.{n}")
-    found["scenes"] = float(len(outcome.measured))
-    found["scenes.failed"] = float(len(outcome.failed))
-    return found
-
-
-def mean(values: Iterable[float]) -> float:
-    """Mean of the finite values; NaN where there is none."""
-    finite = [value for value in values if math.isfinite(value)]
-    return sum(finite) / len(finite) if finite else math.nan
-
-
-def worst(outcome: Outcome, network: str, way: str = OURS) -> Measured | None:
-    """The scene whose restored picture scores least."""
-    scored = [m for m in outcome.measured if m.score(way, network, "restored") is not None]
-    return min(scored, key=lambda m: m.score(way, network, "restored").psnr_db, default=None)
-
-
-def write_table(path: Path, outcome: Outcome) -> Path:
-    """All rows as CSV."""
-    names = tuple(Row.__dataclass_fields__)
-    return write_csv(
-        path, names, [[getattr(row, n) for n in names] for m in outcome.measured for row in m.rows]
-    )
-
-
 def remembered(kept: Kept, key: str) -> Measured | None:
     """The finished scene of a key; None where there is none."""
     found = kept.get(key)
     if found is None:
         return None
     return Measured(found["scene"], tuple(Row(**row) for row in found["rows"]), found["facts"])
-
-
-def _with_mean(values: Mapping[str, float], name: Callable[[str], str]) -> dict[str, float]:
-    return {name(scene): value for scene, value in {**values, "mean": mean(values.values())}.items()}
 
 
 def key_of(

@@ -34,7 +34,8 @@ from ..report.run_page import report_page
 from ..report.words import DASH, decibels, distance, number, percent
 from ..restore.scores import DepthScore, Score
 from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
-from .scene3d import AWAY, NEAR_EDGES, WHOLE, Measured, Outcome, Row, Seen, mean, worst
+from .scene3d import AWAY, NEAR_EDGES, Seen
+from .scene_scores import WHOLE, Measured, Outcome, Row, mean, worst
 
 IMAGES = ("photo", "restored", "wiener")
 LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALONE: "Lens alone"}

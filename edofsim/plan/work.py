@@ -48,7 +48,8 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
     samples = _pupil_samples(camera, fidelity, window, shape)
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
-    half, out = samples / 2, (window * fidelity.oversampling + 2) / 2
+    oversampling = fidelity.oversampling or camera.recipe.psf.oversampling
+    half, out = samples / 2, (window * oversampling + 2) / 2
     waves = layers * colours
     parts, held = _parts_of(shape, camera, fidelity, layers, samples)
     return Work(
@@ -101,7 +102,8 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    waves, half, out = layers * colours, samples / 2, (window * fidelity.oversampling + 2) / 2
+    oversampling = fidelity.oversampling or camera.recipe.psf.oversampling
+    waves, half, out = layers * colours, samples / 2, (window * oversampling + 2) / 2
     margin = window // 2
     work = _Composites()
     tiles = shape.tiles(margin)

@@ -382,4 +382,4 @@ def test_the_bench_has_a_page_with_both_objects(
     assert figures[f"psnr_db.{OURS}.lens_alone.car"] > figures[f"psnr_db.{OURS}.lens_alone.bus"]
     page = (out / "bench-scene.html").read_text()
     assert re.search(r"Bus: about 0\.5\d", page) and re.search(r"Car: about 1\.3", page)
-    assert "restored" in capfd.readouterr().out
+    assert "Restored, trained" in capfd.readouterr().out

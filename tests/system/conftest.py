@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from edofsim import console
-from edofsim.cli import app
+from edofsim.cli import invoke
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def edofsim(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]
     """Run a command in this process: (exit status, what it said on the error channel)."""
 
     def run(*arguments: str | Path) -> tuple[int, str]:
-        status = console.exit_status(lambda: app([str(a) for a in arguments], standalone_mode=False))
+        status = console.exit_status(lambda: invoke([str(a) for a in arguments]))
         return status, capfd.readouterr().err
 
     return run

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from edofsim import console
 from edofsim.recipe import load_camera
 
 SCENE = """\
@@ -134,10 +135,8 @@ def test_an_unwritable_output_folder(edofsim: Run, tmp_path: Path, command: str)
 
 
 def test_a_wrong_option_and_a_missing_argument(edofsim: Run):
-    from edofsim.cli import invoke
-
     for arguments in (["run", "--no-such-option"], ["expose"], ["run", "desk", "--device", "tpu"]):
-        assert console.exit_status(lambda arguments=arguments: invoke(arguments)) == 2
+        refused(edofsim(*arguments), "--help")
 
 
 def test_a_photo_that_cannot_be_read(edofsim: Run, tmp_path: Path):
@@ -181,3 +180,80 @@ def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
         edofsim(*base, "--reference", "pupil", "--crop", "20,0,8,8"), "frame of 24 x 16", "X,Y,WIDTH,HEIGHT"
     )
     refused(edofsim(*base, "--bands", "9"), "9 bands", "1 to 4")
+
+
+JOBS = {
+    "run": ["run", "SCENE"],
+    "render": ["render", "SCENE"],
+    "expose": ["expose", "SCENE"],
+    "plan": ["plan", "SCENE"],
+    "cost": ["cost", "SCENE"],
+    "restore": ["restore", "photo.png"],
+    "train": ["train", "paper-dcnn"],
+    "psf": ["psf"],
+    "cache": ["cache", "ls"],
+    "evaluate": ["evaluate", "stability"],
+}
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_figures_that_cannot_be_written_are_refused_before_the_work(
+    edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, job: str
+):
+    (tmp_path / "file").touch()
+    scene = scene_file(tmp_path, SCENE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("EDOFSIM_CACHE", str(tmp_path / "cache"))
+    line = [scene if word == "SCENE" else word for word in JOBS[job]]
+    for place in (tmp_path / "file" / "below" / "x.json", tmp_path):
+        refused(edofsim(*line, "--json", place), str(place), "--json")
+    assert not (tmp_path / "cache").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "expose", "plan"])
+def test_effects_that_cannot_be_simulated_or_left_out(edofsim: Run, tmp_path: Path, command: str):
+    base = (command, scene_file(tmp_path, SCENE), "--cache", tmp_path / "cache")
+    refused(edofsim(*base, "--with", "exact lense"), "'exact lense'", "exact lens")
+    refused(edofsim(*base, "--without", "glare"), "'glare' is not known")
+    both = ("--with", "occlusion", "--without", "occlusion")
+    refused(edofsim(*base, *both), "--with and --without 'occlusion'")
+    assert not (tmp_path / "cache").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "expose"])
+def test_numbers_beyond_all_reason(edofsim: Run, tmp_path: Path, command: str):
+    base = (command, scene_file(tmp_path, SCENE), "--cache", tmp_path / "cache")
+    refused(edofsim(*base, "--layers", 1_000_000_000), "--layers", "4096")
+    refused(edofsim(*base, "--seed", 2**64), "--seed", str(2**64 - 1))
+    refused(edofsim(*base, "--seed", -1), "--seed")
+    refused(edofsim(*base, "--occlusion", "some"), "'some' is not known", "normalised")
+    refused(edofsim(*base, "--method", "fast"), "'fast' is not known", "low_rank")
+    refused(edofsim(*base, "--pupil-parts", 2, "--occlusion", "over"), "hidden", "'over'")
+    assert not (tmp_path / "cache").exists()
+
+
+def test_the_largest_seed_is_one(edofsim: Run, tmp_path: Path):
+    """64 bits, everywhere that a seed goes."""
+    largest, where = str(2**64 - 1), ("--out", tmp_path / "out", "--quiet")
+    small = Path(__file__).parents[1] / "small"
+    line = ("expose", small / "small.toml", "--camera", small / "camera.toml", "--seed", largest)
+    status, said = edofsim(*line, "--cache", tmp_path / "cache", *where)
+    assert status == 0, said
+    Image.fromarray(np.full((64, 64, 3), 99, np.uint8)).save(tmp_path / "grey.png")
+    line = ("evaluate", "noise", "--data", tmp_path, "--network", "paper-clear", "--seed", largest)
+    status, said = edofsim(*line, *where)
+    assert status == 0, said
+
+
+def test_depths_and_wavelengths_of_a_psf(edofsim: Run, tmp_path: Path):
+    base = ("psf", "paper-clear", "--out", tmp_path / "out", "--quiet")
+    refused(edofsim(*base, "--depths", "0.5,near"), "--depths", "0.5,1,inf")
+    refused(edofsim(*base, "--depths", "0,1"), "--depths", "above 0")
+    refused(edofsim(*base, "--wavelengths", "-5"), "--wavelengths", "nanometres")
+
+
+def test_benchmarks_without_the_source_checkout(
+    edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, "benchmarks", None)
+    refused(edofsim("evaluate", "bench", "--out", tmp_path, "--quiet"), "source checkout")

@@ -1,0 +1,96 @@
+"""How the command line answers: interrupts, silence, help, completion."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+Run = Callable[..., tuple[int, str]]
+SMALL = Path(__file__).parents[1] / "small"
+"""A scene and a camera that take a second."""
+
+
+@pytest.mark.parametrize("name", ["render", "evaluate"])
+def test_an_interrupt_ends_with_its_own_status_and_says_what_is_kept(name: str, tmp_path: Path):
+    """A real SIGINT to a real process, as Ctrl-C sends it: 128 + 2, as shells expect."""
+    scene = (SMALL / "small.toml").read_text().replace("samples = 16", "samples = 65536")
+    (tmp_path / "scene.toml").write_text(scene)
+    words = {
+        "render": ["render", str(tmp_path / "scene.toml"), "--cache", str(tmp_path / "cache")],
+        "evaluate": ["evaluate", "stability", "--out", str(tmp_path / "out")],
+    }[name]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "edofsim", *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell's background jobs ignore it, and so would what they start
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    assert process.stderr is not None
+    said = ""
+    while "%" not in said:  # the forecast comes before the first progress
+        line = process.stderr.readline()
+        assert line, f"it ended before: {said}"
+        said += line
+    process.send_signal(signal.SIGINT)
+    said += process.communicate(timeout=300)[1]
+    assert process.returncode == 130, said
+    assert "edofsim: interrupted; what was finished is kept" in said
+    assert "Traceback" not in said
+
+
+def test_quiet_commands_say_nothing_on_the_error_channel(edofsim: Run, tmp_path: Path):
+    line = ("render", SMALL / "small.toml", "--cache", tmp_path / "cache")
+    assert edofsim(*line, "--quiet") == (0, "")
+    status, said = edofsim(*line)
+    assert status == 0 and "render: " in said
+    psf = ("psf", "paper-clear", "--depths", "1", "--wavelengths", "543", "--out", tmp_path / "psf")
+    assert edofsim(*psf, "--quiet") == (0, "")
+    assert edofsim(*psf)[1]
+
+
+def test_a_command_lists_what_it_wrote_and_nothing_else(
+    edofsim: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "diary.txt").touch()
+    line = ("psf", "paper-clear", "--depths", "1,inf", "--wavelengths", "543", "--out", "out", "--quiet")
+    code = f"from edofsim.cli import main; import sys; sys.argv[1:] = {[str(w) for w in line]!r}; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "diary" not in done.stdout
+    files = [path.name for path in sorted((tmp_path / "out").iterdir()) if path.name != "diary.txt"]
+    assert files == ["mtf.exr", "psf.csv", "psf.exr", "psf.png"]
+    assert all(f"out/{name}" in done.stdout for name in files)
+    rows = (tmp_path / "out" / "psf.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows] == ["psf", "1m.543nm", "infinity.543nm"]
+
+
+def test_the_help_lists_experiments_without_importing_them():
+    code = (
+        "import sys; from edofsim.cli import invoke; invoke(['evaluate', '--help']); "
+        "assert not {'mitsuba', 'drjit', 'torch', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    from edofsim.experiments import EXPERIMENTS
+
+    for name in EXPERIMENTS:
+        about = EXPERIMENTS.about(name).split()
+        assert f"  {name}  " in done.stdout and " ".join(about[:3]) in done.stdout, name
+
+
+def test_shells_complete_commands_and_experiments():
+    code = "import sys; sys.argv = ['edofsim']; from edofsim.cli import main; main()"
+    asked = {"_EDOFSIM_COMPLETE": "complete_bash", "COMP_WORDS": "edofsim evaluate ban", "COMP_CWORD": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True
+    )
+    assert done.stdout.split() == ["bandwidth"], done.stderr
