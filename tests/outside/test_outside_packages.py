@@ -44,8 +44,8 @@ def test_a_mask(installed: Path, tmp_path: Path):
 
 
 def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Path):
-    """What the recipe lists is in the image and not in the noise-free photo; a plan for little accuracy leaves
-    it out, one for much does not, and errs by what the level is."""
+    """What the recipe lists is in the image and not in the noise-free photo; a plan for little accuracy
+    leaves it out, one for much does not, and errs by what the level is."""
     text = '[sensor]\nread_noise = 0.0\nexposure = 1.0\neffects = [{ kind = "dark-level", level = 0.02 }]'
     camera = camera_of(tmp_path, text)
     light = View.flat(torch.full((3, 48, 48), 0.5), 0.7, margin=16, pixel_angle=camera.pixel_angle,
