@@ -9,6 +9,8 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	command -v $$p >/dev/null && $$p -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 SCENE ?= desk
 OUT ?= out
+# processes that share the tests; slow ones are run by themselves, since some measure seconds and memory
+WORKERS ?= $(shell nproc 2>/dev/null || getconf _NPROCESSORS_ONLN)
 
 .PHONY: help setup run check lint types test test-all bench paper clean
 .DEFAULT_GOAL := help
@@ -50,10 +52,10 @@ types: $(VENV)/.installed-tools
 	$(BIN)/pyrefly check
 
 test: setup $(VENV)/.installed-tools
-	$(BIN)/python -m pytest -m "not slow" $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
-test-all: setup $(VENV)/.installed-tools
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+test-all: test
+	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
 
 bench: setup $(VENV)/.installed-tools
 	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json

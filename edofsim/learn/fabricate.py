@@ -104,7 +104,7 @@ def _gds(made: Device, path: Path) -> Path:
     try:
         import gdstk
     except ImportError:
-        raise InputError("a GDS file needs gdstk: pip install gdstk") from None
+        raise InputError("a GDS file needs gdstk: pip install 'edofsim[gds]'") from None
     library = gdstk.Library(unit=1e-6, precision=1e-9)
     cell = library.new_cell("DOE")
     step, half = made.pitch * 1e6, made.levels.shape[0] / 2
