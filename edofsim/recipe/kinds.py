@@ -43,6 +43,37 @@ MASKS: Registry[type[KindModel]] = Registry(
     },
 )
 
+OBJECTS: Registry[type[KindModel]] = Registry(
+    "edofsim.builders",
+    "object",
+    {
+        "panel": "edofsim.scene.builders.basic:Panel",
+        "box": "edofsim.scene.builders.basic:Box",
+        "sphere": "edofsim.scene.builders.basic:Sphere",
+        "cylinder": "edofsim.scene.builders.basic:Cylinder",
+        "mug": "edofsim.scene.builders.basic:Mug",
+        "goblet": "edofsim.scene.builders.basic:Goblet",
+        "prism": "edofsim.scene.builders.basic:Prism",
+        "book": "edofsim.scene.builders.stationery:Book",
+        "pencil": "edofsim.scene.builders.stationery:Pencil",
+        "wire": "edofsim.scene.builders.stationery:Wire",
+        "bust": "edofsim.scene.builders.bust:Bust",
+        "bus": "edofsim.scene.builders.vehicles:Bus",
+        "car": "edofsim.scene.builders.vehicles:Car",
+        "usaf_chart": "edofsim.scene.builders.targets:UsafChart",
+        "color_checker": "edofsim.scene.builders.targets:ColorChecker",
+        "text_page": "edofsim.scene.builders.stationery:TextPage",
+        "mesh": "edofsim.scene.builders.imported:MeshFile",
+        "table": "edofsim.scene.builders.room:Table",
+        "wall": "edofsim.scene.builders.room:Wall",
+        "hallway": "edofsim.scene.builders.hallway:Hallway",
+        "facade": "edofsim.scene.builders.landscape:Facade",
+        "foliage": "edofsim.scene.builders.landscape:Foliage",
+        "hills": "edofsim.scene.builders.landscape:Hills",
+        "clouds": "edofsim.scene.builders.landscape:CloudBank",
+    },
+)
+
 
 SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
     "edofsim.sensor_effects",

@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from .base import Positive, RecipeModel
 from .family import Family
-from .objects import AnyLight, AnyObject
+from .lights import AnyLight
+from .objects import AnyObject
 from .sources import AnySource
 
 

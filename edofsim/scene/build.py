@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..recipe.objects import AnyObject
-from ..recipe.placed import Placed
-from ..recipe.places import Hallway, Table, Wall
+from ..recipe.placed import Placed, Thing
 from ..recipe.scene import SceneRecipe
 from ..recipe.sources import MitsubaSource
 from . import solids
-from .builders import BUILDERS, Context, Part
+from .builders import Builder, Context, Part
 from .foreign import read_scene
 from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
@@ -44,7 +42,8 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     tops: dict[str, float] = {}
     for name, item in zip(names, recipe.objects, strict=True):
         try:
-            parts = BUILDERS[item.kind](item, Context(wavelengths, Path(base), recipe.seed, name))
+            assert isinstance(item, Builder)  # what the registry holds
+            parts = item.build(Context(wavelengths, Path(base), recipe.seed, name))
             built = _placed(item, name, parts, recipe, tops)
         except InputError as error:
             problems += [p if p.startswith(name) else f"{name}: {p}" for p in error.problems]
@@ -79,7 +78,7 @@ def _with_lights(model: SceneModel, recipe: SceneRecipe, base: Path) -> SceneMod
     return model
 
 
-def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
+def _names(objects: Sequence[Thing], problems: list[str]) -> list[str]:
     """Every object's name: its own, or its kind with a number."""
     given = [o.name for o in objects if o.name is not None]
     problems += _repeated(given)
@@ -100,16 +99,10 @@ def _repeated(names: Sequence[str]) -> list[str]:
 
 
 def _placed(
-    item: AnyObject, name: str, parts: list[Part], recipe: SceneRecipe, tops: dict[str, float]
+    item: Builder, name: str, parts: list[Part], recipe: SceneRecipe, tops: dict[str, float]
 ) -> list[SceneObject]:
-    matrix, shift = np.eye(3), np.zeros(3)
-    if isinstance(item, Table):
-        shift = np.array([0.0, item.y_mm * 1e-3, 0.0])
-    elif isinstance(item, Wall):
-        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, item.depth_m])
-    elif isinstance(item, Hallway):
-        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, 0.0])
-    elif isinstance(item, Placed):
+    matrix, shift = np.eye(3), np.array(item.origin())
+    if isinstance(item, Placed):
         if item.on is not None and item.on not in tops:
             raise InputError(
                 f"{name} stands on {item.on!r}, which is no object given before it; known: "

@@ -17,9 +17,11 @@ from edofsim.errors import InputError
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.recipe.kinds import MASKS
-from edofsim.recipe.load import load_camera
+from edofsim.recipe.kinds import MASKS, OBJECTS
+from edofsim.recipe.load import load_camera, load_scene
+from edofsim.render.keys import view_key
 from edofsim.render.view import View
+from edofsim.scene import build_scene, solids
 
 GREEN = 543e-9
 
@@ -58,6 +60,32 @@ def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Pa
     assert torch.equal(dark.image, dark.clean)
     (row,) = [each for each in kept.decisions if each.effect == "dark level"]
     assert row.error == pytest.approx((0.02,) * 3) and row.called_for
+
+
+SCENE = """\
+name = "example"
+lights = [{ kind = "environment" }]
+
+[[objects]]
+kind = "pyramid"
+width_mm = 30
+height_mm = 60
+depth_m = 0.8
+"""
+
+
+def test_a_builder(installed: Path, tmp_path: Path):
+    """A pyramid holds a third of its base times its height; its code is part of the key of its view."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    loaded = load_scene(path)
+    (pyramid,) = build_scene(loaded.recipe, loaded.base).objects
+    assert solids.signed_volume(pyramid.mesh) == pytest.approx(0.03**2 * 0.06 / 3, rel=1e-5)
+    assert pyramid.mesh.vertices[:, 2].mean() == pytest.approx(0.8)
+    key = view_key(loaded.recipe, loaded.base)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(OBJECTS), "code_of", lambda self, name: "other code")
+        assert view_key(loaded.recipe, loaded.base) != key
 
 
 def test_its_mistakes_are_told_like_ours(installed: Path, tmp_path: Path):
