@@ -74,6 +74,55 @@ OBJECTS: Registry[type[KindModel]] = Registry(
     },
 )
 
+SOURCES: Registry[type[KindModel]] = Registry(
+    "edofsim.readers",
+    "source",
+    {
+        "rgbd": "edofsim.render.readers.rgbd:RgbdSource",
+        "cube": "edofsim.render.readers.cube:CubeSource",
+        "mitsuba": "edofsim.scene.foreign:MitsubaSource",
+    },
+)
+TRAINING_DATA: Registry[type[KindModel]] = Registry(
+    "edofsim.training_data",
+    "source of training data",
+    {
+        "natural": "edofsim.learn.photographs:NaturalImages",
+        "packaged": "edofsim.learn.photographs:PackagedImages",
+        "views": "edofsim.learn.views:Views",
+    },
+)
+NETWORKS: Registry[type[object]] = Registry(
+    "edofsim.networks",
+    "network",
+    {
+        "dcnn": "edofsim.restore.dcnn:DCnn",
+        "local-unet": "edofsim.restore.local_unet:LocalUNet",
+        "filter-bank": "edofsim.restore.filter_bank:FilterBank",
+        "wiener": "edofsim.restore.wiener_network:WienerNetwork",
+    },
+)
+
+
+class NameOf:
+    """Annotation of a field that holds a name of a registry."""
+
+    def __init__(self, registry: Registry[Any]) -> None:
+        self.registry = registry
+
+    def _known(self, name: str) -> str:
+        if name not in self.registry:
+            raise ValueError(self.registry.unknown(name))
+        return name
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._known, core_schema.str_schema())
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return handler(core_schema.literal_schema(list(self.registry)))
+
 
 SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
     "edofsim.sensor_effects",

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from ..core.json_values import Json
 from ..recipe.scene import SceneRecipe
-from ..recipe.sources import CubeSource, RgbdSource
 from . import cache as store
 from .keys import canonical, view_key
 from .settings import RenderSettings
@@ -48,8 +47,8 @@ def fetch(
     """See `edofsim.render.render`."""
     say = progress or (lambda fraction, message: None)
     place = place_of(recipe, base, cache, noise)
-    if isinstance(recipe.source, RgbdSource | CubeSource):
-        from .rgbd import picture_view
+    if recipe.source is not None and not recipe.source.rendered:
+        from .readers import picture_view
 
         # Read faster than the cache could be.
         return Fetched(picture_view(recipe, base), place, 0.0)

@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ..core.json_values import Json
-from ..recipe.kinds import OBJECTS
+from ..recipe.kinds import OBJECTS, SOURCES
 from ..recipe.scene import SceneRecipe
 from .settings import INTEGRATOR
 
@@ -46,6 +46,8 @@ def view_key(recipe: SceneRecipe, base: Path, noise: float | None = None) -> str
 def _code_of_others(recipe: SceneRecipe) -> dict[str, dict[str, str]]:
     """Checksums of the code of what other packages add, where a recipe names it."""
     found = {item.kind: code for item in recipe.objects if (code := OBJECTS.code_of(item.kind))}
+    if recipe.source is not None and (code := SOURCES.code_of(recipe.source.kind)):
+        found[recipe.source.kind] = code
     return {"code of others": found} if found else {}
 
 

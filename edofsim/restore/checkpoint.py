@@ -25,7 +25,7 @@ import torch
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..errors import EdofsimError, InputError
 from ..optics import Camera
@@ -34,6 +34,7 @@ from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
 from .network import build_network
+from .restorer import Restorer
 
 FORMAT = 1
 SUFFIX = ".safetensors"
@@ -50,7 +51,7 @@ class Checkpoint:
     metres; card: everything else (see the module).
     """
 
-    network: nn.Module
+    network: Restorer
     height: Tensor | None
     sampling: float | None
     card: Mapping[str, Any] = field(repr=False)
@@ -89,7 +90,7 @@ def find_checkpoint(source: str | Path) -> Path:
 
 def save_checkpoint(
     path: Path,
-    network: nn.Module,
+    network: Restorer,
     card: Mapping[str, Any],
     *,
     height: Tensor | None = None,
@@ -97,7 +98,7 @@ def save_checkpoint(
 ) -> Path:
     """Write a checkpoint in one piece: after a crash the file is the old one or the new one.
 
-    network: one of `restore.network.NETWORKS`; card: JSON values, keys as in the module's text (`format`
+    card: JSON values, keys as in the module's text (`format`
     and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """

@@ -11,13 +11,12 @@ import numpy as np
 from ..errors import InputError
 from ..recipe.placed import Placed, Thing
 from ..recipe.scene import SceneRecipe
-from ..recipe.sources import MitsubaSource
 from . import solids
 from .builders import Builder, Context, Part
-from .foreign import read_scene
 from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
+from .reader import SceneReader
 
 NEAREST = 1e-3
 """Everything lies at least this far in front of the lens plane, in metres."""
@@ -30,10 +29,9 @@ def build_scene(recipe: SceneRecipe, base: Path) -> SceneModel:
     names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
-    if isinstance(recipe.source, MitsubaSource):
-        return _with_lights(
-            read_scene(recipe.source, Path(base), wavelengths, recipe.name), recipe, Path(base)
-        )
+    if isinstance(recipe.source, SceneReader):
+        model = recipe.source.scene(Path(base), wavelengths, recipe.name)
+        return _with_lights(model, recipe, Path(base))
     if recipe.source is not None:
         raise InputError(f"{recipe.name} is a picture with depths: it is read, there is nothing to build")
     problems: list[str] = []
