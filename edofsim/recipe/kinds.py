@@ -7,9 +7,9 @@ kind, from a room of this package or from another package, which adds kinds by e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Union
+from typing import Annotated, Any
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationInfo
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
@@ -107,7 +107,7 @@ NETWORKS: Registry[type[object]] = Registry(
 class NameOf:
     """Annotation of a field that holds a name of a registry."""
 
-    def __init__(self, registry: Registry[Any]) -> None:
+    def __init__(self, registry: Registry[type[object]]) -> None:
         self.registry = registry
 
     def _known(self, name: str) -> str:
@@ -115,7 +115,7 @@ class NameOf:
             raise ValueError(self.registry.unknown(name))
         return name
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self._known, core_schema.str_schema())
 
     def __get_pydantic_json_schema__(
@@ -159,7 +159,7 @@ class OfKind:
         kind = data.get("kind", self.usual) if isinstance(data, Mapping) else None
         return kind if isinstance(kind, str) and kind in self.registry else None
 
-    def _validated(self, value: Any, info: ValidationInfo) -> KindModel:
+    def _validated(self, value: object, info: ValidationInfo) -> KindModel:
         if isinstance(value, KindModel):
             if value.kind in self.registry and isinstance(value, self.model(value.kind)):
                 return value
@@ -175,18 +175,17 @@ class OfKind:
         given = {"discriminator": "'kind'", "tag": str(value["kind"]), "expected_tags": known}
         raise PydanticKnownError("union_tag_invalid", given)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_info_plain_validator_function(self._validated)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        models = tuple(self.model(kind) for kind in self.registry)
-        union = Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - of a tuple
-        return handler(TypeAdapter(union).core_schema)
+        kinds = {kind: self.model(kind).__pydantic_core_schema__ for kind in self.registry}
+        return handler(core_schema.tagged_union_schema(kinds, "kind"))
 
 
-def named(kind: str) -> Any:
+def named(kind: str) -> Any:  # pyrefly: ignore[explicit-any] - pydantic validates it to the field's type
     """A field's default that only names a kind: the model is imported where a recipe has no such table."""
     return {"kind": kind}
 

@@ -31,7 +31,7 @@ class LocalUNet(Restorer):
         self.radius, self.multiple = self.trunk.radius, self.trunk.multiple
 
     def settings(self) -> dict[str, object]:
-        return self.trunk.settings()
+        return {**self.trunk.settings()}
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,
