@@ -42,7 +42,15 @@ MASKS: Registry[type[KindModel]] = Registry(
         "height-map": "edofsim.optics.masks.height_map:HeightMapMask",
     },
 )
-
+LENSES: Registry[type[KindModel]] = Registry(
+    "edofsim.lenses",
+    "lens",
+    {
+        "plano-convex": "edofsim.optics.lenses.plano_convex:PlanoConvexLens",
+        "ideal": "edofsim.optics.lenses.ideal:IdealLens",
+        "achromat": "edofsim.optics.lenses.achromat:AchromatLens",
+    },
+)
 OBJECTS: Registry[type[KindModel]] = Registry(
     "edofsim.builders",
     "object",
@@ -92,6 +100,17 @@ TRAINING_DATA: Registry[type[KindModel]] = Registry(
         "views": "edofsim.learn.views:Views",
     },
 )
+SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
+    "edofsim.sensor_effects",
+    "sensor effect",
+    {
+        "bayer-mosaic": "edofsim.capture.sensor.mosaic:Mosaic",
+        "shot-noise": "edofsim.capture.sensor.shot_noise:ShotNoise",
+        "read-noise": "edofsim.capture.sensor.read_noise:ReadNoise",
+        "saturation": "edofsim.capture.sensor.saturation:Saturation",
+        "quantisation": "edofsim.capture.sensor.quantisation:Quantisation",
+    },
+)
 NETWORKS: Registry[type[object]] = Registry(
     "edofsim.networks",
     "network",
@@ -122,19 +141,6 @@ class NameOf:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         return handler(core_schema.literal_schema(list(self.registry)))
-
-
-SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
-    "edofsim.sensor_effects",
-    "sensor effect",
-    {
-        "bayer-mosaic": "edofsim.capture.sensor.mosaic:Mosaic",
-        "shot-noise": "edofsim.capture.sensor.shot_noise:ShotNoise",
-        "read-noise": "edofsim.capture.sensor.read_noise:ReadNoise",
-        "saturation": "edofsim.capture.sensor.saturation:Saturation",
-        "quantisation": "edofsim.capture.sensor.quantisation:Quantisation",
-    },
-)
 
 
 class OfKind:
@@ -190,5 +196,6 @@ def named(kind: str) -> Any:  # pyrefly: ignore[explicit-any] - pydantic validat
     return {"kind": kind}
 
 
+AnyLens = Annotated[KindModel, OfKind(LENSES, usual="plano-convex")]
 AnyMask = Annotated[KindModel, OfKind(MASKS)]
 AnySensorEffect = Annotated[KindModel, OfKind(SENSOR_EFFECTS)]

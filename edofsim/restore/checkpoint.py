@@ -135,7 +135,7 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
             f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
         )
     if camera_recipe is not None:
-        _check_camera(path, card.get("camera", {}), camera_recipe.model_dump(mode="json"))
+        _check_camera(path, _in_new_names(card.get("camera", {})), camera_recipe.model_dump(mode="json"))
     network = build_network(kind, settings)
     prefix = "network."
     weights = {
@@ -220,6 +220,14 @@ def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, An
     ]
     if problems:
         raise InputError(problems)
+
+
+def _in_new_names(camera: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A card's camera as a recipe of today would say it; as it is where it is no whole recipe."""
+    try:
+        return CameraRecipe.model_validate(camera).model_dump(mode="json")
+    except ValidationError:
+        return camera
 
 
 def _differences(trained: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

@@ -4,6 +4,7 @@ adds one of each kind."""
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 import torch
 
-from edofsim.capture import capture
+from edofsim.capture import Fidelity, capture
+from edofsim.capture.fidelity import simpler_camera
 from edofsim.errors import InputError
 from edofsim.learn.trainer import train
 from edofsim.optics import Camera, psf_bank
@@ -65,6 +67,19 @@ def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Pa
     assert torch.equal(dark.image, dark.clean)
     (row,) = [each for each in kept.decisions if each.effect == "dark level"]
     assert row.error == pytest.approx((0.02,) * 3) and row.called_for
+
+
+def test_a_lens(installed: Path, tmp_path: Path):
+    """A tenth of a wave of rho^4, whose variance over the pupil is 4/45 of its square, takes
+    1 - exp(-(2 pi)^2 variance) of the light at the middle of a PSF (Marechal), and all of it comes back when a
+    photo is simulated without spherical aberration."""
+    text = "[lens]\nkind = \"seidel\"\nfocal_length_mm = 20\nf_number = 8\nwavelength_nm = 543\nwaves = {}\n"
+    sensor = "[sensor]\npixel_um = 0.5\n"
+    plain, bent = (camera_of(tmp_path, text.format(waves) + sensor) for waves in (0.0, 0.1))
+    simpler = simpler_camera(bent, Fidelity(spherical_aberration=False))
+    peaks = [float(psf_bank(each, [GREEN], [1 / 1.5]).values.max()) for each in (plain, bent, simpler)]
+    assert peaks[1] / peaks[0] == pytest.approx(math.exp(-((2 * math.pi * 0.1) ** 2) * 4 / 45), abs=2e-3)
+    assert peaks[2] == pytest.approx(peaks[0], rel=1e-5)
 
 
 SCENE = """\
