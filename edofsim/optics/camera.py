@@ -87,9 +87,9 @@ class Camera:
         return self.pixel / self.sensor_distance
 
     def oversampling(self, wavelength: float) -> int:
-        """Samples along a pixel's side for PSFs at `wavelength` [m]: the recipe's number, or at least
-        2, and one for each period of the finest fringes that the aperture lets through: so their sum is all
-        light, however sharp a PSF is."""
+        """Samples along a pixel's side for PSFs at `wavelength` [m]: the recipe's number, or 2, or one for
+        each period of the finest fringes that the aperture lets through, if that is more: then their sum is
+        all light, however sharp a PSF is."""
         fixed = self.recipe.psf.oversampling
         if fixed != "auto":
             return fixed

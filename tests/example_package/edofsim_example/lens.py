@@ -11,7 +11,7 @@ from edofsim.optics.lenses.ideal import IdealLens
 
 
 class SeidelLens(IdealLens):
-    """An ideal lens that adds `waves` of `wavelength_nm` at its rim, growing with the radius to the fourth."""
+    """An ideal lens that adds `waves` of `wavelength_nm` at its rim, by the fourth power of the radius."""
 
     kind: Literal["seidel"]
     waves: float = 0.0
