@@ -187,7 +187,7 @@ def full_fidelity(camera: Camera, view: View) -> Fidelity:
     known = "hidden" if bool(view.hidden.any()) else "normalised"
     occlusion = known if edge_pixels(view, 1 / blur_per_dioptre(camera)) else "none"
     across = sub_apertures_told_apart(camera, view) if occlusion == "hidden" else 1
-    finest = max(FINEST, camera.recipe.psf.oversampling)
+    finest = max(FINEST, camera.oversampling(float(view.wavelengths.min())))
     return Fidelity(oversampling=finest, occlusion=occlusion, sub_apertures=across)
 
 
@@ -245,12 +245,12 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
     """The camera without what is left out."""
     recipe = camera.recipe
     at = recipe.focus.wavelength_nm * 1e-9
-    glass, relief = camera.glass, camera.mask_material
+    lens, relief = camera.lens, camera.mask_material
     changes: dict[str, object] = {}
     if not fidelity.spherical_aberration:
-        changes["lens"] = recipe.lens.model_copy(update={"thickness": "parabolic"})
+        lens = lens.without_spherical_aberration()
     if not fidelity.lens_dispersion:
-        glass = _without_dispersion(glass, at)
+        lens = lens.without_dispersion(at)
     if not fidelity.doe_dispersion:
         relief = _without_dispersion(relief, design_wavelength(camera))
     if not fidelity.fabrication:
@@ -263,7 +263,7 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
         psf["pupil_sampling_um"] = fidelity.pupil_sampling_um
     changes["psf"] = recipe.psf.model_copy(update=psf)
     changed: CameraRecipe = recipe.model_copy(update=changes)
-    return simplified(replace(camera, recipe=changed, glass=glass, mask_material=relief), fidelity)
+    return simplified(replace(camera, recipe=changed, lens=lens, mask_material=relief), fidelity)
 
 
 def simplified(camera: Camera, fidelity: Fidelity) -> Camera:

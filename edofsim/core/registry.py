@@ -63,9 +63,7 @@ class Registry(Mapping[str, T], Generic[T]):
         """The thing of that name. Raises InputError for an unknown name, or one that cannot be imported."""
         if name not in self._loaded:
             if name not in self._places:
-                near = get_close_matches(name, self._places, 1)
-                hint = f"did you mean {near[0]!r}? " if near else ""
-                raise InputError(f"no {self.kind} {name!r}; {hint}known: {', '.join(self._places)}")
+                raise InputError(self.unknown(name))
             module, _, attribute = self._places[name].partition(":")
             try:
                 self._loaded[name] = getattr(import_module(module), attribute)
@@ -77,6 +75,12 @@ class Registry(Mapping[str, T], Generic[T]):
                     f"{self._places[name]} ({error}): mend or remove that package"
                 ) from error
         return self._loaded[name]
+
+    def unknown(self, name: str) -> str:
+        """A sentence about a name that there is none of, with the nearest that there is."""
+        near = get_close_matches(name, self._places, 1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        return f"unknown {self.kind} {name!r}; {hint}known: {', '.join(self._places)}"
 
     def look_again(self) -> None:
         """Forget what other packages add: who asks next finds those that are there by then."""

@@ -63,7 +63,7 @@ def render_points(
 ) -> list[Point]:
     """Renderings of a scene with more and more samples. They stay in the cache, and are not made twice; none
     for a view that is read from files."""
-    if recipe.source is not None and recipe.source.kind != "mitsuba":
+    if recipe.source is not None and not recipe.source.rendered:
         return []
     most = recipe.render.samples
     few = [2**k for k in range(int(math.log2(FEWEST_SAMPLES)), 20) if 2**k < most]

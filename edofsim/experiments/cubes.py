@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..recipe.sources import CubeSource
+from ..recipe.sources import CubeFile
 from ..render.view import View
 from ..scene.cubes import at_bands, stored_cube
 
@@ -79,16 +79,8 @@ def read_one(path: Path, wanted_nm: np.ndarray, reading: Reading) -> Cube:
     start, step = reading.start_nm, reading.step_nm
     if start is None and _named_like_cave(path):
         start, step = CAVE_START_NM, CAVE_STEP_NM
-    source = CubeSource(
-        kind="cube",
-        path=path.name,
-        key=reading.key,
-        start_nm=start,
-        step_nm=step,
-        crop=reading.crop,
-        depth_m=1,
-    )
-    stored, nm = stored_cube(source, path.parent)
+    file = CubeFile(path=path.name, key=reading.key, start_nm=start, step_nm=step, crop=reading.crop)
+    stored, nm = stored_cube(file, path.parent)
     low, high = reading.bands or (-np.inf, np.inf)
     low, high = max(low, nm[0]) - 1e-6, min(high, nm[-1]) + 1e-6
     chosen = wanted_nm[(wanted_nm >= low) & (wanted_nm <= high)]

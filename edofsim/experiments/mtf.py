@@ -18,6 +18,7 @@ from torch import Tensor
 
 from ..core.progress import Progress
 from ..optics import Camera, defocus
+from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks import Mask
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.coded import CodedMask
@@ -25,7 +26,7 @@ from ..optics.masks.cubic import CubicMask
 from ..optics.mtf import mtf
 from ..options import CameraOption
 from ..recipe import load_camera
-from ..recipe.camera import CameraRecipe, Lens
+from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text
 from ..report.plot import DASHES, MUTED, NARROW_IN, SERIES, WIDE_IN, new_figure
@@ -131,7 +132,8 @@ def run(folder: Path, progress: Progress, camera: CameraOption = None) -> Findin
 
 
 def _parabolic(mask: Mask) -> Camera:
-    return Camera.from_recipe(CameraRecipe(name="parabolic", lens=Lens(thickness="parabolic"), mask=mask))
+    lens = PlanoConvexLens(surface_profile="parabolic")
+    return Camera.from_recipe(CameraRecipe(name="parabolic", lens=lens, mask=mask))
 
 
 def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: Sequence[Plot]) -> Page:

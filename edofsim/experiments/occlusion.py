@@ -20,7 +20,7 @@ import hashlib
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import torch
 import typer
@@ -41,11 +41,12 @@ from ..core.store import keep
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
+from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.cubic import CubicMask
 from ..options import CacheOption, Device, DeviceOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
-from ..recipe.camera import Focus, Lens, PsfSettings, Sensor
+from ..recipe.camera import Focus, PsfSettings, Sensor
 from ..record import write_csv
 from ..reference import clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
@@ -293,9 +294,10 @@ def take(
 ) -> Camera:
     """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the
     `THIN_LENS`: as that, it is then without aberrations."""
+    profile: Literal["parabolic", "spherical"] = "parabolic" if mask == THIN_LENS else "spherical"
     recipe = CameraRecipe(
         name=f"paper-{mask}",
-        lens=Lens(aperture_radius_mm=aperture_mm, thickness="parabolic" if mask == THIN_LENS else "exact"),
+        lens=PlanoConvexLens(aperture_radius_mm=aperture_mm, surface_profile=profile),
         focus=Focus(distance_m=distance),
         mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
         sensor=Sensor(read_noise=0.0),

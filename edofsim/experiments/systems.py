@@ -24,7 +24,6 @@ from ..restore.checkpoint import (
     shipped_checkpoints,
     trained_camera,
 )
-from ..restore.filter_bank import FilterBank
 from ..restore.network import apply_network
 from ..restore.restore import channel_psfs
 from ..restore.telling import told_network
@@ -83,8 +82,7 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
     network = checkpoint.network
     if wavelengths is not None:
         network = told_network(checkpoint, camera, wavelengths)
-    if isinstance(network, FilterBank):
-        network = network.in_mirrored_world()  # see `planes`
+    network = network.in_mirrored_world()  # see `planes`
     return Contestant(checkpoint.name, camera, lambda photo: apply_network(network, photo), digest)
 
 

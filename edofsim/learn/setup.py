@@ -22,7 +22,8 @@ from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import history_of, load_checkpoint
 from ..restore.losses import LossWeights
-from ..restore.network import build_network
+from ..restore.network import build_network, network_class
+from ..restore.restorer import Restorer
 from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
 from .material import Material, gather
 from .system import Optics, System
@@ -153,7 +154,7 @@ def _started(
     return FreeHeight(height, limit, radian) if recipe.doe.learn else FixedHeight(height)
 
 
-def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[nn.Module, tuple[dict[str, Any], ...]]:
+def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[dict[str, Any], ...]]:
     """The network with weights that only the seed decides, or those of a checkpoint, and its history."""
     table = recipe.network
     if table.start is not None:
@@ -164,9 +165,7 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[nn.Module, tupl
         return checkpoint.network, tuple(history_of(checkpoint))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(recipe.seed)
-        settings = dict(table.settings)
-        if table.kind == "wiener":
-            settings.setdefault("window", camera.psf.window_px)
+        settings = network_class(table.kind).settings_for(table.settings, camera.psf.window_px)
         return build_network(table.kind, settings), ()
 
 

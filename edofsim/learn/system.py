@@ -12,10 +12,8 @@ from ..capture.planes import photograph, surroundings
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, mean_psfs, psf_bank, response, response_curves
 from ..optics.sampling import coarsest_pitch
-from ..restore.filter_bank import FilterBank
-from ..restore.linear import local_filters
 from ..restore.losses import LossWeights, restoration_loss
-from ..restore.wiener_network import WienerNetwork
+from ..restore.restorer import Restorer
 
 WAVELENGTHS = 8
 """So many, evenly spaced, stand for all that a sensor sees."""
@@ -180,7 +178,7 @@ class System(nn.Module):
         self,
         optics: Optics,
         mask: nn.Module,
-        network: nn.Module,
+        network: Restorer,
         loss: LossWeights,
         stray: float,
         height_noise: float,
@@ -208,7 +206,7 @@ class System(nn.Module):
 
     def _inside(self, image: Tensor) -> Tensor:
         """Without the border that the network cannot know, where a patch is wide enough."""
-        border = getattr(self.network, "border", 0)
+        border = self.network.border
         if border == 0 or min(image.shape[-2:]) <= 3 * border:
             return image
         return image[..., border:-border, border:-border]
@@ -220,33 +218,33 @@ class System(nn.Module):
         return draw.scenes.photograph(self.optics.with_height(height))
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
-        """[batch, 3, y, x] to the same, float32. A filter is computed from the designed mask."""
-        if isinstance(self.network, WienerNetwork):
-            return self.network(photo, self._filter_psfs(height))
+        """[batch, 3, y, x] to the same, float32."""
+        if self.network.psfs == "designed":
+            return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
             return self.network(photo).to(torch.float32)
 
     def prime(self) -> None:
-        """Tell a bank of filters how the mask blurs as it is, made with the mean error of fabrication."""
-        network = self.network
-        if isinstance(network, FilterBank):
-            depths = network.middles(self.depth_range)
+        """Tell a network that asks for it how the mask blurs as it is, made with the mean error of
+        fabrication."""
+        if self.network.psfs == "mean":
+            depths = self.network.psf_depths(self.depth_range)
             with torch.no_grad():
                 height = self.mask()
                 optics = self.optics.with_height(height)
                 psf = optics.psfs(depths) if height is None else optics.mean_psfs(depths, self.height_noise)
-                network.teach(local_filters(psf, network.support, network.groups), psf)
+                self.network.set_psfs(psf)
 
     def settle(self) -> None:
-        """Give a filter the PSFs of the mask as it is now, to keep in its checkpoint."""
-        if isinstance(self.network, WienerNetwork):
+        """Tell a network the PSFs of the mask as it is now, where those of each step restored, for its
+        checkpoint."""
+        if self.network.psfs == "designed":
             with torch.no_grad():
-                self.network.psf.copy_(self._filter_psfs(self.mask()))
+                self.network.set_psfs(self._designed_psfs(self.mask()))
 
-    def _filter_psfs(self, height: Tensor | None) -> Tensor:
-        depths = torch.linspace(*self.depth_range, self.network.depths, dtype=torch.float64)
-        return self.optics.with_height(height).psfs(depths)
+    def _designed_psfs(self, height: Tensor | None) -> Tensor:
+        return self.optics.with_height(height).psfs(self.network.psf_depths(self.depth_range))
 
 
 def _noisy(clean: Tensor, draw: Draw) -> Tensor:

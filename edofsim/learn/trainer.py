@@ -6,7 +6,7 @@ import json
 import math
 import signal
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,9 +21,6 @@ from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import save_arrays, save_checkpoint
-from ..restore.filter_bank import FilterBank
-from ..restore.linear import colour_error, local_error, wiener_error
-from ..restore.wiener_network import WienerNetwork
 from .design import design
 from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
@@ -148,14 +145,13 @@ def _design(setup: Setup, progress: Progress | None) -> None:
     recipe, system = setup.recipe, setup.system
     if not list(system.mask.parameters()):
         raise InputError("doe.design_steps: this mask has nothing to design; choose another mask, or 0 steps")
-    groups = getattr(system.network, "groups", 1)
     design(
         system.mask,
         system.optics,
         recipe.doe.design_steps,
         recipe.capture.inverse_depth_per_m,
-        error=_linear_error(system.network),
-        groups=groups,
+        error=system.network.linear_error,
+        groups=system.network.groups,
         evenness=recipe.doe.design_evenness,
         response=recipe.doe.design_response,
         height_noise=recipe.doe.height_noise_nm * 1e-9,
@@ -163,15 +159,6 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         seed=recipe.seed,
         progress=progress,
     )
-
-
-def _linear_error(network: nn.Module) -> Callable[[Tensor, int], Tensor]:
-    """What linear restorations of this network's kind leave, of PSFs and for so many filters."""
-    if isinstance(network, WienerNetwork):
-        return lambda psf, filters: wiener_error(psf)
-    if isinstance(network, FilterBank):
-        return lambda psf, filters: colour_error(psf, groups=filters)
-    return lambda psf, filters: local_error(psf, groups=filters)
 
 
 def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Progress | None) -> bool:

@@ -6,9 +6,10 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from ..capture import Fidelity, capture
@@ -16,12 +17,38 @@ from ..capture.crop import crop
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
+from ..recipe.base import NotNegative
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
-from ..recipe.train import Views
 from ..render.view import View
 from ..scene.family import members
+from .reader import TrainingReader, Wanted
 from .system import Captured, Optics, Scenes, captured
+
+
+class Views(TrainingReader):
+    """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
+    (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
+
+    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ...; 0 for the scene itself.
+    bands: the paper's three colours, or all of the view's bands through the sensor's response (slower by
+    their number). layers, occlusion: as in `expose`. exposure: factors on the automatic exposure, drawn for
+    each patch.
+    """
+
+    kind: Literal["views"] = "views"
+    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+    members: Annotated[int, Field(ge=0, le=100_000)] = 0
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    bands: Literal["three", "all"] = "three"
+    layers: Annotated[int, Field(ge=2, le=64)] = 6
+    occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"
+    exposure: tuple[NotNegative, NotNegative] = (0.5, 1.0)
+
+    def open(self, wanted: Wanted) -> ViewSource:
+        data = wanted.recipe.data
+        how = wanted.base, wanted.cache, wanted.progress
+        return open_views(self, data.patch_px, data.validation, wanted.optics, *how)
 
 
 @dataclass(frozen=True)

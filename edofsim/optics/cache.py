@@ -33,9 +33,9 @@ def key(
 ) -> str:
     """SHA-256 of everything that a bank depends on: glasses by their indices, not by their names, and height
     maps by their content."""
-    recipe = camera.recipe.model_dump(mode="json", include={"lens", "focus", "mask", "fabrication", "psf"})
-    materials = [each.formula for each in (camera.glass, camera.mask_material)]
-    said = {"version": VERSION, "recipe": recipe, "materials": materials, "pixel": camera.pixel}
+    recipe = camera.recipe.model_dump(mode="json", include={"focus", "mask", "fabrication", "psf"})
+    said = {"version": VERSION, "recipe": recipe, "pixel": camera.pixel}
+    said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula}
     said |= {"window": window_px, "seed": seed}
     digest = hashlib.sha256(json.dumps({**said, "dtype": str(dtype)}, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):

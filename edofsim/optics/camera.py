@@ -11,26 +11,30 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..recipe.camera import CameraRecipe
+from .lenses import Lens
 from .masks import Mask, PhaseMask
 from .masks.clear import ClearMask
 from .masks.height_map import HeightMapMask
 from .materials import Material, material
+
+FEWEST_A_PIXEL = 2
+"""Samples along a pixel's side where the recipe leaves them open."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A camera recipe with its materials resolved and its sensor in place. Lengths are in metres.
 
-    sensor_distance is z_i, from the lens plane to the sensor. mask_material is what the recipe's mask is made
-    of, or, where it only blocks light, what a height map given in its place is. base is the folder that files
-    named in the recipe are relative to. height_map: [n, n] in metres, the mask as designed in place of the
-    recipe's; None for the recipe's own (see `with_height`).
+    lens: the recipe's, or one that leaves out some of what that does. sensor_distance is z_i, from the lens
+    plane to the sensor. mask_material is what the recipe's mask is made of, or, where it only blocks light,
+    what a height map given in its place is. base is the folder that files named in the recipe are relative
+    to. height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
+    (see `with_height`).
     """
 
     recipe: CameraRecipe
-    glass: Material
+    lens: Lens
     mask_material: Material
-    radius_of_curvature: float
     aperture_radius: float
     sensor_distance: float
     pixel: float
@@ -45,32 +49,25 @@ class Camera:
         Raises InputError, naming every problem, for an unknown material, a wavelength outside the glass data,
         a lens without room for its aperture, and a focus that no sensor distance gives.
         """
-        problems: list[str] = []
         lens = recipe.lens
-        glass = _material("lens.material", lens.material, problems)
+        assert isinstance(lens, Lens)  # what the registry holds
+        problems = lens.problems()
+        distance = math.nan if problems else _sensor_distance(recipe, lens, problems)
         relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
         mask_material = _material("mask.material", relief, problems)
-        if lens.aperture_radius_mm >= lens.radius_of_curvature_mm:
+        across = 2e6 * lens.aperture_radius
+        if isinstance(recipe.mask, HeightMapMask) and recipe.mask.pitch_um > across:
             problems.append(
-                f"lens.aperture_radius_mm = {lens.aperture_radius_mm:g} does not fit a lens of"
-                f" radius_of_curvature_mm = {lens.radius_of_curvature_mm:g}; it must be smaller"
+                f"mask.pitch_um = {recipe.mask.pitch_um:g} is larger than the pupil ({across:g} um across);"
+                " choose a finer pitch"
             )
-        if isinstance(recipe.mask, HeightMapMask) and recipe.mask.pitch_um > 2e3 * lens.aperture_radius_mm:
-            problems.append(
-                f"mask.pitch_um = {recipe.mask.pitch_um:g} is larger than the pupil"
-                f" ({2e3 * lens.aperture_radius_mm:g} um across); choose a finer pitch"
-            )
-        distance = math.nan
-        if glass is not None:
-            distance = _sensor_distance(recipe, glass, problems)
         if problems:
             raise InputError(problems)
         return cls(
             recipe=recipe,
-            glass=glass,
+            lens=lens,
             mask_material=mask_material,
-            radius_of_curvature=lens.radius_of_curvature_mm * 1e-3,
-            aperture_radius=lens.aperture_radius_mm * 1e-3,
+            aperture_radius=lens.aperture_radius,
             sensor_distance=distance,
             pixel=recipe.sensor.pixel_um * 1e-6,
             read_noise=recipe.sensor.read_noise,
@@ -89,6 +86,16 @@ class Camera:
         """Tangent of the angle that one pixel sees, on the axis."""
         return self.pixel / self.sensor_distance
 
+    def oversampling(self, wavelength: float) -> int:
+        """Samples along a pixel's side for PSFs at `wavelength` [m]: the recipe's number, or 2, or one for
+        each period of the finest fringes that the aperture lets through, if that is more: then their sum is
+        all light, however sharp a PSF is."""
+        fixed = self.recipe.psf.oversampling
+        if fixed != "auto":
+            return fixed
+        cutoff = 2 * self.aperture_radius / (wavelength * self.sensor_distance)
+        return max(FEWEST_A_PIXEL, math.ceil(self.pixel * cutoff - 1e-9))
+
     def with_height(self, height: Tensor | None) -> Camera:
         """The same camera whose mask has the height map `height` [n, n] in metres in place of the recipe's;
         gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
@@ -103,7 +110,7 @@ class Camera:
     def without_mask(self) -> Camera:
         """The same lens and sensor with a clear aperture."""
         recipe = self.recipe.model_copy(update={"mask": ClearMask(), "fabrication": None})
-        return Camera.from_recipe(recipe, self.base)
+        return replace(Camera.from_recipe(recipe, self.base), lens=self.lens)
 
 
 def _check_height(height: Tensor) -> None:
@@ -118,8 +125,8 @@ def _check_height(height: Tensor) -> None:
 
 
 def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
-    """f = R / (n - 1) of a thin plano-convex lens, metres, float64, same shape as `wavelengths` [m]."""
-    return camera.radius_of_curvature / (camera.glass.index(wavelengths) - 1)
+    """Of the lens, metres, float64, same shape as `wavelengths` [m]."""
+    return camera.lens.focal_length(wavelengths)
 
 
 def focus_distance(camera: Camera, wavelengths: Tensor | float) -> Tensor:
@@ -149,17 +156,13 @@ def _material(key: str, name: str, problems: list[str]) -> Material | None:
         return None
 
 
-def _sensor_distance(recipe: CameraRecipe, glass: Material, problems: list[str]) -> float:
+def _sensor_distance(recipe: CameraRecipe, lens: Lens, problems: list[str]) -> float:
     """z_i from 1/f = 1/z_focus + 1/z_i at the wavelength of the focus."""
     try:
-        index = float(glass.index(recipe.focus.wavelength_nm * 1e-9))
+        focal = float(lens.focal_length(recipe.focus.wavelength_nm * 1e-9))
     except InputError as error:
         problems.extend(f"focus.wavelength_nm: {problem}" for problem in error.problems)
         return math.nan
-    if index <= 1:
-        problems.append(f"lens.material: {glass.name} does not refract; a lens needs a glass")
-        return math.nan
-    focal = recipe.lens.radius_of_curvature_mm * 1e-3 / (index - 1)
     if recipe.focus.distance_m <= focal:
         problems.append(
             f"focus.distance_m = {recipe.focus.distance_m:g} lies inside the focal length"

@@ -41,7 +41,7 @@ def psf_bank(
 ) -> PsfBank:
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
-    Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with the exact lens of Eq. `spherical`, on an oversampled
+    Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with what the lens adds to its parabola, on an oversampled
     grid of the sensor that is summed over each pixel. Differentiable by the camera's height map. window_px:
     width of the window in place of the recipe's. seed: of the fabrication error in place of the recipe's.
     cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
@@ -126,7 +126,7 @@ def wave_at(
 ) -> Wave:
     """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
     `pixels`."""
-    window = SensorWindow(pixels, camera.pixel, camera.recipe.psf.oversampling)
+    window = SensorWindow(pixels, camera.pixel, camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
     return Wave(
         pupil_function(camera, opening, wavelength, dtype=dtype, device=device),
@@ -164,7 +164,7 @@ def axes_of(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
     relief = camera.height_map is not None or isinstance(camera.mask, PhaseMask)
-    for material in (camera.glass, camera.mask_material) if relief else (camera.glass,):
+    for material in (*camera.lens.glasses(), *((camera.mask_material,) if relief else ())):
         try:
             material.index(wavelengths)
         except InputError as error:

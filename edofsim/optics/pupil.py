@@ -7,6 +7,7 @@ depends on depth and that one is separable: the `pupil_function` without defocus
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,7 +18,6 @@ from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
-from .lens import lens_delay, spherical_sag
 from .masks import Mask, mask_amplitude
 
 TRANSMISSION_SAMPLES = 514
@@ -28,14 +28,15 @@ TRANSMISSION_SAMPLES = 514
 class Aperture:
     """What stands in the pupil, for all wavelengths.
 
-    sag: `spherical_sag` of the lens, float64 [samples, samples]. regions: amplitude (same shape) and height
-    of the relief in metres, a map or the same everywhere; the wave is the sum over regions. light: all
-    light that is let through, counted in cells of the grid; transmission: as a fraction of what the open
-    aperture lets through.
+    lens: phase [rad] at a wavelength [m] that the lens adds to its parabola, float64 [samples, samples]; the
+    parabola cancels against propagation and the incoming wave, and what is left of it is Psi (`defocus`).
+    regions: amplitude (same shape) and height of the relief in metres, a map or the same everywhere; the wave
+    is the sum over regions. light: all light that is let through, counted in cells of the grid; transmission:
+    as a fraction of what the open aperture lets through.
     """
 
     grid: PupilGrid
-    sag: Tensor
+    lens: Callable[[float], Tensor]
     regions: tuple[tuple[Tensor, Tensor | float | None], ...]
     light: float
     transmission: float
@@ -56,7 +57,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
             f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of the "
             "pupil; open it wider"
         )
-    return Aperture(grid, spherical_sag(camera, grid.radius_squared()), tuple(regions), total, total / whole)
+    lens = camera.lens.phases(grid.radius_squared())
+    return Aperture(grid, lens, tuple(regions), total, total / whole)
 
 
 @lru_cache(maxsize=64)
@@ -83,7 +85,7 @@ def pupil_function(
     Phases are summed in float64 and reduced modulo 2 pi before they become `dtype`. A relief that is being
     trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
     """
-    lens = opening.sag * -lens_delay(camera, wavelength)
+    lens = opening.lens(wavelength)
     total = None
     for amplitude, relief in opening.regions:
         if isinstance(relief, Tensor) and relief.requires_grad:

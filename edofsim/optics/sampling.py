@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -12,7 +12,6 @@ from ..errors import InputError
 from .camera import Camera, defocus
 from .grid import PupilGrid
 from .height import given_pitch, natural_samples
-from .lens import spherical_slope
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
 
@@ -82,11 +81,23 @@ def plan_sampling(
     if samples > LARGEST_PUPIL:
         raise InputError(
             f"PSFs at Psi = {largest:.4g} need {samples:.6g} samples across the pupil"
-            f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; leave out the extreme depths or narrow the"
-            " window"
+            f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; {_what_helps(camera, wavelengths, psi)}"
         )
     grid = PupilGrid(samples, pitch, camera.aperture_radius)
     return Sampling(grid, largest, bound, reach / pitch, window)
+
+
+def _what_helps(camera: Camera, wavelengths: Tensor, psi: Tensor) -> str:
+    """Against a pupil that is too fine: is it steep for the lens's own aberration, or for defocus?"""
+    plain = replace(camera, lens=camera.lens.without_spherical_aberration())
+    with_lens, without = (float(_steepest(each, wavelengths, psi, False).max()) for each in (camera, plain))
+    if with_lens < 2 * without:
+        return "leave out the extreme depths or narrow the window"
+    waves = camera.lens.waves_at_most(float(wavelengths.min()))
+    return (
+        f"the cause is the spherical aberration of the lens ({waves:.3g} waves within its aperture). What"
+        ' helps is a smaller aperture, or another kind of lens: "achromat", or "ideal", which has none'
+    )
 
 
 def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int) -> float:
@@ -132,7 +143,7 @@ def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool)
     """Steepest phase within the pupil of each wave [rad/m], [band]: mask, lens remainder and defocus."""
     radius = camera.aperture_radius
     radii = torch.linspace(0, radius, 65, dtype=torch.float64)
-    lens = torch.stack([spherical_slope(camera, float(wavelength), radii) for wavelength in wavelengths])
+    lens = torch.stack([camera.lens.slope(radii, float(wavelength)) for wavelength in wavelengths])
     bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax((0, 2))
     mask = camera.mask
     design = mask.design_wavelength_nm * 1e-9 if isinstance(mask, PhaseMask) else 0.0

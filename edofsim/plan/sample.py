@@ -100,7 +100,7 @@ class Sample:
 
     def _kernels(self, camera: Camera, wavelengths: Tensor, nodes: Tensor, window: int) -> Kernels:
         """PSFs at nodes, taken out of those at more nodes that were computed before, if there are."""
-        materials = (camera.glass.formula, camera.mask_material.formula)
+        materials = (camera.lens.identity(), camera.mask_material.formula)
         key = (camera.recipe.model_dump_json(), materials, tuple(wavelengths.tolist()), window)
         known = self._banks.get(key)
         if known is not None and known.nodes.numel() >= nodes.numel():

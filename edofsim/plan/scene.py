@@ -54,7 +54,7 @@ def look(
 ) -> Looked:
     """Facts of a scene from its view where that is in the cache or read from files, else from a sketch."""
     view = cached(recipe, base, cache=cache)
-    if view is None and recipe.source is not None and recipe.source.kind != "mitsuba":
+    if view is None and recipe.source is not None and not recipe.source.rendered:
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
         return Looked(facts_of(view, camera, recipe=recipe), lambda s: 0.0, 0.0, recipe)

@@ -236,7 +236,7 @@ def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape
     simpler = simpler_camera(camera, fidelity)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
     across = None if simpler.height_map is None else simpler.height_map.shape[-1]
-    said = f"{recipe} {simpler.glass.formula} {simpler.mask_material.formula} {across}"
+    said = f"{recipe} {simpler.lens.identity()} {simpler.mask_material.formula} {across}"
     return _samples(_Named(simpler, said), window, shape.ends, shape.wavelengths)
 
 

@@ -8,16 +8,7 @@ from pydantic import Field
 
 from .base import NotNegative, Positive, RecipeModel
 from .fabrication import Fabrication
-from .kinds import AnyMask, AnySensorEffect, named
-
-
-class Lens(RecipeModel):
-    """A plano-convex lens. `thickness` chooses the exact sag (paper, Eq. `spherical`) or its parabola."""
-
-    material: str = "fused-silica"
-    radius_of_curvature_mm: Positive = 16.51
-    aperture_radius_mm: Positive = 2.5
-    thickness: Literal["exact", "parabolic"] = "exact"
+from .kinds import AnyLens, AnyMask, AnySensorEffect, named
 
 
 class Focus(RecipeModel):
@@ -47,10 +38,11 @@ class Sensor(RecipeModel):
 
 
 class PsfSettings(RecipeModel):
-    """Window in sensor pixels, oversampling within a pixel, and sampling of the pupil."""
+    """Window in sensor pixels, samples along a pixel's side, and sampling of the pupil. Unless it is given,
+    `oversampling` is 2, or what the diffraction limit of the aperture asks for."""
 
     window_px: Annotated[int, Field(ge=1, le=2048)] = 128
-    oversampling: Annotated[int, Field(ge=1, le=16)] = 2
+    oversampling: Literal["auto"] | Annotated[int, Field(ge=1, le=16)] = "auto"
     pupil_sampling_um: Literal["auto"] | Positive = "auto"
 
 
@@ -59,7 +51,7 @@ class CameraRecipe(RecipeModel):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
     purpose: str = ""
-    lens: Lens = Lens()
+    lens: AnyLens = named("plano-convex")
     focus: Focus = Focus()
     mask: AnyMask = named("clear")
     fabrication: Fabrication | None = None

@@ -7,9 +7,9 @@ kind, from a room of this package or from another package, which adds kinds by e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Union
+from typing import Annotated, Any
 
-from pydantic import Field, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter, ValidationInfo
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
@@ -42,8 +42,64 @@ MASKS: Registry[type[KindModel]] = Registry(
         "height-map": "edofsim.optics.masks.height_map:HeightMapMask",
     },
 )
+LENSES: Registry[type[KindModel]] = Registry(
+    "edofsim.lenses",
+    "lens",
+    {
+        "plano-convex": "edofsim.optics.lenses.plano_convex:PlanoConvexLens",
+        "ideal": "edofsim.optics.lenses.ideal:IdealLens",
+        "achromat": "edofsim.optics.lenses.achromat:AchromatLens",
+    },
+)
+OBJECTS: Registry[type[KindModel]] = Registry(
+    "edofsim.builders",
+    "object",
+    {
+        "panel": "edofsim.scene.builders.basic:Panel",
+        "box": "edofsim.scene.builders.basic:Box",
+        "sphere": "edofsim.scene.builders.basic:Sphere",
+        "cylinder": "edofsim.scene.builders.basic:Cylinder",
+        "mug": "edofsim.scene.builders.basic:Mug",
+        "goblet": "edofsim.scene.builders.basic:Goblet",
+        "prism": "edofsim.scene.builders.basic:Prism",
+        "book": "edofsim.scene.builders.stationery:Book",
+        "pencil": "edofsim.scene.builders.stationery:Pencil",
+        "wire": "edofsim.scene.builders.stationery:Wire",
+        "bust": "edofsim.scene.builders.bust:Bust",
+        "bus": "edofsim.scene.builders.vehicles:Bus",
+        "car": "edofsim.scene.builders.vehicles:Car",
+        "usaf_chart": "edofsim.scene.builders.targets:UsafChart",
+        "color_checker": "edofsim.scene.builders.targets:ColorChecker",
+        "text_page": "edofsim.scene.builders.stationery:TextPage",
+        "mesh": "edofsim.scene.builders.imported:MeshFile",
+        "table": "edofsim.scene.builders.room:Table",
+        "wall": "edofsim.scene.builders.room:Wall",
+        "hallway": "edofsim.scene.builders.hallway:Hallway",
+        "facade": "edofsim.scene.builders.landscape:Facade",
+        "foliage": "edofsim.scene.builders.landscape:Foliage",
+        "hills": "edofsim.scene.builders.landscape:Hills",
+        "clouds": "edofsim.scene.builders.landscape:CloudBank",
+    },
+)
 
-
+SOURCES: Registry[type[KindModel]] = Registry(
+    "edofsim.readers",
+    "source",
+    {
+        "rgbd": "edofsim.render.readers.rgbd:RgbdSource",
+        "cube": "edofsim.render.readers.cube:CubeSource",
+        "mitsuba": "edofsim.scene.foreign:MitsubaSource",
+    },
+)
+TRAINING_DATA: Registry[type[KindModel]] = Registry(
+    "edofsim.training_data",
+    "source of training data",
+    {
+        "natural": "edofsim.learn.photographs:NaturalImages",
+        "packaged": "edofsim.learn.photographs:PackagedImages",
+        "views": "edofsim.learn.views:Views",
+    },
+)
 SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
     "edofsim.sensor_effects",
     "sensor effect",
@@ -55,6 +111,36 @@ SENSOR_EFFECTS: Registry[type[KindModel]] = Registry(
         "quantisation": "edofsim.capture.sensor.quantisation:Quantisation",
     },
 )
+NETWORKS: Registry[type[object]] = Registry(
+    "edofsim.networks",
+    "network",
+    {
+        "dcnn": "edofsim.restore.dcnn:DCnn",
+        "local-unet": "edofsim.restore.local_unet:LocalUNet",
+        "filter-bank": "edofsim.restore.filter_bank:FilterBank",
+        "wiener": "edofsim.restore.wiener_network:WienerNetwork",
+    },
+)
+
+
+class NameOf:
+    """Annotation of a field that holds a name of a registry."""
+
+    def __init__(self, registry: Registry[type[object]]) -> None:
+        self.registry = registry
+
+    def _known(self, name: str) -> str:
+        if name not in self.registry:
+            raise ValueError(self.registry.unknown(name))
+        return name
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._known, core_schema.str_schema())
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return handler(core_schema.literal_schema(list(self.registry)))
 
 
 class OfKind:
@@ -79,7 +165,7 @@ class OfKind:
         kind = data.get("kind", self.usual) if isinstance(data, Mapping) else None
         return kind if isinstance(kind, str) and kind in self.registry else None
 
-    def _validated(self, value: Any, info: ValidationInfo) -> KindModel:
+    def _validated(self, value: object, info: ValidationInfo) -> KindModel:
         if isinstance(value, KindModel):
             if value.kind in self.registry and isinstance(value, self.model(value.kind)):
                 return value
@@ -95,21 +181,21 @@ class OfKind:
         given = {"discriminator": "'kind'", "tag": str(value["kind"]), "expected_tags": known}
         raise PydanticKnownError("union_tag_invalid", given)
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.with_info_plain_validator_function(self._validated)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        models = tuple(self.model(kind) for kind in self.registry)
-        union = Annotated[Union[models], Field(discriminator="kind")]  # noqa: UP007 - of a tuple
-        return handler(TypeAdapter(union).core_schema)
+        kinds = {kind: self.model(kind).__pydantic_core_schema__ for kind in self.registry}
+        return handler(core_schema.tagged_union_schema(kinds, "kind"))
 
 
-def named(kind: str) -> Any:
+def named(kind: str) -> Any:  # pyrefly: ignore[explicit-any] - pydantic validates it to the field's type
     """A field's default that only names a kind: the model is imported where a recipe has no such table."""
     return {"kind": kind}
 
 
+AnyLens = Annotated[KindModel, OfKind(LENSES, usual="plano-convex")]
 AnyMask = Annotated[KindModel, OfKind(MASKS)]
 AnySensorEffect = Annotated[KindModel, OfKind(SENSOR_EFFECTS)]

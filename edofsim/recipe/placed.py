@@ -15,15 +15,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .base import RecipeModel
+from .kinds import KindModel
 
 ObjectName = Annotated[str, Field(min_length=1, max_length=64)]
 
 
-class Placed(RecipeModel):
-    """Where an object is and how it is turned."""
+class Thing(KindModel):
+    """An object of a scene."""
 
     name: ObjectName | None = None
+
+
+class Placed(Thing):
+    """Where an object is and how it is turned."""
+
     depth_m: float
     x_mm: float | None = None
     y_mm: float | None = None

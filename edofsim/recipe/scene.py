@@ -10,7 +10,8 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from .base import Positive, RecipeModel
 from .family import Family
-from .objects import AnyLight, AnyObject
+from .lights import AnyLight
+from .objects import AnyObject
 from .sources import AnySource
 
 
@@ -90,6 +91,6 @@ class SceneRecipe(RecipeModel):
             raise ValueError("a scene needs [[objects]], or a [source] to read it from")
         if self.source is not None and self.objects:
             raise ValueError("give [[objects]] or [source], not both")
-        if self.source is not None and self.lights and self.source.kind != "mitsuba":
+        if self.source is not None and self.lights and not self.source.rendered:
             raise ValueError("a picture brings its own light: take [[lights]] out")
         return self

@@ -1,15 +1,16 @@
-"""Scenes that are not built but read: a picture with depth, a spectral cube, a Mitsuba scene.
+"""What the readers of scenes have in common: depth maps, and the files of spectral cubes.
 
 Files are relative to the recipe's folder.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from .base import Positive, RecipeModel
+from .kinds import SOURCES, KindModel, OfKind
 
 Pixels = Annotated[int, Field(ge=0)]
 
@@ -43,32 +44,21 @@ class DepthMap(RecipeModel):
         return self
 
 
-class RgbdSource(RecipeModel):
-    """An sRGB picture with a depth map. Its colours become smooth reflectances under `illuminant`.
+class Source(KindModel):
+    """What a scene is read from. rendered: whether that is a scene which has yet to be rendered."""
 
-    `image` is a file, or `skimage:NAME` for a picture that comes with scikit-image (and so is the depth's
-    `path`). One pixel of the picture becomes one pixel of the frame, whatever angle it saw when it was
-    taken; the middle of the picture is the middle of the frame."""
-
-    kind: Literal["rgbd"]
-    image: str
-    depth: DepthMap
-    illuminant: str = "D65"
-    radiance: Positive = 1.0
+    rendered: ClassVar[bool]
 
 
-class CubeSource(RecipeModel):
+class CubeFile(RecipeModel):
     """A spectral cube: a folder with one picture a band (in the order of the names), a MAT file, or an EXR
-    of the spectral layout. At `depth_m`, or with a depth map."""
+    of the spectral layout."""
 
-    kind: Literal["cube"]
     path: str
     key: str | None = None
     """array in a MAT file; dots go into its structures"""
     start_nm: Positive | None = None
     step_nm: Positive | None = None
-    depth_m: Positive | None = None
-    depth: DepthMap | None = None
     illuminant: str | None = None
     """None: the cube holds radiance; else it holds reflectances that are seen under this light"""
     scale: Positive | Literal["auto"] = "auto"
@@ -77,26 +67,10 @@ class CubeSource(RecipeModel):
     """pixels to cut off at the left, top, right, bottom"""
 
     @model_validator(mode="after")
-    def _one_depth(self) -> CubeSource:
-        if (self.depth_m is None) == (self.depth is None):
-            raise ValueError("give depth_m or a [source.depth] table, one of the two")
+    def _both(self) -> CubeFile:
         if (self.start_nm is None) != (self.step_nm is None):
             raise ValueError("start_nm and step_nm belong together")
         return self
 
 
-class MitsubaSource(RecipeModel):
-    """A Mitsuba scene: an XML file, or a JSON file with the dictionary of `load_dict`.
-
-    It is seen from its own sensor's place; `units_m` is the length of its unit in metres. Files outside
-    the scene's folder are refused unless `allow_outside`."""
-
-    kind: Literal["mitsuba"]
-    path: str
-    units_m: Positive = 1.0
-    allow_outside: bool = False
-    illuminant: str = "D65"
-    """spectrum of lights that are given as RGB white"""
-
-
-AnySource = Annotated[RgbdSource | CubeSource | MitsubaSource, Field(discriminator="kind")]
+AnySource = Annotated[Source, OfKind(SOURCES)]

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from ..core.json_values import Json
 from .base import Fraction, NotNegative, Positive, RecipeModel
 from .camera import PsfSettings
-from .kinds import AnyMask
+from .kinds import NETWORKS, TRAINING_DATA, AnyMask, KindModel, NameOf, OfKind, named
 
 Range = tuple[NotNegative, NotNegative]
 Count = Annotated[int, Field(ge=1)]
@@ -21,7 +21,7 @@ class NetworkTable(RecipeModel):
     training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
     CVPR 2022)."""
 
-    kind: Literal["dcnn", "local-unet", "filter-bank", "wiener"] = "dcnn"
+    kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     settings: Json = {}
     start: str | None = None
     start_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -66,52 +66,13 @@ class LossTable(RecipeModel):
     stray: NotNegative = 0.2
 
 
-class NaturalImages(RecipeModel):
-    """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
-    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
-    steps whose photographs stand one in front of another, with an edge of depth in each patch. lamps: share
-    of the patches with lamps, many times brighter than full scale; in half of the steps the photo is clipped
-    there."""
+class TrainingSource(KindModel):
+    """What is trained on. weight: how often patches are drawn from it, beside the other sources."""
 
-    kind: Literal["natural"] = "natural"
-    folder: str | None = None
-    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
-    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
     weight: Positive = 1.0
 
 
-class PackagedImages(RecipeModel):
-    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
-    lamps: as of `natural`."""
-
-    kind: Literal["packaged"] = "packaged"
-    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
-    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
-    weight: Positive = 1.0
-
-
-class Views(RecipeModel):
-    """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
-    (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
-
-    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ...; 0 for the scene itself.
-    bands: the paper's three colours, or all of the view's bands through the sensor's response (slower by
-    their number). layers, occlusion: as in `expose`. exposure: factors on the automatic exposure, drawn for
-    each patch.
-    """
-
-    kind: Literal["views"] = "views"
-    scenes: Annotated[tuple[str, ...], Field(min_length=1)]
-    members: Annotated[int, Field(ge=0, le=100_000)] = 0
-    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
-    bands: Literal["three", "all"] = "three"
-    layers: Annotated[int, Field(ge=2, le=64)] = 6
-    occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"
-    exposure: Range = (0.5, 1.0)
-    weight: Positive = 1.0
-
-
-AnySource = Annotated[NaturalImages | PackagedImages | Views, Field(discriminator="kind")]
+AnySource = Annotated[TrainingSource, OfKind(TRAINING_DATA)]
 
 
 class DataTable(RecipeModel):
@@ -121,7 +82,7 @@ class DataTable(RecipeModel):
     patch_px: Annotated[int, Field(ge=16, le=2048)] = 300
     validation: Annotated[float, Field(gt=0, le=0.5)] = 0.1
     validation_patches: Count = 16
-    sources: Annotated[tuple[AnySource, ...], Field(min_length=1)] = (NaturalImages(),)
+    sources: Annotated[tuple[AnySource, ...], Field(min_length=1)] = (named("natural"),)
 
 
 class CaptureTable(RecipeModel):
@@ -183,7 +144,7 @@ class TrainRecipe(RecipeModel):
     network: NetworkTable = NetworkTable()
     doe: DoeTable = DoeTable()
     loss: LossTable = LossTable()
-    data: DataTable = DataTable()
+    data: DataTable = Field(default_factory=DataTable)
     capture: CaptureTable = CaptureTable()
     optimiser: OptimiserTable = OptimiserTable()
     journal: JournalTable = JournalTable()

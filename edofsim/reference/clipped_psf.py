@@ -36,7 +36,7 @@ class Transform:
 
 def make_transform(camera: Camera, grid: PupilGrid, wavelength: float, window: int) -> Transform:
     """Bases such that the energy of a field is that of its pupil, in cells."""
-    sensor = SensorWindow(window, camera.pixel, camera.recipe.psf.oversampling)
+    sensor = SensorWindow(window, camera.pixel, camera.oversampling(wavelength))
     sub = camera.pixel / sensor.oversampling
     reach = wavelength * camera.sensor_distance
     place, cell = _half(sensor.sub_pixels) * sub, _half(grid.samples) * grid.pitch

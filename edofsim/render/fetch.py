@@ -12,7 +12,6 @@ from pathlib import Path
 from ..core.json_values import Json
 from ..core.progress import Progress, silent
 from ..recipe.scene import SceneRecipe
-from ..recipe.sources import CubeSource, RgbdSource
 from ..record import writable_folder
 from . import cache as store
 from .keys import canonical, view_key
@@ -33,7 +32,7 @@ class Fetched:
 
 def is_picture(recipe: SceneRecipe) -> bool:
     """Whether a recipe's view is read, not rendered: a picture with depths, or a spectral cube."""
-    return isinstance(recipe.source, RgbdSource | CubeSource)
+    return recipe.source is not None and not recipe.source.rendered
 
 
 def place_of(recipe: SceneRecipe, base: Path, cache: Path | None, noise: float | None) -> store.Place:
@@ -53,7 +52,7 @@ def fetch(
     say = progress or silent
     place = place_of(recipe, base, cache, noise)
     if is_picture(recipe):
-        from .rgbd import picture_view
+        from .readers import picture_view
 
         # Read faster than the cache could be.
         return Fetched(picture_view(recipe, base), place, 0.0)

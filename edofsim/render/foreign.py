@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..recipe.scene import SceneRecipe
-from ..recipe.sources import MitsubaSource
+from ..scene.foreign import MitsubaSource
 from ..scene.foreign.nodes import Node, read_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.model import TriangleMesh

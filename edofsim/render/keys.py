@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ..core.json_values import Json
+from ..recipe.kinds import OBJECTS, SOURCES
 from ..recipe.scene import SceneRecipe
 from .settings import INTEGRATOR
 
@@ -36,9 +37,18 @@ def view_key(recipe: SceneRecipe, base: Path, noise: float | None = None) -> str
         "noise": noise,
         "integrator": INTEGRATOR,
         "scenes": scene_code(),
+        **_code_of_others(recipe),
         "versions": {name: version(name) for name in LIBRARIES},
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _code_of_others(recipe: SceneRecipe) -> dict[str, dict[str, str]]:
+    """Checksums of the code of what other packages add, where a recipe names it."""
+    found = {item.kind: code for item in recipe.objects if (code := OBJECTS.code_of(item.kind))}
+    if recipe.source is not None and (code := SOURCES.code_of(recipe.source.kind)):
+        found[recipe.source.kind] = code
+    return {"code of others": found} if found else {}
 
 
 @lru_cache(maxsize=1)

@@ -22,7 +22,7 @@ import torch
 from pydantic import ValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..core.files import write_bytes
 from ..errors import InputError, first_line
@@ -32,6 +32,7 @@ from ..recipe.base import RecipeModel
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
 from .network import build_network
+from .restorer import Restorer
 
 FORMAT = 1
 SUFFIX = ".safetensors"
@@ -48,7 +49,7 @@ class Checkpoint:
     metres; card: everything else (see the module).
     """
 
-    network: nn.Module
+    network: Restorer
     height: Tensor | None
     sampling: float | None
     card: Mapping[str, Any] = field(repr=False)
@@ -87,7 +88,7 @@ def find_checkpoint(source: str | Path) -> Path:
 
 def save_checkpoint(
     path: Path,
-    network: nn.Module,
+    network: Restorer,
     card: Mapping[str, Any],
     *,
     height: Tensor | None = None,
@@ -95,7 +96,7 @@ def save_checkpoint(
 ) -> Path:
     """Write a checkpoint in one piece: after a crash the file is the old one or the new one.
 
-    network: one of `restore.network.NETWORKS`; card: JSON values, keys as in the module's text (`format`
+    card: JSON values, keys as in the module's text (`format`
     and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """
@@ -132,7 +133,7 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
             f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
         )
     if camera_recipe is not None:
-        _check_camera(path, card.get("camera", {}), camera_recipe.model_dump(mode="json"))
+        _check_camera(path, _in_new_names(card.get("camera", {})), camera_recipe.model_dump(mode="json"))
     network = build_network(kind, settings)
     prefix = "network."
     weights = {
@@ -217,6 +218,14 @@ def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, An
     ]
     if problems:
         raise InputError(problems)
+
+
+def _in_new_names(camera: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A card's camera as a recipe of today would say it; as it is where it is no whole recipe."""
+    try:
+        return CameraRecipe.model_validate(camera).model_dump(mode="json")
+    except ValidationError:
+        return camera
 
 
 def _differences(trained: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

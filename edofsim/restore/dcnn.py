@@ -5,12 +5,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from .restorer import Restorer
+
 DILATIONS = (1, 2, 3, 2, 1)
 KERNELS = 32
 LEAK = 0.01
 
 
-class DCnn(nn.Module):
+class DCnn(Restorer):
     """Five dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
 
     A block is a 3x3 convolution with 32 kernels, batch normalisation and a leaky ReLU; the dilations are
@@ -23,7 +25,6 @@ class DCnn(nn.Module):
 
     kind = "dcnn"
     radius = sum(DILATIONS) + 1 + 2
-    multiple = 1
 
     def __init__(self) -> None:
         super().__init__()
@@ -44,10 +45,6 @@ class DCnn(nn.Module):
             assert layer.bias is not None
             nn.init.zeros_(layer.bias)
         self.refine = nn.Sequential(*refine)
-
-    def settings(self) -> dict[str, int]:
-        """What rebuilds this network: nothing, its shape is fixed."""
-        return {}
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1]."""

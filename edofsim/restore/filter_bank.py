@@ -18,8 +18,10 @@ from torch.nn import functional
 
 from .blur_likelihood import BLOCK, STEP, block_transfer, explain, log_likelihood, spread
 from .borders import continued
+from .linear import colour_error, local_filters
 from .local_unet import Trunk
 from .photograph_statistics import transfer_functions
+from .restorer import Restorer
 
 BEYOND = 0.25
 """What a filter leaves so far beyond the range from 0 to 1 is around something brighter than full scale."""
@@ -32,7 +34,7 @@ BRIGHTEST = 100.0
 BELIEF = (0.01, 0.05)
 
 
-class FilterBank(nn.Module):
+class FilterBank(Restorer):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
     support: width of the filters in pixels, odd; distances: so many for each filter are told
@@ -43,6 +45,7 @@ class FilterBank(nn.Module):
     """
 
     kind = "filter-bank"
+    psfs = "mean"
 
     def __init__(
         self,
@@ -84,20 +87,24 @@ class FilterBank(nn.Module):
         return other
 
     def settings(self) -> dict[str, object]:
-        """What rebuilds this network."""
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
         return {**own, **self.trunk.settings()}
 
-    def middles(self, depth_range: tuple[float, float]) -> Tensor:
-        """Inverse depths that `teach` wants the PSFs of, [depths], float64: the middles of equal parts of
-        the range, both in 1/m."""
+    def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
+        """The middles of equal parts of the range."""
         low, high = depth_range
         return low + (high - low) * (torch.arange(self.depths, dtype=torch.float64) + 0.5) / self.depths
+
+    def set_psfs(self, psf: Tensor) -> None:
+        self.teach(local_filters(psf, self.support, self.groups), psf)
+
+    def linear_error(self, psf: Tensor, filters: int) -> Tensor:
+        return colour_error(psf, groups=filters)
 
     @torch.no_grad()
     def teach(self, filters: Tensor, psf: Tensor) -> None:
         """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
-        [depths, 3, y, x] at the `middles` of a range, of which each filter takes as many in turn."""
+        [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
         self.filters.copy_(filters.flatten(0, 1))

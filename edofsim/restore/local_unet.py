@@ -12,8 +12,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from .restorer import Restorer
 
-class LocalUNet(nn.Module):
+
+class LocalUNet(Restorer):
     """U-Net on 2x2-unshuffled pixels; adds its output to the photo. 446,000 weights by default.
 
     width: channels of the first level; each further level has twice as many at half the resolution.
@@ -28,9 +30,8 @@ class LocalUNet(nn.Module):
         self.trunk = Trunk(3, 3, width, blocks, kernel)
         self.radius, self.multiple = self.trunk.radius, self.trunk.multiple
 
-    def settings(self) -> dict[str, int | list[int]]:
-        """What rebuilds this network."""
-        return self.trunk.settings()
+    def settings(self) -> dict[str, object]:
+        return {**self.trunk.settings()}
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,

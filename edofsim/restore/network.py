@@ -9,25 +9,23 @@ import torch
 from torch import Tensor, nn
 
 from ..errors import InputError
-from .dcnn import DCnn
-from .filter_bank import FilterBank
-from .local_unet import LocalUNet
-from .wiener_network import WienerNetwork
-
-NETWORKS: dict[str, type[nn.Module]] = {
-    DCnn.kind: DCnn,
-    LocalUNet.kind: LocalUNet,
-    FilterBank.kind: FilterBank,
-    WienerNetwork.kind: WienerNetwork,
-}
+from ..recipe.kinds import NETWORKS
+from .restorer import Restorer
 
 
-def build_network(kind: str, settings: Mapping[str, Any] | None = None) -> nn.Module:
+def network_class(kind: str) -> type[Restorer]:
+    """The class of a kind of network. Raises InputError for an unknown kind."""
+    found = NETWORKS[kind]
+    if not (isinstance(found, type) and issubclass(found, Restorer)):
+        raise InputError(f"the network {kind!r} of another package is no Restorer: {found}")
+    return found
+
+
+def build_network(kind: str, settings: Mapping[str, Any] | None = None) -> Restorer:
     """An untrained network. Raises InputError for an unknown kind or settings that it does not take."""
-    if kind not in NETWORKS:
-        raise InputError(f"unknown network {kind!r}; known: {', '.join(NETWORKS)}")
+    found = network_class(kind)
     try:
-        return NETWORKS[kind](**dict(settings or {}))
+        return found(**dict(settings or {}))
     except (TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"network {kind!r} cannot be built from {dict(settings or {})}: {error}") from None
 
@@ -37,7 +35,7 @@ def weights_of(network: nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
 
 
-def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tensor:
+def apply_network(network: Restorer, image: Tensor, *, tile: int = 512) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
@@ -50,7 +48,8 @@ def apply_network(network: nn.Module, image: Tensor, *, tile: int = 512) -> Tens
     if not torch.isfinite(image).all():
         raise InputError("the photo holds values that are not finite; nothing can be restored from it")
     network = network.eval().to(image.device)
-    photo = image.to(next(network.parameters()).dtype)[None].contiguous(memory_format=torch.channels_last)
+    precision = next((weights.dtype for weights in network.parameters()), image.dtype)
+    photo = image.to(precision)[None].contiguous(memory_format=torch.channels_last)
     rows, columns = image.shape[-2:]
     if network.radius is None:
         with torch.inference_mode():

@@ -13,13 +13,7 @@ from .borders import continued
 from .checkpoint import Checkpoint
 from .network import apply_network
 from .telling import told_network
-from .wiener import wiener
-from .wiener_network import WienerNetwork
-
-BEYOND_PX = 4
-"""A Wiener filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
-Those alone leave lines on borders that bright things lie beyond. Farther out the slope foretells little, and
-the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
+from .wiener import BEYOND_PX, wiener
 
 
 def restore(
@@ -40,16 +34,17 @@ def restore(
         network = told_network(checkpoint, camera, wavelengths)
         apply = partial(apply_network, network)
         with torch.inference_mode():
-            sharp = _continued(apply, image) if isinstance(network, WienerNetwork) else apply(image)
+            sharp = _continued(apply, image, network.continued_px)
         return sharp, checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-    return _continued(partial(wiener, psf=psf, noise=camera.read_noise), image), "Wiener"
+    return _continued(partial(wiener, psf=psf, noise=camera.read_noise), image, BEYOND_PX), "Wiener"
 
 
-def _continued(filtered: Callable[[Tensor], Tensor], image: Tensor) -> Tensor:
-    """What a Wiener filter makes of a photo that goes on a little with its slope."""
-    sharp = filtered(continued(image, BEYOND_PX, turned=True))
-    return sharp[..., BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX]
+def _continued(restored: Callable[[Tensor], Tensor], image: Tensor, reach: int) -> Tensor:
+    """What a filter makes of a photo that goes on with its slope for `reach` pixels."""
+    if reach == 0:
+        return restored(image)
+    return restored(continued(image, reach, turned=True))[..., reach:-reach, reach:-reach]
 
 
 def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:

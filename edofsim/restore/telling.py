@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import torch
 from pydantic import ValidationError
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
@@ -21,33 +21,33 @@ from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
 from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
-from .filter_bank import FilterBank
-from .linear import local_filters
+from .restorer import Restorer
 
 # by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
-_TOLD: WeakKeyDictionary[nn.Module, dict[tuple[object, ...], FilterBank]] = WeakKeyDictionary()
+_TOLD: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
 
 
-def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> nn.Module:
+def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> Restorer:
     """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
 
-    A filter bank is told the response; other networks, and a sensor whose colours are a wavelength each, come
-    back as they are. The mask is the checkpoint's as designed, with the mean error of its training, whatever
-    the camera's own fabrication. Raises InputError where PSFs or response cannot be computed.
+    A network that is told mean PSFs is told those of the response; other networks, and a sensor whose colours
+    are a wavelength each, come back as they are. The mask is the checkpoint's as designed, with the mean
+    error of its training, whatever the camera's own fabrication. Raises InputError where PSFs or response
+    cannot be computed.
     """
     network = checkpoint.network
-    if not isinstance(network, FilterBank) or response_curves(camera) is None:
+    if network.psfs != "mean" or response_curves(camera) is None:
         return network
     weights = response(camera, wavelengths)
     known = _TOLD.setdefault(network, {})
     recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
     key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
     if key not in known:
-        depths = network.middles(_training(checkpoint).capture.inverse_depth_per_m)
+        depths = network.psf_depths(_training(checkpoint).capture.inverse_depth_per_m)
         psf = _channel_psfs(checkpoint, camera, wavelengths, weights, depths)
-        bank = copy.deepcopy(network).cpu()
-        bank.teach(local_filters(psf, bank.support, bank.groups), psf)
-        known[key] = bank
+        told = copy.deepcopy(network).cpu()
+        told.set_psfs(psf)
+        known[key] = told
     return known[key]
 
 
@@ -82,6 +82,6 @@ def _training(checkpoint: Checkpoint) -> TrainRecipe:
         return TrainRecipe.model_validate(checkpoint.card["recipe"])
     except (KeyError, ValidationError):
         raise InputError(
-            f"{checkpoint.path}: its card names no recipe of a training, which a bank of filters needs for "
+            f"{checkpoint.path}: its card names no recipe of a training, which its network needs for "
             "another response than it was trained with; train the checkpoint again"
         ) from None

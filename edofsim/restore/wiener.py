@@ -8,6 +8,11 @@ from torch import Tensor
 from ..core.images import mirrored
 from ..errors import InputError
 
+BEYOND_PX = 4
+"""A Wiener filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
+Those alone leave lines on borders that bright things lie beyond. Farther out the slope foretells little, and
+the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
+
 
 def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.

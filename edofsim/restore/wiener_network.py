@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
 
-from .wiener import wiener
+from .linear import wiener_error
+from .restorer import Restorer
+from .wiener import BEYOND_PX, wiener
 
 
-class WienerNetwork(nn.Module):
+class WienerNetwork(Restorer):
     """The filter of `wiener.wiener` for the PSFs of a mask, with a noise level that learns.
 
     The masks of Cubic (Dowski and Cathey, 1995) and of Sitzmann et al. (2018) are restored so. window: width
@@ -18,8 +21,8 @@ class WienerNetwork(nn.Module):
     """
 
     kind = "wiener"
-    radius: int | None = None  # every output pixel sees the whole photo
-    multiple = 1
+    psfs = "designed"
+    continued_px = BEYOND_PX
 
     def __init__(self, window: int = 128, depths: int = 9) -> None:
         super().__init__()
@@ -30,8 +33,11 @@ class WienerNetwork(nn.Module):
         self.psf: Tensor
         self.register_buffer("psf", psf)
 
-    def settings(self) -> dict[str, int]:
-        """What rebuilds this restorer."""
+    @classmethod
+    def settings_for(cls, settings: Mapping[str, object], window_px: int) -> dict[str, object]:
+        return {"window": window_px, **settings}
+
+    def settings(self) -> dict[str, object]:
         return {"window": self.window, "depths": self.depths}
 
     def forward(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
@@ -42,3 +48,15 @@ class WienerNetwork(nn.Module):
             images = [wiener(image.float(), psf, self.log_noise.exp()) for image in photo]
         sharp = torch.stack(images)
         return sharp if self.training else sharp.clamp(0, 1)
+
+    def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
+        return self(photo, psf)
+
+    def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
+        return torch.linspace(*depth_range, self.depths, dtype=torch.float64)
+
+    def set_psfs(self, psf: Tensor) -> None:
+        self.psf.copy_(psf)
+
+    def linear_error(self, psf: Tensor, filters: int) -> Tensor:
+        return wiener_error(psf)

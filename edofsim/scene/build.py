@@ -10,17 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..recipe.objects import AnyObject
-from ..recipe.placed import Placed
-from ..recipe.places import Hallway, Table, Wall
+from ..recipe.placed import Placed, Thing
 from ..recipe.scene import SceneRecipe
-from ..recipe.sources import MitsubaSource
 from . import solids
-from .builders import BUILDERS, Context, Part
-from .foreign import read_scene
+from .builders import Builder, Context, Part
 from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
+from .reader import SceneReader
 
 Progress = Callable[[float, str], None]
 
@@ -40,10 +37,9 @@ def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = Non
     names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
-    if isinstance(recipe.source, MitsubaSource):
-        return _with_lights(
-            read_scene(recipe.source, Path(base), wavelengths, recipe.name), recipe, Path(base)
-        )
+    if isinstance(recipe.source, SceneReader):
+        model = recipe.source.scene(Path(base), wavelengths, recipe.name)
+        return _with_lights(model, recipe, Path(base))
     if recipe.source is not None:
         raise InputError(f"{recipe.name} is a picture with depths: it is read, there is nothing to build")
     problems: list[str] = []
@@ -54,7 +50,8 @@ def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = Non
         if progress is not None and number % TELL_EVERY == 0:
             progress(number / len(names), f"building the scene, object {number + 1} of {len(names)}")
         try:
-            parts = BUILDERS[item.kind](item, Context(wavelengths, Path(base), recipe.seed, name))
+            assert isinstance(item, Builder)  # what the registry holds
+            parts = item.build(Context(wavelengths, Path(base), recipe.seed, name))
             built = _placed(item, name, parts, recipe, tops)
         except InputError as error:
             problems += [p if p.startswith(name) else f"{name}: {p}" for p in error.problems]
@@ -104,7 +101,7 @@ def _checked(model: SceneModel) -> SceneModel:
     return model
 
 
-def _names(objects: Sequence[AnyObject], problems: list[str]) -> list[str]:
+def _names(objects: Sequence[Thing], problems: list[str]) -> list[str]:
     """Every object's name: its own, or its kind with a number."""
     given = [o.name for o in objects if o.name is not None]
     problems += _repeated(given)
@@ -126,16 +123,10 @@ def _repeated(names: Sequence[str]) -> list[str]:
 
 
 def _placed(
-    item: AnyObject, name: str, parts: list[Part], recipe: SceneRecipe, tops: dict[str, float]
+    item: Builder, name: str, parts: list[Part], recipe: SceneRecipe, tops: dict[str, float]
 ) -> list[SceneObject]:
-    matrix, shift = np.eye(3), np.zeros(3)
-    if isinstance(item, Table):
-        shift = np.array([0.0, item.y_mm * 1e-3, 0.0])
-    elif isinstance(item, Wall):
-        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, item.depth_m])
-    elif isinstance(item, Hallway):
-        shift = np.array([item.x_mm * 1e-3, item.y_mm * 1e-3, 0.0])
-    elif isinstance(item, Placed):
+    matrix, shift = np.eye(3), np.array(item.origin())
+    if isinstance(item, Placed):
         if item.on is not None and item.on not in tops:
             raise InputError(
                 f"{name} stands on {item.on!r}, which is no object given before it; known: "

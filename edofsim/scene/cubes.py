@@ -9,14 +9,14 @@ import numpy as np
 
 from ..core.images import check_numbers, read_exr, read_picture
 from ..errors import InputError
-from ..recipe.sources import CubeSource
+from ..recipe.sources import CubeFile
 from . import spectra
 from .depth_maps import load_mat, mat_value
 
 _CHANNEL = re.compile(r"^S0\.(\d+[,.]?\d*)nm$")
 
 
-def read_cube(source: CubeSource, base: Path, wavelengths: np.ndarray) -> np.ndarray:
+def read_cube(source: CubeFile, base: Path, wavelengths: np.ndarray) -> np.ndarray:
     """Radiance (or reflectance under the recipe's illuminant) at `wavelengths`, float32 [band, y, x].
 
     wavelengths: [band] m. Bands between those of the file are interpolated linearly. Raises InputError for
@@ -35,7 +35,7 @@ def read_cube(source: CubeSource, base: Path, wavelengths: np.ndarray) -> np.nda
     return (cube / bright).astype(np.float32)
 
 
-def stored_cube(source: CubeSource, base: Path) -> tuple[np.ndarray, np.ndarray]:
+def stored_cube(source: CubeFile, base: Path) -> tuple[np.ndarray, np.ndarray]:
     """The numbers of a cube's file, cropped, [band, y, x], and the wavelengths of its bands in nm, ascending.
 
     Raises InputError for files that cannot be read and for values that are not finite.
@@ -61,7 +61,7 @@ def stored_cube(source: CubeSource, base: Path) -> tuple[np.ndarray, np.ndarray]
     return cube[order], nm[order]
 
 
-def _wavelengths_nm(source: CubeSource, found: np.ndarray | None, count: int, what: str) -> np.ndarray:
+def _wavelengths_nm(source: CubeFile, found: np.ndarray | None, count: int, what: str) -> np.ndarray:
     if source.start_nm is not None and source.step_nm is not None:
         return source.start_nm + source.step_nm * np.arange(count)
     if found is not None and len(found) == count:

@@ -15,12 +15,13 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, PsfBank, defocus, material, psf_bank
+from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks import Mask, catalogue
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.coded import CodedMask
 from ..optics.masks.cubic import CubicMask
 from ..optics.masks.height_map import HeightMapMask
-from ..recipe.camera import CameraRecipe, Lens, PsfSettings
+from ..recipe.camera import CameraRecipe, PsfSettings
 from .case import Case, Finding, timed
 from .photos import distance
 from .views import MASKS, camera_with, free_height, uniform, with_free_height
@@ -63,7 +64,7 @@ def camera_of(
 
     oversampling: 1 is right for blurs much wider than a pixel."""
     psf = PsfSettings(window_px=SIDE, oversampling=oversampling, pupil_sampling_um=pupil_um or "auto")
-    lens = Lens(aperture_radius_mm=aperture_mm, **glass)
+    lens = PlanoConvexLens(aperture_radius_mm=aperture_mm, **glass)
     return Camera.from_recipe(CameraRecipe(name="hard", lens=lens, mask=mask or ClearMask(), psf=psf))
 
 
@@ -105,7 +106,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
 def _off_geometry(psi: float) -> float:
     """Light in a window within the blur against that of an even disc, whose radius is r z_i times the defocus
     in dioptres, psi lambda / (pi r^2)."""
-    camera = camera_of(2.5, thickness="parabolic")
+    camera = camera_of(2.5, surface_profile="parabolic")
     dioptres = psi * float(GREEN) / (math.pi * camera.aperture_radius**2)
     radius = camera.aperture_radius * camera.sensor_distance * dioptres
     share = (SIDE * camera.pixel) ** 2 / (math.pi * radius**2)
@@ -214,7 +215,7 @@ def _mirrored() -> Iterator[Finding]:
 def _both_sides_of_focus() -> Iterator[Finding]:
     """A clear aperture with a parabolic lens cannot tell near from far."""
     recipe = camera_with(ClearMask()).recipe
-    lens = recipe.lens.model_copy(update={"thickness": "parabolic"})
+    lens = recipe.lens.model_copy(update={"surface_profile": "parabolic"})
     camera = Camera.from_recipe(recipe.model_copy(update={"lens": lens}))
     for psi in (0.5, 1.2):
         yield timed(

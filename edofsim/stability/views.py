@@ -10,12 +10,13 @@ import torch
 from torch import Tensor
 
 from ..optics import Camera
+from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks import Mask
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.coded import CodedMask
 from ..optics.masks.cubic import CubicMask
 from ..optics.masks.height_map import HeightMapMask
-from ..recipe.camera import CameraRecipe, Lens, PsfSettings
+from ..recipe.camera import CameraRecipe, PsfSettings
 from ..render.view import View
 
 WINDOW, ROWS, COLUMNS = 17, 14, 19
@@ -36,7 +37,7 @@ def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
     """A camera with so small a pupil that its blur stays within small frames."""
     recipe = CameraRecipe(
         name="hard",
-        lens=Lens(aperture_radius_mm=aperture_mm),
+        lens=PlanoConvexLens(aperture_radius_mm=aperture_mm),
         mask=mask,
         psf=PsfSettings(window_px=WINDOW, oversampling=1),
     )

@@ -24,8 +24,9 @@ from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
 from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
 from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.recipe import CameraRecipe
-from edofsim.recipe.camera import Lens, PsfSettings
+from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
 
 BANDS, MARGIN, REACH = 2, 12, 4
@@ -179,7 +180,8 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
 @pytest.mark.parametrize("across", [1, 3])
 def test_parts_by_low_rank_are_as_near_as_the_whole(across):
     """What sub-apertures change is never factored: shares of the light would err far beyond the whole."""
-    recipe = CameraRecipe(name="parts", lens=Lens(aperture_radius_mm=1.5), psf=PsfSettings(window_px=48))
+    lens = PlanoConvexLens(aperture_radius_mm=1.5)
+    recipe = CameraRecipe(name="parts", lens=lens, psf=PsfSettings(window_px=48))
     camera = Camera.from_recipe(recipe)
     draw = torch.Generator().manual_seed(4)
     side = 48 + 2 * 24

@@ -13,13 +13,14 @@ from edofsim.capture import capture
 from edofsim.experiments import cost, predictions
 from edofsim.experiments.cost_page import cost_plot
 from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.plan import Fidelity, planner_of, rates, remember
 from edofsim.recipe import CameraRecipe
-from edofsim.recipe.camera import Lens, PsfSettings
+from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
 
 CAMERA = Camera.from_recipe(
-    CameraRecipe(name="test", lens=Lens(aperture_radius_mm=1.0), psf=PsfSettings(window_px=32))
+    CameraRecipe(name="test", lens=PlanoConvexLens(aperture_radius_mm=1.0), psf=PsfSettings(window_px=32))
 )
 SIDE, MARGIN = 40, 16
 RATES = {

@@ -9,10 +9,9 @@ import torch
 
 from edofsim.errors import InputError
 from edofsim.learn.system import Optics, Planes
-from edofsim.learn.views import ViewParts, ViewSource, in_colours, open_views, scenes_of, training_rows
+from edofsim.learn.views import ViewParts, Views, ViewSource, in_colours, open_views, scenes_of, training_rows
 from edofsim.optics import PAPER_COLOURS, Camera
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.recipe.train import Views
 from edofsim.render.view import View
 
 WINDOW = 16

@@ -31,7 +31,7 @@ def test_the_same_request_is_computed_once():
     assert psf_bank(camera(), [544e-9], [0.5]) is not first
     assert psf_bank(camera(), [GREEN], [0.5], dtype=torch.float64) is not first
     assert psf_bank(camera(mask={"kind": "cubic"}), [GREEN], [0.5]) is not first
-    assert psf_bank(camera(lens={"thickness": "parabolic"}), [GREEN], [0.5]) is not first
+    assert psf_bank(camera(lens={"surface_profile": "parabolic"}), [GREEN], [0.5]) is not first
     assert psf_bank(camera(sensor={"pixel_um": 5.0}), [GREEN], [0.5]) is not first
 
 

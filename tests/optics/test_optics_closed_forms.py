@@ -21,7 +21,7 @@ def ideal(mask: dict | None = None, **psf) -> Camera:
     """The paper's lens as a parabola: without spherical aberration, closed forms hold."""
     recipe = CameraRecipe(
         name="ideal",
-        lens={"thickness": "parabolic"},
+        lens={"surface_profile": "parabolic"},
         mask=mask or {"kind": "clear"},
         sensor={"pixel_um": psf.pop("pixel_um", 6.0)},
         psf=psf,

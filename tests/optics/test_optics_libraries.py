@@ -39,7 +39,7 @@ def case(name: str, wavelength: float) -> tuple[Camera, float, np.ndarray]:
     s = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * grid.pitch
     right, up = s[None, :], -s[:, None]
     square = right**2 + up**2
-    n = float(camera.glass.index(wavelength))
+    n = float(camera.lens.glasses()[0].index(wavelength))
     k = 2 * math.pi / wavelength
     # the exact lens against its parabola, by plain subtraction in double precision
     lens = -k * (n - 1) * (curvature - np.sqrt(curvature**2 - square) - square / (2 * curvature))

@@ -133,7 +133,7 @@ def test_exact_and_parabolic_lens_differ_as_much_as_the_paper_lens_does():
     # 57 % to 113 % in L2 for the paper's camera (checked by hand): never negligible
     for depth in (0.0, 1.0, 2.0):
         exact = psf_bank(camera(), [GREEN], [depth]).values
-        parabola = psf_bank(camera(lens={"thickness": "parabolic"}), [GREEN], [depth]).values
+        parabola = psf_bank(camera(lens={"surface_profile": "parabolic"}), [GREEN], [depth]).values
         difference = float((exact - parabola).norm() / exact.norm())
         assert 0.5 < difference < 1.2
 

@@ -4,22 +4,31 @@ adds one of each kind."""
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from edofsim.capture import capture
+from edofsim.capture import Fidelity, capture
+from edofsim.capture.fidelity import simpler_camera
 from edofsim.errors import InputError
+from edofsim.learn.trainer import train
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.recipe.kinds import MASKS
-from edofsim.recipe.load import load_camera
+from edofsim.recipe.kinds import MASKS, OBJECTS
+from edofsim.recipe.load import load_camera, load_scene, load_train
+from edofsim.render import render
+from edofsim.render.keys import view_key
 from edofsim.render.view import View
+from edofsim.restore.checkpoint import load_checkpoint
+from edofsim.restore.network import apply_network
+from edofsim.scene import build_scene, solids
 
 GREEN = 543e-9
 
@@ -60,6 +69,110 @@ def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Pa
     assert row.error == pytest.approx((0.02,) * 3) and row.called_for
 
 
+def test_a_lens(installed: Path, tmp_path: Path):
+    """A tenth of a wave of rho^4, whose variance over the pupil is 4/45 of its square, takes
+    1 - exp(-(2 pi)^2 variance) of the light at the middle of a PSF (Marechal), and all of it comes back when
+    a photo is simulated without spherical aberration."""
+    text = "[lens]\nkind = \"seidel\"\nfocal_length_mm = 20\nf_number = 8\nwavelength_nm = 543\nwaves = {}\n"
+    sensor = "[sensor]\npixel_um = 0.5\n"
+    plain, bent = (camera_of(tmp_path, text.format(waves) + sensor) for waves in (0.0, 0.1))
+    simpler = simpler_camera(bent, Fidelity(spherical_aberration=False))
+    peaks = [float(psf_bank(each, [GREEN], [1 / 1.5]).values.max()) for each in (plain, bent, simpler)]
+    assert peaks[1] / peaks[0] == pytest.approx(math.exp(-((2 * math.pi * 0.1) ** 2) * 4 / 45), abs=2e-3)
+    assert peaks[2] == pytest.approx(peaks[0], rel=1e-5)
+
+
+SCENE = """\
+name = "example"
+lights = [{ kind = "environment" }]
+
+[[objects]]
+kind = "pyramid"
+width_mm = 30
+height_mm = 60
+depth_m = 0.8
+"""
+
+
+def test_a_builder(installed: Path, tmp_path: Path):
+    """A pyramid holds a third of its base times its height; its code is part of the key of its view."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    loaded = load_scene(path)
+    (pyramid,) = build_scene(loaded.recipe, loaded.base).objects
+    assert solids.signed_volume(pyramid.mesh) == pytest.approx(0.03**2 * 0.06 / 3, rel=1e-5)
+    assert pyramid.mesh.vertices[:, 2].mean() == pytest.approx(0.8)
+    key = view_key(loaded.recipe, loaded.base)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(OBJECTS), "code_of", lambda self, name: "other code")
+        assert view_key(loaded.recipe, loaded.base) != key
+
+
+def test_a_reader_of_scenes(installed: Path, tmp_path: Path):
+    """A light field of a plane whose texture moves by 3 pixels from camera to camera: the plane's depth is
+    the baseline over 3 pixels' tangent."""
+    texture = np.random.default_rng(0).random((20, 40))
+    pictures = np.stack([np.roll(texture, -3 * k, 1) for k in (-1, 0, 1)])
+    np.savez(tmp_path / "field.npz", pictures=pictures, baseline_mm=2.0)
+    (tmp_path / "scene.toml").write_text(
+        """\
+        name = "example"
+        frame = { width_px = 16, height_px = 12, margin_px = 2, pixel_angle_mrad = 0.5 }
+        bands = { count = 3 }
+        source = { kind = "light-field", path = "field.npz" }
+        """
+    )
+    loaded = load_scene(tmp_path / "scene.toml")
+    view = render(loaded.recipe, loaded.base, cache=tmp_path / "cache")
+    assert 1 / view.mean_inverse_depth().mean() == pytest.approx(2e-3 / (3 * 0.5e-3))
+    np.testing.assert_allclose(view.all_in_focus()[1, 2:-2, 2:-2], texture[4:16, 12:28], rtol=1e-6)
+    with pytest.raises(InputError, match="light field 'none.npz'"):
+        gone = loaded.recipe.source.model_copy(update={"path": "none.npz"})
+        render(loaded.recipe.model_copy(update={"source": gone}), loaded.base)
+
+
+TRAINING = """\
+name = "example"
+camera = "paper-clear"
+
+[network]
+kind = "unsharp-mask"
+settings = { width = 7 }
+
+[psf]
+window_px = 32
+
+[data]
+patch_px = 32
+validation_patches = 2
+sources = [{ kind = "noise" }]
+
+[optimiser]
+steps = 2
+batch = 2
+learning_rate = 0.01
+"""
+
+
+def test_a_network_and_a_reader_of_training_data(installed: Path, tmp_path: Path):
+    """Two steps of Adam move its one weight by the learning rate each at most; it was told a PSF before them,
+    and its checkpoint restores a photo, in tiles as whole."""
+    path = tmp_path / "train.toml"
+    path.write_text(TRAINING)
+    trained = train(load_train(path), tmp_path / "out")
+    network = load_checkpoint(trained.checkpoint).network
+    assert load_checkpoint(trained.checkpoint).card["data"]["sources"] == [{"kind": "noise"}]
+    moved = float(network.strength.detach()) - 0.5
+    assert network.kind == "unsharp-mask" and 0 < abs(moved) <= 0.021
+    assert torch.allclose(network.psf.sum((-1, -2)), torch.ones(3, 1)) and network.psf.shape[-1] == 7
+    photo = torch.rand(3, 40, 50, generator=torch.Generator().manual_seed(1))
+    whole, tiles = (apply_network(network, photo, tile=tile) for tile in (512, 16))
+    assert torch.allclose(whole, tiles, atol=1e-6)
+    path.write_text(TRAINING.replace("unsharp-mask", "unsharp-musk"))
+    with pytest.raises(InputError, match="line 5.*'unsharp-musk'; did you mean 'unsharp-mask'"):
+        load_train(path)
+
+
 def test_its_mistakes_are_told_like_ours(installed: Path, tmp_path: Path):
     with pytest.raises(InputError) as refused:
         camera_of(tmp_path, '[mask]\nkind = "quartic"\nalfa_rad = 8.0')
@@ -98,7 +211,7 @@ def test_an_unknown_kind_is_told_the_nearest_and_all(installed: Path, tmp_path: 
 def test_ours_keep_their_names_and_others_are_told_apart_by_their_code(installed: Path):
     assert MASKS["cubic"].__module__ == "edofsim.optics.masks.cubic" and MASKS.code_of("cubic") == ""
     assert len(MASKS.code_of("quartic")) == 64
-    with pytest.raises(InputError, match="no mask 'quartik'; did you mean 'quartic'"):
+    with pytest.raises(InputError, match="unknown mask 'quartik'; did you mean 'quartic'"):
         MASKS["quartik"]
 
 

@@ -13,6 +13,7 @@ from edofsim.capture import Fidelity, capture
 from edofsim.capture.fidelity import describe
 from edofsim.errors import InputError
 from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.plan import (
     EFFECTS,
     Effect,
@@ -28,13 +29,14 @@ from edofsim.plan import (
 )
 from edofsim.plan.sample import Sample
 from edofsim.recipe import CameraRecipe, load_scene
-from edofsim.recipe.camera import Lens, PsfSettings, Sensor
+from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render.view import View
 from edofsim.report.effects_page import effects_page
 
 PSF = PsfSettings(window_px=32)
+LENS = PlanoConvexLens(aperture_radius_mm=1.0)
 CAMERA = Camera.from_recipe(
-    CameraRecipe(name="test", lens=Lens(aperture_radius_mm=1.0), psf=PSF, sensor=Sensor(read_noise=0.005))
+    CameraRecipe(name="test", lens=LENS, psf=PSF, sensor=Sensor(read_noise=0.005))
 )
 BANDS = torch.linspace(420e-9, 720e-9, 7, dtype=torch.float64)
 

@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.recipe import CameraRecipe
-from edofsim.recipe.camera import Focus, Lens, PsfSettings, Sensor
+from edofsim.recipe.camera import Focus, PsfSettings, Sensor
 from edofsim.render.view import View
 from edofsim.scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
 
@@ -27,7 +28,7 @@ class Screens:
         """A camera of one wavelength with a parabolic lens that sharp at focus_m; `angle`: of its pixels."""
         recipe = CameraRecipe(
             name="reference",
-            lens=Lens(aperture_radius_mm=radius_mm, thickness="parabolic"),
+            lens=PlanoConvexLens(aperture_radius_mm=radius_mm, surface_profile="parabolic"),
             focus=Focus(distance_m=focus_m, wavelength_nm=BAND * 1e9),
             psf=PsfSettings(window_px=window, oversampling=oversampling),
         )

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from edofsim.recipe.kinds import OBJECTS
 from edofsim.recipe.scene import SceneRecipe
 from edofsim.scene import build_scene, solids
-from edofsim.scene.builders import BUILDERS
 
 AT = {"depth_m": 1.0}
 EXAMPLES = {
@@ -56,7 +56,7 @@ def build(kind: str, folder: Path, **more):
 
 
 def test_there_is_an_example_of_each():
-    assert set(EXAMPLES) == set(BUILDERS)
+    assert set(EXAMPLES) == set(OBJECTS)
 
 
 @pytest.mark.parametrize("kind", EXAMPLES)

@@ -11,9 +11,8 @@ from skimage.io import imsave
 
 from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.recipe.sources import MitsubaSource
 from edofsim.scene import build_scene
-from edofsim.scene.foreign import NotCarried, read_scene
+from edofsim.scene.foreign import MitsubaSource, NotCarried, read_scene
 from edofsim.scene.foreign.nodes import look_at
 from edofsim.scene.model import TriangleMesh
 

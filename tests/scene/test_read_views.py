@@ -14,7 +14,7 @@ from skimage.io import imsave
 from edofsim.errors import InputError
 from edofsim.recipe import load_scene
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.rgbd import picture_view
+from edofsim.render.readers.pictures import picture_view
 from edofsim.scene.spectra import illuminant
 
 FRAME = {"width_px": 6, "height_px": 4, "margin_px": 2}

@@ -196,8 +196,7 @@ def mesh(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], obj
 
 def foreign(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     """A Mitsuba scene; what it cannot carry is told in one message too."""
-    from edofsim.recipe.sources import MitsubaSource
-    from edofsim.scene.foreign import NotCarried, read_scene
+    from edofsim.scene.foreign import MitsubaSource, NotCarried, read_scene
 
     scene = b"""<scene version="3.0.0">
     <default name="grey" value="0.25"/>

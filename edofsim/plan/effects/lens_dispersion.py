@@ -7,6 +7,8 @@ from ..facts import Facts
 
 
 def absent(facts: Facts) -> str:
+    if not facts.camera.lens.disperses:
+        return "the lens refracts all wavelengths alike"
     return "the view holds one band" if facts.view.bands == 1 else ""
 
 
@@ -17,9 +19,7 @@ def levels(facts: Facts) -> list[Level]:
 
 def why(facts: Facts) -> str:
     first, last = (float(w) for w in facts.view.wavelengths[[0, -1]])
-    power = [
-        (float(facts.camera.glass.index(w)) - 1) / facts.camera.radius_of_curvature for w in (first, last)
-    ]
+    power = [1 / float(facts.camera.lens.focal_length(w)) for w in (first, last)]
     return f"the lens's power changes by {power[0] - power[1]:.2f} dioptres from {facts.nm()}"
 
 

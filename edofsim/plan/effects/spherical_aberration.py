@@ -1,32 +1,22 @@
-"""Exact lens: the sphere departs from its parabola, which is spherical aberration."""
+"""Spherical aberration: what a lens adds to the parabola that defocus is counted from."""
 
 from __future__ import annotations
-
-import math
 
 from ..effect import Effect, Level
 from ..facts import Facts
 
 
 def absent(facts: Facts) -> str:
-    return "" if facts.camera.recipe.lens.thickness == "exact" else "the recipe asks for a parabolic lens"
+    return "" if facts.camera.lens.aberrates else "the lens has none"
 
 
 def levels(facts: Facts) -> list[Level]:
-    return [Level("parabola", {"spherical_aberration": False}), Level("exact sag", {})]
-
-
-def waves(facts: Facts) -> float:
-    """Waves by which the sphere departs from its parabola at the rim."""
-    camera = facts.camera
-    r, radius = camera.aperture_radius, camera.radius_of_curvature
-    beyond = radius - math.sqrt(radius**2 - r**2) - r**2 / (2 * radius)
-    wavelength = float(facts.view.wavelengths.double().mean())
-    return (float(camera.glass.index(wavelength)) - 1) * beyond / wavelength
+    return [Level("parabola", {"spherical_aberration": False}), Level("the lens's own", {})]
 
 
 def why(facts: Facts) -> str:
-    return f"the sphere departs from its parabola by {waves(facts):.2g} waves at the rim of the aperture"
+    waves = facts.camera.lens.waves_at_most(float(facts.view.wavelengths.double().mean()))
+    return f"the wave of the lens departs from a parabola's by {waves:.2g} waves within the aperture"
 
 
 EFFECT = Effect(

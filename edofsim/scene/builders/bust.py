@@ -7,41 +7,57 @@ Lengths are in units of the head's height, y up, the face towards -z; the figure
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated, Literal
 
-from ...recipe.things import Bust
+import numpy as np
+from pydantic import Field
+
+from ...recipe.base import Positive
+from ...recipe.placed import Placed
+from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
-from .context import Context, Part
+from .context import Builder, Context, Part
 
 _LOW, _HIGH = np.array([-1.15, 0.0, -0.75]), np.array([1.15, 2.45, 0.75])
 
 
-def bust(recipe: Bust, context: Context) -> list[Part]:
-    """The figure about the middle of its height, smooth-shaded, its face to the camera."""
-    from skimage.measure import marching_cubes
+class Bust(Builder, Placed):
+    """A head and shoulders on a round plinth, different for every seed."""
 
-    step = (_HIGH[1] - _LOW[1]) / recipe.detail
-    axes = [np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)]
-    grid = np.meshgrid(*axes, indexing="ij")
-    distance = _figure(*grid, context.rng("face"))
-    # kept off the grid points, where marching cubes would make triangles without an area
-    distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
-    spacing = (step, step, step)
-    vertices, faces, normals, _ = marching_cubes(
-        distance.astype(np.float32), 0.0, spacing=spacing, gradient_direction="ascent"
-    )
-    vertices = vertices + [axis[0] for axis in axes]
-    height = np.ptp(vertices[:, 1])
-    scale = recipe.height_mm * 1e-3 / height
-    vertices = (vertices - [0, vertices[:, 1].min() + height / 2, 0]) * scale
-    around = np.arctan2(vertices[:, 0], -vertices[:, 2]) / (2 * np.pi) + 0.5
-    uv = np.stack([around, vertices[:, 1] / (height * scale) + 0.5], axis=1)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.where(length > 0, normals / np.maximum(length, 1e-12), [0, 1, 0])
-    shape = solids.mesh(vertices, faces, uv, normals)
-    if solids.signed_volume(shape) < 0:
-        shape = solids.mesh(vertices, faces[:, ::-1], uv, normals)
-    return [Part("", shape, context.surface(recipe.surface))]
+    kind: Literal["bust"]
+    height_mm: Positive = 300.0
+    detail: Annotated[int, Field(ge=24, le=256)] = 96
+    """grid points across the height of the implicit surface"""
+    surface: AnySurface = MattSurface(kind="matt", reflectance=0.75)
+
+    def build(self, context: Context) -> list[Part]:
+        """The figure about the middle of its height, smooth-shaded, its face to the camera."""
+        from skimage.measure import marching_cubes
+
+        step = (_HIGH[1] - _LOW[1]) / self.detail
+        axes = [
+            np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)
+        ]
+        grid = np.meshgrid(*axes, indexing="ij")
+        distance = _figure(*grid, context.rng("face"))
+        # kept off the grid points, where marching cubes would make triangles without an area
+        distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
+        spacing = (step, step, step)
+        vertices, faces, normals, _ = marching_cubes(
+            distance.astype(np.float32), 0.0, spacing=spacing, gradient_direction="ascent"
+        )
+        vertices = vertices + [axis[0] for axis in axes]
+        height = np.ptp(vertices[:, 1])
+        scale = self.height_mm * 1e-3 / height
+        vertices = (vertices - [0, vertices[:, 1].min() + height / 2, 0]) * scale
+        around = np.arctan2(vertices[:, 0], -vertices[:, 2]) / (2 * np.pi) + 0.5
+        uv = np.stack([around, vertices[:, 1] / (height * scale) + 0.5], axis=1)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(length > 0, normals / np.maximum(length, 1e-12), [0, 1, 0])
+        shape = solids.mesh(vertices, faces, uv, normals)
+        if solids.signed_volume(shape) < 0:
+            shape = solids.mesh(vertices, faces[:, ::-1], uv, normals)
+        return [Part("", shape, context.surface(self.surface))]
 
 
 def _ellipsoid(x, y, z, centre, radii):

@@ -1,4 +1,4 @@
-"""What every object builder is given, and what it gives back."""
+"""What every builder of an object is asked for, what it is given, and what it gives back."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...recipe.placed import Thing
 from ...recipe.surfaces import AnySurface
 from ..model import Surface, TriangleMesh
 from ..surfaces import build_surface
@@ -41,3 +42,16 @@ class Context:
     def surface(self, recipe: AnySurface, purpose: str = "surface") -> Surface:
         """The recipe's surface at the view's wavelengths."""
         return build_surface(recipe, self.wavelengths, self.base, self.rng(purpose), self.what)
+
+
+class Builder(Thing):
+    """An object's table, and how it is built. One that is also `Placed` says where its local origin is by
+    the keys that all such objects share; another one by `origin`."""
+
+    def build(self, context: Context) -> list[Part]:
+        """Its pieces in local metres: x right, y up, z away from the camera. Raises InputError."""
+        raise NotImplementedError
+
+    def origin(self) -> tuple[float, float, float]:
+        """Where in camera space the local origin of an object lies that is not `Placed`, in metres."""
+        return 0.0, 0.0, 0.0

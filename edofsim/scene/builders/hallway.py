@@ -2,44 +2,82 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated, Literal
 
-from ...recipe.places import Hallway
+import numpy as np
+from pydantic import Field, model_validator
+
+from ...recipe.base import NotNegative, Positive
+from ...recipe.surfaces import AnySurface, CheckerTexture, MattSurface, PhotoTexture, PlasticSurface
 from .. import solids
 from ..model import TriangleMesh
 from ..spectra import illuminant
 from ..surfaces import matt
 from ..textures import flat
-from .context import Context, Part
+from .context import Builder, Context, Part
 
 MM = 1e-3
 
 
-def hallway(recipe: Hallway, context: Context) -> list[Part]:
-    """The corridor in camera space but for x_mm and y_mm: its floor lies at y = 0."""
-    w, h = recipe.width_mm / 2 * MM, recipe.height_mm * MM
-    near, far = recipe.near_m, recipe.far_m
-    tiles = (far - near) / (8 * w)
-    floor = solids.quad(
-        [(-w, 0, near), (w, 0, near), (w, 0, far), (-w, 0, far)], [(0, 0), (1, 0), (1, tiles), (0, tiles)]
+class Hallway(Builder):
+    """A corridor towards its end wall: floor, ceiling and side walls that slant through all depths.
+
+    Doors stand along both sides, and panels in the ceiling shine. `y_mm` is the floor's height. The floor's
+    texture is laid in tiles as wide as the corridor and four times as long."""
+
+    kind: Literal["hallway"]
+    near_m: float = 0.45
+    far_m: float = 5.0
+    x_mm: float = 0.0
+    y_mm: float = -30.0
+    width_mm: Positive = 80.0
+    height_mm: Positive = 66.0
+    doors: Annotated[int, Field(ge=0, le=40)] = 5
+    lamps: Annotated[int, Field(ge=0, le=40)] = 6
+    lamp_radiance: NotNegative = 4.0
+    lamp_illuminant: str = "LED-B3"
+    floor: AnySurface = MattSurface(
+        kind="matt", texture=CheckerTexture(kind="checker", first=0.12, second=0.6, columns=4, rows=4)
     )
-    ceiling = solids.quad([(-w, h, far), (w, h, far), (w, h, near), (-w, h, near)])
-    left = solids.quad([(-w, 0, near), (-w, 0, far), (-w, h, far), (-w, h, near)], _tiled(tiles))
-    right = solids.quad([(w, 0, far), (w, 0, near), (w, h, near), (w, h, far)], _tiled(tiles))
-    parts = [
-        Part("floor", floor, context.surface(recipe.floor, "floor")),
-        Part("ceiling", ceiling, context.surface(recipe.ceiling, "ceiling")),
-        Part("walls", solids.join([left, right]), context.surface(recipe.walls, "walls")),
-        Part("end", solids.panel(2 * w, h, (0, h / 2, far)), context.surface(recipe.end, "end")),
-    ]
-    if recipe.doors:
-        parts.append(Part("doors", _doors(recipe, w, h), context.surface(recipe.door, "door")))
-    shine = recipe.lamp_radiance * illuminant(recipe.lamp_illuminant, context.wavelengths)
-    black = matt(flat(0.0, context.wavelengths))
-    for number, lamp in enumerate(_lamps(recipe, w, h), start=1):
-        # one object each, so that a light is chosen as often far away, where lamps are long, as nearby
-        parts.append(Part(f"lamp {number}", lamp, black, shine.astype(np.float32)))
-    return parts
+    walls: AnySurface = MattSurface(kind="matt", reflectance="#e2d5b8")
+    ceiling: AnySurface = MattSurface(kind="matt", reflectance=0.8)
+    end: AnySurface = MattSurface(kind="matt", texture=PhotoTexture(kind="photo", name="coffee"))
+    door: AnySurface = PlasticSurface(kind="plastic", reflectance="#7b4a2d", roughness=0.2)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Hallway:
+        if self.far_m <= self.near_m:
+            raise ValueError("far_m must be above near_m")
+        return self
+
+    def build(self, context: Context) -> list[Part]:
+        """The corridor in camera space but for x_mm and y_mm: its floor lies at y = 0."""
+        w, h = self.width_mm / 2 * MM, self.height_mm * MM
+        near, far = self.near_m, self.far_m
+        tiles = (far - near) / (8 * w)
+        floor = solids.quad(
+            [(-w, 0, near), (w, 0, near), (w, 0, far), (-w, 0, far)], [(0, 0), (1, 0), (1, tiles), (0, tiles)]
+        )
+        ceiling = solids.quad([(-w, h, far), (w, h, far), (w, h, near), (-w, h, near)])
+        left = solids.quad([(-w, 0, near), (-w, 0, far), (-w, h, far), (-w, h, near)], _tiled(tiles))
+        right = solids.quad([(w, 0, far), (w, 0, near), (w, h, near), (w, h, far)], _tiled(tiles))
+        parts = [
+            Part("floor", floor, context.surface(self.floor, "floor")),
+            Part("ceiling", ceiling, context.surface(self.ceiling, "ceiling")),
+            Part("walls", solids.join([left, right]), context.surface(self.walls, "walls")),
+            Part("end", solids.panel(2 * w, h, (0, h / 2, far)), context.surface(self.end, "end")),
+        ]
+        if self.doors:
+            parts.append(Part("doors", _doors(self, w, h), context.surface(self.door, "door")))
+        shine = self.lamp_radiance * illuminant(self.lamp_illuminant, context.wavelengths)
+        black = matt(flat(0.0, context.wavelengths))
+        for number, lamp in enumerate(_lamps(self, w, h), start=1):
+            # one object each, so that a light is chosen as often far away, where lamps are long, as nearby
+            parts.append(Part(f"lamp {number}", lamp, black, shine.astype(np.float32)))
+        return parts
+
+    def origin(self) -> tuple[float, float, float]:
+        return self.x_mm * MM, self.y_mm * MM, 0.0
 
 
 def _tiled(tiles: float) -> list[tuple[float, float]]:

@@ -5,27 +5,44 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ...errors import InputError
-from ...recipe.things import MeshFile
+from ...recipe.base import Positive
+from ...recipe.placed import Placed
+from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
 from ..model import TriangleMesh
-from .context import Context, Part
+from .context import Builder, Context, Part
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
 
 
-def mesh_file(recipe: MeshFile, context: Context) -> list[Part]:
-    """The file's triangles about the centre of their bounding box, scaled to `size_mm`."""
-    shape = read_mesh(context.base / recipe.path, context.what, recipe.smooth, recipe.allow_outside)
-    low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
-    scale = recipe.size_mm * 1e-3 / float((high - low).max())
-    # files have z towards the viewer, camera space away from it: turned over in z alone, nothing is mirrored
-    flip = np.diag([1.0, 1.0, -1.0]) * scale
-    centred = solids.moved(shape, shift=-(low + high) / 2)
-    return [Part("", solids.moved(centred, flip), context.surface(recipe.surface))]
+class MeshFile(Builder, Placed):
+    """A mesh of yours (OBJ, PLY, GLB, STL); the path is relative to the recipe's folder.
+
+    The file's axes are taken as x right, y up, z towards the viewer, as most programs write them."""
+
+    kind: Literal["mesh"]
+    path: str
+    size_mm: Positive
+    """longest side of the bounding box after scaling"""
+    surface: AnySurface = MattSurface(kind="matt")
+    smooth: bool = True
+    allow_outside: bool = False
+    """whether the mesh's file may name files outside its own folder"""
+
+    def build(self, context: Context) -> list[Part]:
+        """The file's triangles about the centre of their bounding box, scaled to `size_mm`."""
+        shape = read_mesh(context.base / self.path, context.what, self.smooth, self.allow_outside)
+        low, high = shape.vertices.min(axis=0), shape.vertices.max(axis=0)
+        scale = self.size_mm * 1e-3 / float((high - low).max())
+        # files have z towards the viewer, camera space away from it: in z alone, nothing is mirrored
+        flip = np.diag([1.0, 1.0, -1.0]) * scale
+        centred = solids.moved(shape, shift=-(low + high) / 2)
+        return [Part("", solids.moved(centred, flip), context.surface(self.surface))]
 
 
 def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = False) -> TriangleMesh:

@@ -2,51 +2,117 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Annotated, Literal
 
-from ...recipe.places import Table, Wall, WindowOpening
+import numpy as np
+from pydantic import Field, model_validator
+
+from ...recipe.base import NotNegative, Positive, RecipeModel
+from ...recipe.surfaces import AnySurface, MattSurface, PlasticSurface, WoodTexture
 from .. import solids
 from ..model import TriangleMesh
-from .context import Context, Part
+from .context import Builder, Context, Part
 
 MM = 1e-3
 
 
-def table(recipe: Table, context: Context) -> list[Part]:
-    """A slab whose top lies at y = 0, from near_m to far_m; already in camera space but for its height."""
-    w, t = recipe.width_mm * MM, recipe.thickness_mm * MM
-    near, far = recipe.near_m, recipe.far_m
-    across, along = (size * MM for size in recipe.tile_mm)
-    slab = solids.box((w, t, far - near), (0, -t / 2, (near + far) / 2))
-    # texture tiles: x and depth, and on the sides depth and height
-    x, y, z = slab.vertices.astype(float).T
-    uv = np.stack([x / across, (z - near - y) / along], axis=1)
-    return [
-        Part("", solids.mesh(slab.vertices, slab.faces, uv), context.surface(recipe.surface)),
-    ]
+class Table(Builder):
+    """A horizontal table-top from `near_m` to `far_m`; its top lies at `y_mm`.
+
+    The texture is laid in tiles of `tile_mm` (across, along the depth)."""
+
+    kind: Literal["table"]
+    y_mm: float
+    near_m: float
+    far_m: float
+    width_mm: Positive = 1200.0
+    thickness_mm: Positive = 20.0
+    tile_mm: tuple[Positive, Positive] = (90.0, 700.0)
+    surface: AnySurface = PlasticSurface(kind="plastic", texture=WoodTexture(kind="wood"), roughness=0.25)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Table:
+        if self.far_m <= self.near_m:
+            raise ValueError("far_m must be above near_m")
+        return self
+
+    def build(self, context: Context) -> list[Part]:
+        """A slab whose top lies at y = 0, from near_m to far_m: in camera space but for its height."""
+        w, t = self.width_mm * MM, self.thickness_mm * MM
+        near, far = self.near_m, self.far_m
+        across, along = (size * MM for size in self.tile_mm)
+        slab = solids.box((w, t, far - near), (0, -t / 2, (near + far) / 2))
+        # texture tiles: x and depth, and on the sides depth and height
+        x, y, z = slab.vertices.astype(float).T
+        uv = np.stack([x / across, (z - near - y) / along], axis=1)
+        return [
+            Part("", solids.mesh(slab.vertices, slab.faces, uv), context.surface(self.surface)),
+        ]
+
+    def origin(self) -> tuple[float, float, float]:
+        return 0.0, self.y_mm * MM, 0.0
 
 
-def wall(recipe: Wall, context: Context) -> list[Part]:
-    """A wall about its centre, with a window's opening, frame and bars where the recipe has one."""
-    half = np.array([recipe.width_mm, recipe.height_mm]) / 2 * MM
-    surface = context.surface(recipe.surface)
-    if recipe.window is None:
-        return [Part("", solids.panel(*(2 * half)), surface)]
-    window = recipe.window
-    centre = np.array([window.x_mm, window.y_mm]) * MM
-    low = centre - np.array([window.width_mm, window.height_mm]) / 2 * MM
-    high = centre + np.array([window.width_mm, window.height_mm]) / 2 * MM
-    rectangles = [
-        (-half, (low[0], half[1])),
-        ((high[0], -half[1]), half),
-        ((low[0], -half[1]), (high[0], low[1])),
-        ((low[0], high[1]), (high[0], half[1])),
-    ]
-    pieces = [_rectangle(np.array(a), np.array(b), half) for a, b in rectangles]
-    parts = [Part("", solids.join(pieces), surface)]
-    if window.frame_mm > 0:
-        parts.append(Part("window", _frame(window, low, high), context.surface(window.surface, "window")))
-    return parts
+class WindowOpening(RecipeModel):
+    """A window in a wall: centre and size in the wall, the width of its frame, and its panes."""
+
+    x_mm: float
+    y_mm: float
+    width_mm: Positive
+    height_mm: Positive
+    frame_mm: NotNegative = 10.0
+    columns: Annotated[int, Field(ge=1, le=16)] = 1
+    rows: Annotated[int, Field(ge=1, le=16)] = 1
+    surface: AnySurface = PlasticSurface(kind="plastic", reflectance=0.8, roughness=0.2)
+
+
+class Wall(Builder):
+    """A wall across the view at `depth_m`, with at most one window."""
+
+    kind: Literal["wall"]
+    depth_m: float
+    x_mm: float = 0.0
+    y_mm: float = 0.0
+    width_mm: Positive = 3000.0
+    height_mm: Positive = 2000.0
+    window: WindowOpening | None = None
+    surface: AnySurface = MattSurface(kind="matt", reflectance=0.6)
+
+    @model_validator(mode="after")
+    def _window_in_wall(self) -> Wall:
+        w = self.window
+        if w is None:
+            return self
+        inside_x = abs(w.x_mm) + w.width_mm / 2 < self.width_mm / 2
+        inside_y = abs(w.y_mm) + w.height_mm / 2 < self.height_mm / 2
+        if not (inside_x and inside_y):
+            raise ValueError("the window must lie inside the wall (x_mm and y_mm start at the wall's centre)")
+        return self
+
+    def build(self, context: Context) -> list[Part]:
+        """A wall about its centre, with a window's opening, frame and bars where the recipe has one."""
+        half = np.array([self.width_mm, self.height_mm]) / 2 * MM
+        surface = context.surface(self.surface)
+        if self.window is None:
+            return [Part("", solids.panel(*(2 * half)), surface)]
+        window = self.window
+        centre = np.array([window.x_mm, window.y_mm]) * MM
+        low = centre - np.array([window.width_mm, window.height_mm]) / 2 * MM
+        high = centre + np.array([window.width_mm, window.height_mm]) / 2 * MM
+        rectangles = [
+            (-half, (low[0], half[1])),
+            ((high[0], -half[1]), half),
+            ((low[0], -half[1]), (high[0], low[1])),
+            ((low[0], high[1]), (high[0], half[1])),
+        ]
+        pieces = [_rectangle(np.array(a), np.array(b), half) for a, b in rectangles]
+        parts = [Part("", solids.join(pieces), surface)]
+        if window.frame_mm > 0:
+            parts.append(Part("window", _frame(window, low, high), context.surface(window.surface, "window")))
+        return parts
+
+    def origin(self) -> tuple[float, float, float]:
+        return self.x_mm * MM, self.y_mm * MM, self.depth_m
 
 
 def _rectangle(low: np.ndarray, high: np.ndarray, half: np.ndarray) -> TriangleMesh:

@@ -2,43 +2,73 @@
 
 from __future__ import annotations
 
-from ...recipe.things import ColorChecker, UsafChart
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ...recipe.base import NotNegative, Positive
+from ...recipe.placed import Placed
+from ...recipe.surfaces import Reflectance
 from .. import charts, solids
 from ..model import BandTexture
 from ..spectra import color_checker as measured_patches
 from ..spectra import reflectance
 from ..surfaces import matt
 from ..textures import flat, mixture
-from .context import Context, Part
+from .context import Builder, Context, Part
 
 MM = 1e-3
 MAX_TEXTURE_PX = 4096
 
 
-def usaf_chart(recipe: UsafChart, context: Context) -> list[Part]:
-    """The chart as one textured panel, `pixels_per_bar` texture pixels across its finest bar (at most 4096
-    across the chart)."""
-    chart = charts.usaf_chart(recipe.first_group, recipe.pairs, recipe.border_mm)
-    finest = charts.bar_width(recipe.first_group + 2 * recipe.pairs - 1, 6)
-    density = min(recipe.pixels_per_bar / finest, MAX_TEXTURE_PX / max(chart.width, chart.height))
-    ink = charts.rasterise(chart, density)
-    white, black = (reflectance(r, context.wavelengths) for r in (recipe.white, recipe.black))
-    shape = solids.panel(chart.width * MM, chart.height * MM)
-    return [Part("", shape, matt(mixture(ink, white, black)))]
+class UsafChart(Builder, Placed):
+    """A USAF-1951 resolution chart (MIL-STD-150A), as large as its groups make it.
+
+    `first_group` is the coarser group of the outermost pair; `pairs` nested pairs of groups are drawn."""
+
+    kind: Literal["usaf_chart"]
+    first_group: Annotated[int, Field(ge=-8, le=8)] = 0
+    pairs: Annotated[int, Field(ge=1, le=3)] = 2
+    border_mm: NotNegative | None = None
+    """white border around the pattern; None: four bars of the largest element"""
+    white: Reflectance = 0.85
+    black: Reflectance = 0.03
+    pixels_per_bar: Annotated[int, Field(ge=2, le=32)] = 4
+    """texture pixels across the finest bar of the chart"""
+    anchor: Literal["centre", "base"] = "centre"
+
+    def build(self, context: Context) -> list[Part]:
+        """The chart as one textured panel, `pixels_per_bar` texture pixels across its finest bar, at most
+        4096 across the chart."""
+        chart = charts.usaf_chart(self.first_group, self.pairs, self.border_mm)
+        finest = charts.bar_width(self.first_group + 2 * self.pairs - 1, 6)
+        density = min(self.pixels_per_bar / finest, MAX_TEXTURE_PX / max(chart.width, chart.height))
+        ink = charts.rasterise(chart, density)
+        white, black = (reflectance(r, context.wavelengths) for r in (self.white, self.black))
+        shape = solids.panel(chart.width * MM, chart.height * MM)
+        return [Part("", shape, matt(mixture(ink, white, black)))]
 
 
-def color_checker(recipe: ColorChecker, context: Context) -> list[Part]:
-    """A card of 6 x 4 patches, each a panel of its own with its measured spectrum.
+class ColorChecker(Builder, Placed):
+    """The 24 patches with their measured spectra, on a black card."""
 
-    Proportions of the chart of 280 x 190 mm: patches of 40 mm, 3.5 mm apart."""
-    width = recipe.width_mm * MM
-    height = width * 190 / 280
-    pitch, patch = width * 43.5 / 280, width * 40 / 280
-    parts = [Part("", solids.panel(width, height), matt(flat(recipe.card, context.wavelengths)))]
-    lift = 2e-4 * width  # the patches lie just above the card
-    for index, (name, spectrum) in enumerate(measured_patches(context.wavelengths).items()):
-        row, column = divmod(index, 6)
-        centre = ((column - 2.5) * pitch, (1.5 - row) * pitch, -lift)
-        surface = matt(BandTexture(spectrum[None].astype("float32")))
-        parts.append(Part(name, solids.panel(patch, patch, centre), surface))
-    return parts
+    kind: Literal["color_checker"]
+    width_mm: Positive = 280.0
+    card: Reflectance = 0.03
+    anchor: Literal["centre", "base"] = "centre"
+
+    def build(self, context: Context) -> list[Part]:
+        """A card of 6 x 4 patches, each a panel of its own with its measured spectrum.
+
+        Proportions of the chart of 280 x 190 mm: patches of 40 mm, 3.5 mm apart."""
+        width = self.width_mm * MM
+        height = width * 190 / 280
+        pitch, patch = width * 43.5 / 280, width * 40 / 280
+        parts = [Part("", solids.panel(width, height), matt(flat(self.card, context.wavelengths)))]
+        lift = 2e-4 * width  # the patches lie just above the card
+        for index, (name, spectrum) in enumerate(measured_patches(context.wavelengths).items()):
+            row, column = divmod(index, 6)
+            centre = ((column - 2.5) * pitch, (1.5 - row) * pitch, -lift)
+            surface = matt(BandTexture(spectrum[None].astype("float32")))
+            parts.append(Part(name, solids.panel(patch, patch, centre), surface))
+        return parts

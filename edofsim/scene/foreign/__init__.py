@@ -7,18 +7,37 @@ named, every part of it: `NotCarried`.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from ...errors import InputError
-from ...recipe.sources import MitsubaSource
+from ...recipe.base import Positive
 from .. import solids, spectra
 from ..model import BandTexture, Environment, SceneModel, SceneObject
 from ..pictures import read_hdr
+from ..reader import SceneReader
 from ..surfaces import matt
 from ..textures import flat
 from .nodes import Colour, Node, read_nodes
 from .parts import NotCarried, Reader, emission, shape_mesh, spectrum, surface
+
+
+class MitsubaSource(SceneReader):
+    """A Mitsuba scene: an XML file, or a JSON file with the dictionary of `load_dict`.
+
+    It is seen from its own sensor's place; `units_m` is the length of its unit in metres. Files outside
+    the scene's folder are refused unless `allow_outside`."""
+
+    kind: Literal["mitsuba"]
+    path: str
+    units_m: Positive = 1.0
+    allow_outside: bool = False
+    illuminant: str = "D65"
+    """spectrum of lights that are given as RGB white"""
+
+    def scene(self, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
+        return read_scene(self, base, wavelengths, name)
 
 
 def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:

@@ -1,4 +1,4 @@
-"""A picture with a depth map as a view: one fragment a pixel, and nothing behind the edges.
+"""Readers of views, and pictures with a depth map as views: one fragment a pixel, nothing behind the edges.
 
 What such a picture lacks is said in the view's metadata, for the plan to name: light from behind edges was
 never recorded, holes of the depth map were filled by a guess, and beyond the picture's border its mirror
@@ -9,47 +9,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
-from ..core.images import mirrored, srgb_decode, unit_rgb
-from ..errors import InputError
-from ..recipe.scene import SceneRecipe
-from ..recipe.sources import CubeSource, DepthMap, RgbdSource
-from ..scene import depth_maps, spectra
-from .view import View
+from ...core.images import mirrored
+from ...errors import InputError
+from ...recipe.scene import SceneRecipe
+from ...recipe.sources import DepthMap, Source
+from ...scene import depth_maps
+from ..view import View
+
+
+class ViewReader(Source):
+    """A source whose view is read, not rendered. A new one is a class in a file of its own."""
+
+    rendered: ClassVar[bool] = False
+
+    def view(self, recipe: SceneRecipe, base: Path) -> View:
+        """The view in the recipe's frame, with its margin, at its bands. base: the folder of the recipe.
+
+        Raises InputError for files that cannot be used."""
+        raise NotImplementedError
 
 
 def picture_view(recipe: SceneRecipe, base: Path) -> View:
-    """The view of a recipe whose source is a picture with depths or a spectral cube.
+    """The view of a recipe whose source is read, not rendered.
 
     base: the recipe's folder. Raises InputError for files that cannot be used.
     """
-    if isinstance(recipe.source, RgbdSource):
-        return rgbd_view(recipe.source, recipe, Path(base))
-    if isinstance(recipe.source, CubeSource):
-        from .cube import cube_view
-
-        return cube_view(recipe.source, recipe, Path(base))
-    raise InputError(f"{recipe.name}: its source is no picture; it has to be rendered")
-
-
-def rgbd_view(source: RgbdSource, recipe: SceneRecipe, base: Path) -> View:
-    """An sRGB picture with depths: radiance is its colours' smooth spectra (Mallett and Yuksel, EGSR 2019)
-    under the source's illuminant."""
-    picture = depth_maps.read_numbers(source.image, None, base, "picture")
-    linear = srgb_decode(unit_rgb(picture))
-    wavelengths = recipe.bands.wavelengths()
-    light = source.radiance * spectra.illuminant(source.illuminant, wavelengths)
-    basis = spectra.srgb_basis(wavelengths) * light
-    inverse, facts = depths(source.depth, base, linear.shape[:2])
-    rows, columns, border = frame_indices(linear.shape[:2], recipe)
-    colours = linear[np.ix_(rows, columns)]
-    radiance = np.ascontiguousarray(np.moveaxis(colours @ basis, -1, 0), np.float32)
-    facts = {**facts, "beyond the border": border, "light": f"sRGB under {source.illuminant}"}
-    return plain_view(
-        recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts
-    )
+    if not isinstance(recipe.source, ViewReader):
+        raise InputError(f"{recipe.name}: its source is no picture; it has to be rendered")
+    return recipe.source.view(recipe, Path(base))
 
 
 def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, object]]:

@@ -1,0 +1,126 @@
+"""Photographs as planes at one depth: the paper's training data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import torch
+from pydantic import Field
+
+from ..capture.planes import surroundings
+from ..errors import InputError
+from ..recipe.train import TrainRecipe
+from .edges import Edges, draw_covers
+from .lamps import with_lamps
+from .reader import TrainingReader, Wanted
+from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
+from .system import Planes, Scenes
+
+VALIDATION_BATCH = 4
+
+
+class NaturalImages(TrainingReader):
+    """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
+    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
+    steps whose photographs stand one in front of another, with an edge of depth in each patch. lamps: share
+    of the patches with lamps, many times brighter than full scale; in half of the steps the photo is clipped
+    there."""
+
+    kind: Literal["natural"] = "natural"
+    folder: str | None = None
+    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+    def open(self, wanted: Wanted) -> PlaneSource:
+        folder = wanted.data if self.folder is None else wanted.base / self.folder
+        if folder is None:
+            raise InputError("this recipe trains on photographs of your own; name the folder: --data DIR")
+        images = read_folder(folder, wanted.recipe.data.patch_px)
+        return _planes(self, images, folder.name, wanted.recipe, wanted.optics.window)
+
+
+class PackagedImages(TrainingReader):
+    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
+    lamps: as of `natural`."""
+
+    kind: Literal["packaged"] = "packaged"
+    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
+
+    def open(self, wanted: Wanted) -> PlaneSource:
+        images = packaged_images(wanted.recipe.data.patch_px)
+        return _planes(self, images, "skimage.data", wanted.recipe, wanted.optics.window)
+
+
+@dataclass(frozen=True)
+class PlaneSource:
+    """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
+    of the steps each one is in front of another, and a share `lamps` of them has lamps."""
+
+    training: Images
+    held_back: Images
+    patch: int
+    window: int
+    depths: tuple[float, float]
+    described: dict[str, Any]
+    sha256: str
+    edges: float = 0.0
+    lamps: float = 0.0
+
+    def draw(self, count: int, generator: torch.Generator) -> Scenes:
+        low, high = self.depths
+        sharp, means = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
+        depths = low + (high - low) * torch.rand(count, generator=generator)
+        saturates = False
+        if self.lamps > 0:
+            sharp = with_lamps(sharp, self.lamps, generator)
+            saturates = float(torch.rand((), generator=generator)) < 0.5
+        if self.edges == 0:
+            return Planes(sharp, depths, mean=means, saturates=saturates)
+        depths = depths.sort().values  # as the parts of a step share their PSFs
+        if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
+            return Planes(sharp, depths, mean=means, saturates=saturates)
+        covers = draw_covers(count, sharp.shape[-1], generator)
+        return Edges(sharp, covers, depths, mean=means, saturates=saturates)
+
+    def validation(self, count: int) -> list[Scenes]:
+        sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
+        depths = torch.linspace(*self.depths, count)
+        # neighbouring pictures of a folder are alike: walk through the depths in strides
+        depths = depths[torch.arange(count) * _stride(count) % count]
+        step = VALIDATION_BATCH
+        parts = [slice(i, i + step) for i in range(0, count, step)]
+        return [Planes(sharp[part], depths[part], mean=means[part]) for part in parts]
+
+
+def _stride(count: int) -> int:
+    """A step of about 0.4 of the way round that visits every one of `count` places."""
+    step = max(1, round(0.4 * count))
+    while torch.gcd(torch.tensor(step), torch.tensor(count)) != 1:
+        step += 1
+    return step
+
+
+def _planes(
+    table: NaturalImages | PackagedImages, images: Images, name: str, recipe: TrainRecipe, window: int
+) -> PlaneSource:
+    training, held_back = split(images, recipe.data.validation, recipe.seed)
+    described = {
+        "kind": table.kind,
+        "name": name,
+        "training": len(training.pictures),
+        "validation": len(held_back.pictures),
+        "sha256": images.sha256,
+    }
+    return PlaneSource(
+        training,
+        held_back,
+        recipe.data.patch_px,
+        window,
+        recipe.capture.inverse_depth_per_m,
+        described,
+        images.sha256,
+        table.edges,
+        table.lamps,
+    )

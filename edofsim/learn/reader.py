@@ -1,0 +1,47 @@
+"""Readers of training data: from a table of the recipe to scenes that can be photographed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+
+from ..recipe.train import TrainingSource, TrainRecipe
+from .system import Optics, Scenes
+
+
+class Source(Protocol):
+    """One kind of data. `described` goes into the card; `sha256` names its bytes."""
+
+    described: dict[str, Any]
+    sha256: str
+
+    def draw(self, count: int, generator: torch.Generator) -> Scenes:
+        """`count` random scenes."""
+
+    def validation(self, count: int) -> list[Scenes]:
+        """The same scenes each time, `count` of them in batches, none of which is ever drawn."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What data are read for. base: where relative files start; data: the folder given with --data; cache: of
+    rendered views, which are rendered where they are missing."""
+
+    recipe: TrainRecipe
+    optics: Optics
+    base: Path
+    data: Path | None
+    cache: Path | None = None
+    progress: Callable[[float, str], None] | None = None
+
+
+class TrainingReader(TrainingSource):
+    """A table that names training data. A new one is a class in a file of its own."""
+
+    def open(self, wanted: Wanted) -> Source:
+        """The data, read. Raises InputError for what cannot be used."""
+        raise NotImplementedError

@@ -1,0 +1,163 @@
+"""What a lens is asked for. A new kind is a class in a file of its own that says the rest.
+
+A lens is thin and its pupil lies in it. To the parabola of its `focal_length`, which defocus is counted from,
+it adds a phase that depends on the distance from the axis alone and is the same for all points of the scene.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Literal
+
+import torch
+from pydantic import SerializeAsAny
+from torch import Tensor
+
+from ...errors import InputError
+from ...recipe.kinds import LENSES, KindModel
+from ..materials import Material, material
+
+RIM_SAMPLES = 65
+"""Distances from the axis that phases are looked at."""
+
+
+class Lens(KindModel):
+    """The lens of a camera recipe. Lengths are in metres but for the recipe's own keys."""
+
+    @property
+    def aperture_radius(self) -> float:
+        """Of the pupil."""
+        raise NotImplementedError
+
+    def focal_length(self, wavelengths: Tensor | float) -> Tensor:
+        """Float64, same shape as `wavelengths`."""
+        raise NotImplementedError
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        """Phase [rad] beyond that of the parabola at squared distances from the axis, float64, same shape;
+        positive where light takes longer."""
+        raise NotImplementedError
+
+    def phases(self, radius_squared: Tensor) -> Callable[[float], Tensor]:
+        """`phase` on one grid for many wavelengths; what does not depend on these may be computed once."""
+        return lambda wavelength: self.phase(radius_squared, wavelength)
+
+    def slope(self, radii: Tensor, wavelength: float) -> Tensor:
+        """Slope of the phase along the radius [rad/m] at `radii`, float64."""
+        step = self.aperture_radius * 1e-4
+        after, before = (self.phase((radii + turn * step).square(), wavelength) for turn in (1, -1))
+        return (after - before) / (2 * step)
+
+    def problems(self) -> list[str]:
+        """Why there can be no such lens; each a sentence that names the key of the recipe."""
+        return []
+
+    def glasses(self) -> tuple[Material, ...]:
+        """What it is made of, where the data of these say at which wavelengths it can be used."""
+        return ()
+
+    @property
+    def aberrates(self) -> bool:
+        """Whether it has spherical aberration: a phase beyond the parabola."""
+        return True
+
+    @property
+    def disperses(self) -> bool:
+        """Whether it refracts each wavelength differently."""
+        return True
+
+    def without_spherical_aberration(self) -> Lens:
+        """A lens of the same focal lengths that adds no phase to its parabola."""
+        return WithoutSphericalAberration(lens=self) if self.aberrates else self
+
+    def without_dispersion(self, wavelength: float) -> Lens:
+        """A lens that refracts all wavelengths as this one refracts `wavelength` [m]."""
+        return WithoutDispersion(lens=self, wavelength=wavelength) if self.disperses else self
+
+    def identity(self) -> str:
+        """All that its phases and focal lengths follow from, as JSON, for keys: the recipe's values, its
+        glasses by their indices, and the code of another package's lens."""
+        said = [each.formula for each in self.glasses()]
+        return json.dumps([self.model_dump(mode="json"), said, LENSES.code_of(self.kind)], sort_keys=True)
+
+    def waves_at_most(self, wavelength: float) -> float:
+        """The largest phase beyond the parabola within the pupil, in waves."""
+        radii = torch.linspace(0, self.aperture_radius, RIM_SAMPLES, dtype=torch.float64)
+        return float(self.phase(radii.square(), wavelength).abs().max()) / (2 * torch.pi)
+
+
+class _Simpler(Lens):
+    """A lens with something left out."""
+
+    lens: SerializeAsAny[Lens]
+
+    @property
+    def aperture_radius(self) -> float:
+        return self.lens.aperture_radius
+
+    def focal_length(self, wavelengths: Tensor | float) -> Tensor:
+        return self.lens.focal_length(wavelengths)
+
+    def glasses(self) -> tuple[Material, ...]:
+        return self.lens.glasses()
+
+    def identity(self) -> str:
+        return json.dumps([self.model_dump(mode="json", exclude={"lens"}), self.lens.identity()])
+
+
+class WithoutSphericalAberration(_Simpler):
+    """A lens that focuses every point on the axis into a point, with the focal lengths of another one."""
+
+    kind: Literal["without spherical aberration"] = "without spherical aberration"
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        return radius_squared * 0
+
+    @property
+    def aberrates(self) -> bool:
+        return False
+
+    @property
+    def disperses(self) -> bool:
+        return self.lens.disperses
+
+
+class WithoutDispersion(_Simpler):
+    """A lens that delays all wavelengths as much as another one delays `wavelength` [m]."""
+
+    kind: Literal["without dispersion"] = "without dispersion"
+    wavelength: float
+
+    def focal_length(self, wavelengths: Tensor | float) -> Tensor:
+        shape = torch.as_tensor(wavelengths, dtype=torch.float64)
+        return self.lens.focal_length(self.wavelength).expand_as(shape)
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        return self.lens.phase(radius_squared, self.wavelength) * (self.wavelength / wavelength)
+
+    def phases(self, radius_squared: Tensor) -> Callable[[float], Tensor]:
+        known = self.lens.phase(radius_squared, self.wavelength)
+        return lambda wavelength: known * (self.wavelength / wavelength)
+
+    @property
+    def aberrates(self) -> bool:
+        return self.lens.aberrates
+
+    @property
+    def disperses(self) -> bool:
+        return False
+
+
+def refracting(key: str, name: str, problems: list[str]) -> Material | None:
+    """The glass of that name. One that there is not, or that does not refract, is a problem of the recipe's
+    `key`."""
+    try:
+        glass = material(name)
+    except InputError as error:
+        problems.extend(f"{key}: {problem}" for problem in error.problems)
+        return None
+    if float(glass.index((glass.shortest + glass.longest) / 2)) <= 1:
+        problems.append(f"{key}: {glass.name} does not refract; a lens needs a glass")
+        return None
+    return glass

@@ -1,0 +1,38 @@
+"""The ideal lens."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from ...recipe.base import Positive
+from .base import Lens
+
+
+class IdealLens(Lens):
+    """A thin lens without aberrations, the same for all wavelengths: a point in focus is imaged as the
+    aperture diffracts it. `f_number` is the focal length over the aperture's diameter."""
+
+    kind: Literal["ideal"]
+    focal_length_mm: Positive
+    f_number: Positive
+
+    @property
+    def aperture_radius(self) -> float:
+        return self.focal_length_mm * 1e-3 / (2 * self.f_number)
+
+    def focal_length(self, wavelengths: Tensor | float) -> Tensor:
+        return torch.full_like(torch.as_tensor(wavelengths, dtype=torch.float64), self.focal_length_mm * 1e-3)
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        return radius_squared * 0
+
+    @property
+    def aberrates(self) -> bool:
+        return False
+
+    @property
+    def disperses(self) -> bool:
+        return False

@@ -1,0 +1,50 @@
+"""A spectral cube as a view, at one depth or with a depth map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import model_validator
+
+from ...recipe.base import Positive
+from ...recipe.scene import SceneRecipe
+from ...recipe.sources import CubeFile, DepthMap
+from ...scene.cubes import read_cube
+from ..view import View
+from .pictures import ViewReader, depths, frame_indices, plain_view
+
+
+class CubeSource(ViewReader, CubeFile):
+    """A spectral cube: a folder with one picture a band (in the order of the names), a MAT file, or an EXR
+    of the spectral layout. At `depth_m`, or with a depth map."""
+
+    kind: Literal["cube"]
+    depth_m: Positive | None = None
+    depth: DepthMap | None = None
+
+    @model_validator(mode="after")
+    def _one_depth(self) -> CubeSource:
+        if (self.depth_m is None) == (self.depth is None):
+            raise ValueError("give depth_m or a [source.depth] table, one of the two")
+        return self
+
+    def view(self, recipe: SceneRecipe, base: Path) -> View:
+        """The cube's middle as one fragment a pixel. At one depth nothing can be hidden, and the view says
+        so."""
+        cube = read_cube(self, base, recipe.bands.wavelengths())
+        shape = cube.shape[1:]
+        if self.depth is None:
+            assert self.depth_m is not None  # the model holds one of the two
+            inverse, facts = np.full(shape, 1 / self.depth_m), {"hidden": "none: no depth edge"}
+        else:
+            left, top, right, bottom = self.crop
+            whole = (shape[0] + top + bottom, shape[1] + left + right)
+            inverse, facts = depths(self.depth, base, whole)
+            inverse = inverse[top : whole[0] - bottom, left : whole[1] - right]
+        rows, columns, border = frame_indices(shape, recipe)
+        radiance = np.ascontiguousarray(cube[:, rows[:, None], columns[None]])
+        facts = {**facts, "beyond the border": border}
+        inverse = inverse[np.ix_(rows, columns)]
+        return plain_view(recipe, radiance, inverse, "read from a spectral cube", facts)

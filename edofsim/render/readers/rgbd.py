@@ -1,0 +1,46 @@
+"""Pictures with a depth map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...core.images import srgb_decode, unit_rgb
+from ...recipe.base import Positive
+from ...recipe.scene import SceneRecipe
+from ...recipe.sources import DepthMap
+from ...scene import depth_maps, spectra
+from ..view import View
+from .pictures import ViewReader, depths, frame_indices, plain_view
+
+
+class RgbdSource(ViewReader):
+    """An sRGB picture with a depth map. Its colours become smooth reflectances under `illuminant`.
+
+    `image` is a file, or `skimage:NAME` for a picture that comes with scikit-image (and so is the depth's
+    `path`). One pixel of the picture becomes one pixel of the frame, whatever angle it saw when it was
+    taken; the middle of the picture is the middle of the frame."""
+
+    kind: Literal["rgbd"]
+    image: str
+    depth: DepthMap
+    illuminant: str = "D65"
+    radiance: Positive = 1.0
+
+    def view(self, recipe: SceneRecipe, base: Path) -> View:
+        """Radiance is the colours' smooth spectra (Mallett and Yuksel, EGSR 2019) under the illuminant."""
+        picture = depth_maps.read_numbers(self.image, None, base, "picture")
+        linear = srgb_decode(unit_rgb(picture))
+        wavelengths = recipe.bands.wavelengths()
+        light = self.radiance * spectra.illuminant(self.illuminant, wavelengths)
+        basis = spectra.srgb_basis(wavelengths) * light
+        inverse, facts = depths(self.depth, base, linear.shape[:2])
+        rows, columns, border = frame_indices(linear.shape[:2], recipe)
+        colours = linear[np.ix_(rows, columns)]
+        radiance = np.ascontiguousarray(np.moveaxis(colours @ basis, -1, 0), np.float32)
+        facts = {**facts, "beyond the border": border, "light": f"sRGB under {self.illuminant}"}
+        return plain_view(
+            recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts
+        )

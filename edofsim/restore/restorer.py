@@ -1,0 +1,63 @@
+"""What every network for restoring photos is asked for: a new one is a class that says where it differs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Literal
+
+from torch import Tensor, nn
+
+from .linear import local_error
+
+
+class Restorer(nn.Module):
+    """Maps a photo [batch, 3, y, x], full scale 1, to the sharp image of the same shape: `forward` is that.
+
+    kind: the name that recipes and checkpoints know it by. radius: how far in pixels an output pixel sees at
+    most; None: all of the photo. multiple: photos are padded to a multiple of so many pixels. border: so many
+    outermost pixels should not be judged in training. continued_px: so many pixels that may lie beyond a
+    photo it is given in use (see `borders`). groups: parts of the depth range that it restores each by a
+    filter of its own.
+
+    psfs: which PSFs it must be told. "mean": once before a training, those of the mask with the mean error of
+    its making, and again for a camera whose response is another. "designed": in each step of a training,
+    those of the mask as it is then, so that gradients reach the mask through them; the last ones are kept.
+    """
+
+    kind: ClassVar[str]
+    psfs: ClassVar[Literal["none", "mean", "designed"]] = "none"
+    radius: int | None = None
+    multiple: int = 1
+    border: int = 0
+    continued_px: int = 0
+    groups: int = 1
+
+    @classmethod
+    def settings_for(cls, settings: Mapping[str, object], window_px: int) -> dict[str, object]:
+        """A recipe's settings, with what follows from the width of its PSFs' window where they do not say."""
+        return dict(settings)
+
+    def settings(self) -> dict[str, object]:
+        """What rebuilds this network: the arguments of its class, as JSON values."""
+        return {}
+
+    def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
+        """Inverse depths that it wants the PSFs of, float64 [depth], within a range, both in 1/m."""
+        raise NotImplementedError
+
+    def set_psfs(self, psf: Tensor) -> None:
+        """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
+        raise NotImplementedError
+
+    def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
+        """The sharp image by PSFs [depth, 3, y, x] that gradients go through, where `psfs` is "designed"."""
+        raise NotImplementedError
+
+    def linear_error(self, psf: Tensor, filters: int) -> Tensor:
+        """Mean square error, [depth, 3], that the linear restoration most like this network leaves with so
+        many filters of photos with PSFs [depth, 3, y, x]: what a mask is designed by (see `linear`)."""
+        return local_error(psf, groups=filters)
+
+    def in_mirrored_world(self) -> Restorer:
+        """The same network for photos of pictures that go on beyond the frame as their mirror images."""
+        return self

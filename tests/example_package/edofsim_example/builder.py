@@ -1,0 +1,29 @@
+"""A builder: a pyramid on a square base."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from edofsim.recipe.base import Positive
+from edofsim.recipe.placed import Placed
+from edofsim.recipe.surfaces import AnySurface, MattSurface
+from edofsim.scene import solids
+from edofsim.scene.builders import Builder, Context, Part
+
+
+class Pyramid(Builder, Placed):
+    """A pyramid on a square base."""
+
+    kind: Literal["pyramid"]
+    width_mm: Positive = 40.0
+    height_mm: Positive = 40.0
+    surface: AnySurface = MattSurface(kind="matt")
+
+    def build(self, context: Context) -> list[Part]:
+        """About the middle of its base."""
+        w, h = self.width_mm / 2 * 1e-3, self.height_mm * 1e-3
+        corners = np.array([(-w, 0, -w), (w, 0, -w), (w, 0, w), (-w, 0, w), (0, h, 0)])
+        faces = np.array([(0, 1, 2), (0, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)])
+        return [Part("", solids.mesh(corners, faces), context.surface(self.surface))]
