@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
+from scipy.fft import next_fast_len
 from torch import Tensor
 
 from .camera import Camera, defocus
 from .grid import PupilGrid, disc_coverage
 from .pupil import aperture, chirp, pupil_function
 from .sampling import plan_sampling
-from .transform import good_size
 
 FEWEST_SAMPLES = 512
 """Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a
@@ -226,7 +226,7 @@ def _focal_plane(
     count = 2 * grid.samples
     parts = math.ceil(count**2 * pupil.itemsize / BLOCK_BYTES)
     if parts > 1:
-        count = parts * good_size(math.ceil(count / parts))
+        count = parts * next_fast_len(math.ceil(count / parts))
     step = wavelength * camera.sensor_distance / (count * grid.pitch)
     return _FocalPlane(pupil, chirps, count, parts, step, amplitude)
 

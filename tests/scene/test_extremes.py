@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.rgbd import picture_view
+from edofsim.render.readers.pictures import picture_view
 from edofsim.scene import build_scene
 
 LIGHT = {"kind": "environment"}
