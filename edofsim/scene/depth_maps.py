@@ -98,7 +98,9 @@ def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
             return _numbers(loaded, path, what)
         names = loaded.files
         if key is None and len(names) != 1:
-            raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key = \"{names[0]}\"")
+            raise InputError(
+                f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key = \"{names[0]}\""
+            )
         if key is not None and key not in names:
             raise InputError(f"{what}: {str(path)!r} holds no {key!r}; it holds {', '.join(names)}")
         with zipfile.ZipFile(path) as archive, archive.open(f"{key or names[0]}.npy") as member:
@@ -173,7 +175,9 @@ def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -
     names = [name for name in data if not name.startswith("__")]
     if key is None:
         if len(names) != 1:
-            raise InputError(f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key = \"{names[0]}\"")
+            raise InputError(
+                f"{what}: {str(path)!r} holds {', '.join(names)}; say which with key = \"{names[0]}\""
+            )
         return data[names[0]]
     value: object = data
     for step in key.split("."):

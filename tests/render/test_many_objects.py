@@ -56,9 +56,7 @@ def test_closed_meshes_are_told_by_their_edges():
 def test_many_alike_objects_are_looked_at_once():
     rng = np.random.default_rng(0)
     item = {"kind": "sphere", "radius_mm": 3.0}
-    places = [
-        {"depth_m": float(rng.uniform(1, 2)), "x_mm": float(rng.uniform(-40, 40))} for _ in range(400)
-    ]
+    places = [{"depth_m": float(rng.uniform(1, 2)), "x_mm": float(rng.uniform(-40, 40))} for _ in range(400)]
     objects = [{**item, **place} for place in places]
     recipe = SceneRecipe.model_validate(
         {"name": "many", "objects": objects, "lights": [{"kind": "environment"}], "bands": {"count": 3}}

@@ -14,8 +14,13 @@ from edofsim.render import batch
 
 Run = Callable[..., tuple[int, str]]
 
-FRAME = "[frame]\nwidth_px = 12\nheight_px = 8\nmargin_px = 2\n[bands]\ncount = 3\nstart_nm = 480\nstop_nm = 600\n"
-PANEL = '[[objects]]\nkind = "panel"\nwidth_mm = 20\nheight_mm = 20\ndepth_m = 1.0\n[[lights]]\nkind = "sky"\n'
+FRAME = (
+    "[frame]\nwidth_px = 12\nheight_px = 8\nmargin_px = 2\n"
+    "[bands]\ncount = 3\nstart_nm = 480\nstop_nm = 600\n"
+)
+PANEL = (
+    '[[objects]]\nkind = "panel"\nwidth_mm = 20\nheight_mm = 20\ndepth_m = 1.0\n[[lights]]\nkind = "sky"\n'
+)
 CUBE = '[source]\nkind = "cube"\npath = "cube"\ndepth_m = 1.0\n'
 RGBD = '[source]\nkind = "rgbd"\nimage = "a.png"\n[source.depth]\npath = "z.npy"\n'
 
@@ -36,7 +41,9 @@ def scenes(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
-def test_a_cube_without_wavelengths_is_found_before_anything_is_rendered(edofsim: Run, scenes, tmp_path: Path):
+def test_a_cube_without_wavelengths_is_found_before_anything_is_rendered(
+    edofsim: Run, scenes, tmp_path: Path
+):
     status, said = edofsim("render", scenes("panel", PANEL), scenes("cube", CUBE), "--cache", tmp_path / "c")
     assert status == 2 and "start_nm and step_nm" in said and "to render" not in said
     assert not list((tmp_path / "c").glob("*.exr"))
@@ -44,7 +51,9 @@ def test_a_cube_without_wavelengths_is_found_before_anything_is_rendered(edofsim
 
 def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
     cube = scenes("cube", CUBE, "start_nm = 480\nstep_nm = 60\n")
-    status, said = edofsim("render", cube, scenes("rgbd", RGBD), "--cache", tmp_path / "c", "--out", tmp_path / "o")
+    status, said = edofsim(
+        "render", cube, scenes("rgbd", RGBD), "--cache", tmp_path / "c", "--out", tmp_path / "o"
+    )
     assert status == 0 and "2 read from pictures; nothing to render" in said
     names = {"cube.png", "cube-depth.png", "rgbd.png", "rgbd-depth.png"}
     assert names == {path.name for path in (tmp_path / "o").iterdir()}

@@ -18,7 +18,9 @@ def in_torch() -> None:
 
 
 def in_drjit() -> None:
-    raise RuntimeError("jit_malloc(): out of memory! Could not allocate 1125899906842624 bytes of host memory.")
+    raise RuntimeError(
+        "jit_malloc(): out of memory! Could not allocate 1125899906842624 bytes of host memory."
+    )
 
 
 def on_cuda() -> None:
