@@ -93,9 +93,9 @@ def exit_status(command: Callable[[], object]) -> int:
             raise
         return _complain(
             [
-                f"out of memory: {size} more could not be had; what bounds it is the size of the work: the "
-                "scene's [frame] width_px, height_px and margin_px, [bands] count and [render] fragments, the "
-                "camera's [psf] window_px, --layers and --bands"
+                f"out of memory: {size} more could not be had; what bounds it is the size of the work: "
+                "the scene's [frame] width_px, height_px and margin_px, [bands] count and [render] "
+                "fragments, the camera's [psf] window_px, --layers and --bands"
             ],
             FAILED,
         )

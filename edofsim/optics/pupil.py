@@ -54,8 +54,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
     if not total > 0:
         raise InputError(
-            f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of the "
-            "pupil; open it wider"
+            f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of "
+            "the pupil; open it wider"
         )
     lens = camera.lens.phases(grid.radius_squared())
     return Aperture(grid, lens, tuple(regions), total, total / whole)

@@ -133,8 +133,8 @@ def _check_made(camera: Camera, pitch: float) -> None:
     diameter = 2 * camera.aperture_radius
     if not diameter / LARGEST_PUPIL <= pitch <= diameter:
         raise InputError(
-            f"fabrication.pitch_um = {pitch * 1e6:.4g} does not suit a pupil of {diameter * 1e3:.4g} mm: choose "
-            f"from {diameter * 1e6 / LARGEST_PUPIL:.3g} ({LARGEST_PUPIL} samples across it) to "
+            f"fabrication.pitch_um = {pitch * 1e6:.4g} does not suit a pupil of {diameter * 1e3:.4g} mm: "
+            f"choose from {diameter * 1e6 / LARGEST_PUPIL:.3g} ({LARGEST_PUPIL} samples across it) to "
             f"{diameter * 1e6:.4g} um"
         )
 

@@ -16,7 +16,8 @@ Pixels = Annotated[int, Field(ge=0)]
 
 
 class DepthMap(RecipeModel):
-    """A file of depths (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR or Sintel's DPT), or of disparities with their stereo calibration.
+    """A file of depths (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR or Sintel's DPT), or of disparities with their
+    stereo calibration.
 
     `holds` says what the numbers are, after they are multiplied by `unit`: depth along the axis in metres,
     its inverse in 1/m, or disparity in pixels, of which depth = baseline focal / (disparity + offset).

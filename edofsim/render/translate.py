@@ -394,8 +394,8 @@ def _places(vertices: np.ndarray) -> np.ndarray:
 def _met_alike(vertices: np.ndarray, first: np.ndarray) -> bool:
     """Whether just those vertices coincide that did so in another mesh of the same faces.
 
-    first: the first vertex at each one's place there. Two places whose mixed bits are the same by chance count
-    as one, so that the answer can be wrongly no, never wrongly yes."""
+    first: the first vertex at each one's place there. Two places whose mixed bits are the same by chance
+    count as one, so that the answer can be wrongly no, never wrongly yes."""
     if len(first) != len(vertices) or not (vertices[first] == vertices).all():
         return False
     bits = np.ascontiguousarray(vertices).view(np.uint32).astype(np.uint64)

@@ -155,8 +155,8 @@ def _check(mesh: TriangleMesh, label: str) -> None:
 def _check_light(what: str, light: np.ndarray) -> None:
     if not (np.isfinite(light).all() and np.abs(light).max(initial=0) < BRIGHTEST):
         raise InputError(
-            f"{what}: its radiance is not finite, or more than {BRIGHTEST:g} W/m2/sr/nm, which sums in single "
-            "precision cannot hold; make it darker"
+            f"{what}: its radiance is not finite, or more than {BRIGHTEST:g} W/m2/sr/nm, which sums in "
+            "single precision cannot hold; make it darker"
         )
 
 

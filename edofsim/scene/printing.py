@@ -34,8 +34,8 @@ def _blank(rows: float, columns: float) -> Image.Image:
     """An image without ink. Raises InputError for one too long to print."""
     if not max(rows, columns) <= LONGEST_SIDE:
         raise InputError(
-            f"its print would be {columns:.4g} x {rows:.4g} pixels, more than {LONGEST_SIDE}; bring its sides "
-            "closer to each other"
+            f"its print would be {columns:.4g} x {rows:.4g} pixels, more than {LONGEST_SIDE}; bring its "
+            "sides closer to each other"
         )
     return Image.new("L", (round(columns), round(rows)), 0)
 

@@ -222,7 +222,8 @@ from edofsim.optics import Camera
 from edofsim.optics.mtf import mtf
 from edofsim.recipe.camera import CameraRecipe
 lens = {"radius_of_curvature_mm": 22.92, "aperture_radius_mm": 12.5, "thickness": "parabolic"}
-camera = Camera.from_recipe(CameraRecipe(name="f2", lens=lens, focus={"distance_m": 2.0}, psf={"window_px": 64}))
+recipe = CameraRecipe(name="f2", lens=lens, focus={"distance_m": 2.0}, psf={"window_px": 64})
+camera = Camera.from_recipe(recipe)
 mtf(camera, 543e-9, [0.0, 0.4], [0.0, 20e3])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 """

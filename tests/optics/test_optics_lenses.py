@@ -83,9 +83,7 @@ def test_an_ideal_lens_is_the_parabola_at_one_wavelength():
     focal = float(parabola.focal_length(D))
     lens = IdealLens(kind="ideal", focal_length_mm=focal * 1e3, f_number=focal / 5e-3)
     ours, theirs = (
-        psf_bank(
-            Camera.from_recipe(CameraRecipe(name="x", lens=each)), [D], [0.0, 1.3], window_px=32
-        ).values
+        psf_bank(Camera.from_recipe(CameraRecipe(name="x", lens=each)), [D], [0.0, 1.3], window_px=32).values
         for each in (lens, parabola)
     )
     torch.testing.assert_close(ours, theirs, atol=1e-7, rtol=1e-4)

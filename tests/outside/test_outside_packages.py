@@ -73,7 +73,7 @@ def test_a_lens(installed: Path, tmp_path: Path):
     """A tenth of a wave of rho^4, whose variance over the pupil is 4/45 of its square, takes
     1 - exp(-(2 pi)^2 variance) of the light at the middle of a PSF (Marechal), and all of it comes back when
     a photo is simulated without spherical aberration."""
-    text = "[lens]\nkind = \"seidel\"\nfocal_length_mm = 20\nf_number = 8\nwavelength_nm = 543\nwaves = {}\n"
+    text = '[lens]\nkind = "seidel"\nfocal_length_mm = 20\nf_number = 8\nwavelength_nm = 543\nwaves = {}\n'
     sensor = "[sensor]\npixel_um = 0.5\n"
     plain, bent = (camera_of(tmp_path, text.format(waves) + sensor) for waves in (0.0, 0.1))
     simpler = simpler_camera(bent, Fidelity(spherical_aberration=False))

@@ -35,9 +35,7 @@ from edofsim.report.effects_page import effects_page
 
 PSF = PsfSettings(window_px=32)
 LENS = PlanoConvexLens(aperture_radius_mm=1.0)
-CAMERA = Camera.from_recipe(
-    CameraRecipe(name="test", lens=LENS, psf=PSF, sensor=Sensor(read_noise=0.005))
-)
+CAMERA = Camera.from_recipe(CameraRecipe(name="test", lens=LENS, psf=PSF, sensor=Sensor(read_noise=0.005)))
 BANDS = torch.linspace(420e-9, 720e-9, 7, dtype=torch.float64)
 
 

@@ -197,13 +197,8 @@ def test_forecast_tells_set_up_from_samples(tmp_path, monkeypatch):
     def record(pixels, samples):
         paths = pixels * samples * 1e-6 / 2
         run = {"host": job_module.platform.node(), "threads": 2, "seconds": {"paths": paths}}
-        return {
-            "pixels": pixels,
-            "samples": samples,
-            "bands": 3,
-            "bytes": 1,
-            "run": {**run, "total_seconds": paths + 10},
-        }
+        run["total_seconds"] = paths + 10
+        return {"pixels": pixels, "samples": samples, "bands": 3, "bytes": 1, "run": run}
 
     entries = [cache.Entry(tmp_path, "", "", 0, 0.0, record(*size)) for size in ((100, 2), (10**6, 64))]
     monkeypatch.setattr(job_module.store, "ls", lambda folder: entries)

@@ -14,7 +14,10 @@ from edofsim.render import batch
 
 Run = Callable[..., tuple[int, str]]
 
-FRAME = "[frame]\nwidth_px = 12\nheight_px = 8\nmargin_px = 2\n[bands]\ncount = 3\nstart_nm = 480\nstop_nm = 600\n"
+FRAME = (
+    "[frame]\nwidth_px = 12\nheight_px = 8\nmargin_px = 2\n"
+    "[bands]\ncount = 3\nstart_nm = 480\nstop_nm = 600\n"
+)
 PANEL = (
     '[[objects]]\nkind = "panel"\nwidth_mm = 20\nheight_mm = 20\ndepth_m = 1.0\n[[lights]]\nkind = "sky"\n'
 )

@@ -82,8 +82,8 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
             )
     except ModuleNotFoundError as error:  # trimesh would guess the encoding of what is neither
         raise InputError(
-            f"{what}: {str(path)!r} cannot be read as a mesh: it is damaged, or not of the kind that its name "
-            "says"
+            f"{what}: {str(path)!r} cannot be read as a mesh: it is damaged, or not of the kind that "
+            "its name says"
         ) from error
     except Exception as error:  # each reader raises its own kinds
         if "escapes resolver root" in str(error):
