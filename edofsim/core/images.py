@@ -59,8 +59,8 @@ def check_pixels(rows: int, columns: int, path: Path, what: str) -> None:
     """Raises InputError for a picture too large to hold, by what its file says of itself."""
     if rows * columns > MAX_PIXELS:
         raise InputError(
-            f"{what}: {str(path)!r} has {columns} x {rows} pixels, too many to read (at most {MAX_PIXELS >> 20} "
-            "x 2^20); scale it down or cut it"
+            f"{what}: {str(path)!r} has {columns} x {rows} pixels, too many to read (at most "
+            f"{MAX_PIXELS >> 20} x 2^20); scale it down or cut it"
         )
 
 
@@ -70,8 +70,8 @@ def check_numbers(shape: tuple[int, ...], path: Path, what: str) -> None:
     if count > MAX_NUMBERS:
         size = " x ".join(map(str, shape))
         raise InputError(
-            f"{what}: {str(path)!r} holds {size} numbers ({count * 8 / 2**30:.1f} GiB in double precision), more "
-            f"than {MAX_NUMBERS >> 20} x 2^20; cut it to the part that you need"
+            f"{what}: {str(path)!r} holds {size} numbers ({count * 8 / 2**30:.1f} GiB in double precision), "
+            f"more than {MAX_NUMBERS >> 20} x 2^20; cut it to the part that you need"
         )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, TypeAlias, cast
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
@@ -12,16 +12,22 @@ from pydantic_core import PydanticCustomError, core_schema
 LOG = logging.getLogger(__name__)
 
 
-def _numbers_only(schema: Any) -> None:
+Schema: TypeAlias = dict[str, object]
+"""Part of what pydantic validates by, as plain data."""
+
+
+def _numbers_only(schema: Schema | Sequence[object]) -> None:
     """Have each number in a model's schema refuse true, false and text. Models within have done so."""
     for part in schema.values() if isinstance(schema, dict) else schema:
-        if isinstance(part, dict) and part.get("type") in ("int", "float"):
-            number = dict(part)
-            part.clear()
-            part.update(core_schema.no_info_before_validator_function(_refuse_words, number))
-        elif isinstance(part, dict | list | tuple) and not (
-            isinstance(part, dict) and part.get("type") == "model"
-        ):
+        if isinstance(part, dict):
+            table = cast(Schema, part)
+            if table.get("type") in ("int", "float"):
+                number = cast(core_schema.CoreSchema, dict(table))
+                table.clear()
+                table.update(core_schema.no_info_before_validator_function(_refuse_words, number))
+            elif table.get("type") != "model":
+                _numbers_only(table)
+        elif isinstance(part, Sequence) and not isinstance(part, str | bytes):
             _numbers_only(part)
 
 
@@ -41,9 +47,9 @@ class RecipeModel(BaseModel):
         cls, source: type[BaseModel], handler: GetCoreSchemaHandler
     ) -> core_schema.CoreSchema:
         schema = handler(source)
-        inner: Any = schema
+        inner = cast(Schema, schema)
         while inner["type"] != "model":  # inside its own validators
-            inner = inner["schema"]
+            inner = cast(Schema, inner["schema"])
         _numbers_only(inner)
         return schema
 

@@ -113,7 +113,7 @@ def check_scenes(tasks: Sequence[Task], progress: Progress | None = None) -> Non
     from ..scene import build_scene
     from ..scene.foreign import NotCarried
 
-    problems = []
+    problems: list[str] = []
     for number, task in enumerate(tasks):
         if progress is not None:
             progress(0.0, f"looking through the scenes, {number + 1} of {len(tasks)}")

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -39,7 +39,7 @@ def end_with_parent() -> None:
 
 
 @contextmanager
-def at_work() -> Iterator[None]:
+def at_work() -> Generator[None]:
     """What is done within is interrupted when the worker is to end, and then it ends."""
     global _at_work
     _at_work = True
