@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from edofsim.core.progress import silent
 from edofsim.experiments import kept, noise
-from edofsim.experiments.experiment import silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.systems import Contestant
 
