@@ -146,7 +146,11 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
         for axis, direction in zip(axes[-1], (0, 90, 45, 135), strict=False):
             curves = mtf(camera, middle * 1e-9, bank.inverse_depths, frequencies, angle_deg=direction)
             for index, (depth, curve) in enumerate(zip(depths_m, curves, strict=True)):
-                look = {"color": SERIES[index % len(SERIES)], "linestyle": DASHES[index % len(DASHES)]}
+                again = index // len(SERIES)  # the same colours with other dashes
+                look = {
+                    "color": SERIES[index % len(SERIES)],
+                    "linestyle": DASHES[(index + again) % len(DASHES)],
+                }
                 at = (frequencies * 1e-3).numpy()
                 axis.plot(at, curve.numpy(), linewidth=1, label=_metres(depth), **look)
             axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
