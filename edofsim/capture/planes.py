@@ -21,8 +21,8 @@ def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor
     all known, so that nothing wraps or is missing (Eq. `Forwardmodel`).
 
     Light that leaves the PSFs' window is not gone. What height errors scatter spreads over a thousand pixels
-    and more, nearly evenly: it comes back as the mean of the picture, a veil over all of it. mean: [batch,
-    band], of the picture that a patch is from; None for the mean of `sharp`.
+    and more, nearly evenly: it comes back as veiling glare, the mean of the picture over all of it. mean:
+    [batch, band], of the picture that a patch is from; None for the mean of `sharp`.
     """
     rows, columns = sharp.shape[-2:]
     window = psf.shape[-1]
@@ -30,5 +30,5 @@ def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor
     spectrum = torch.fft.rfft2(sharp, s=size) * torch.fft.rfft2(psf, s=size)
     direct = torch.fft.irfft2(spectrum, s=size)[..., window - 1 : rows, window - 1 : columns]
     outside = 1 - psf.sum((-1, -2), keepdim=True)
-    veil = sharp.mean((-1, -2), keepdim=True) if mean is None else mean[..., None, None]
-    return direct + outside * veil
+    glare = sharp.mean((-1, -2), keepdim=True) if mean is None else mean[..., None, None]
+    return direct + outside * glare

@@ -42,7 +42,7 @@ err the same, and take hours."""
 @dataclass(frozen=True)
 class Case:
     """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
-    predicted_db, predicted_seconds: by the plan; one_part: simulated without parts of the pupil, and judged
+    predicted_db, predicted_seconds: by the plan; one_part: simulated without sub-apertures, and judged
     against the full simulation without them."""
 
     name: str
@@ -94,7 +94,7 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         beside = its_own if rest == fine else 0.0
         together = its_own if fidelity == fine else math.hypot(square**0.5, beside)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
-        # parts of the pupil cost a composite each, and change nothing in what other effects do; without
+        # sub-apertures cost a composite each, and change nothing in what other effects do; without
         # occlusion or hidden surfaces there are none
         one_part = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
         if one_part:

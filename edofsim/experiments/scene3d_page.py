@@ -42,7 +42,7 @@ LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALO
 
 ABOUT = (
     "Ours: linear light of all bands; each surface that a pixel sees has its own depth; surfaces behind "
-    "edges are rendered and composited front to back, through 4 x 4 parts of the pupil or as many as "
+    "edges are rendered and composited front to back, through 4 x 4 sub-apertures or as many as "
     "diffraction lets be told apart. The paper's: a picture with one depth a pixel in steps of 1 mm, its "
     "8-bit sRGB values taken for the intensities of 611, 543 and 482 nm, each depth's part "
     "convolved with the PSF at that depth, nothing hiding anything. The ways between change one thing at a "

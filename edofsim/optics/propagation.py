@@ -65,7 +65,7 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
 
 
 def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
-    """What parts of the pupil add to the energy in each pixel, [part, depth, pixel, pixel]: Re(F* F_j).
+    """What sub-apertures add to the energy in each pixel, [part, depth, pixel, pixel]: Re(F* F_j).
 
     along: [window, s], windows along an axis of the pupil that sum to 1; parts: each a sum of products of one
     along y and one along x. Parts in one row share the transform along y, which is most of the work.

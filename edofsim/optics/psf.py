@@ -110,9 +110,9 @@ def mean_psfs(
     direct = direct_part(wavelengths, height_noise, camera.mask_material)
     pitch = camera.recipe.mask.pitch_um * 1e-6
     period = wavelengths * camera.sensor_distance / pitch / camera.pixel
-    haze = (1 - direct) / period.square()
+    glare = (1 - direct) / period.square()
     psf = bank.values.to(torch.float32)
-    return psf * direct.to(psf)[:, None, None] + haze.to(psf)[:, None, None]
+    return psf * direct.to(psf)[:, None, None] + glare.to(psf)[:, None, None]
 
 
 def wave_at(

@@ -1,4 +1,4 @@
-"""The PSF shared out among parts of the pupil: which light of it comes through which part.
+"""The PSF shared out among sub-apertures: which light of it comes through which part of the pupil.
 
 With the pupil function Q = sum_j w_j Q, sum_j w_j = 1, and the field F = sum_j F_j that follows from it,
 
@@ -47,37 +47,27 @@ def sub_aperture_psfs(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Tensor]:
-    """What each part of the pupil adds to the PSFs: one tensor [depth, band, y, x] a part, as it is needed.
+    """What each sub-aperture adds to the PSFs: one tensor [depth, band, y, x] each, as it is needed.
 
-    across: parts along each axis; there are at most across^2, those outside the aperture or behind an
+    across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
     opaque mask being joined to others. Their sum is `psf_bank(...).values`. Other arguments as there;
-    gradients reach the camera's height map. Raises InputError as there, and for a number of parts out of
+    gradients reach the camera's height map. Raises InputError as there, and for a number of them out of
     range.
     """
     if not 1 <= across <= MOST_PARTS:
-        raise InputError(f"{across} parts across the pupil: give a whole number from 1 to {MOST_PARTS}")
-    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
-    pixels = camera.recipe.psf.window_px if window_px is None else window_px
-    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
-    opening = aperture(camera, sampling.grid)
-    where = torch.device(device)
-    waves = [
-        wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
-    ]
-    intensity = sum(wave.pupil.detach().abs().square() for wave in waves).double().cpu()
-    along, parts = partition(sampling.grid, across, intensity)
-    along = along.to(where, dtype)
-    if any(wave.pupil.requires_grad for wave in waves):
-        for part in parts:
-            yield _part(waves, _window(along, part))[..., :pixels, :pixels]
-        return
-    size = along.element_size() * len(waves) * len(inverse_depths) * pixels**2
-    at_once = max(1, HELD_BYTES // size)
-    for start in range(0, len(parts), at_once):
-        several = parts[start : start + at_once]
-        of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
-        for number in range(len(several)):
-            yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
+        raise InputError(f"{across} sub-apertures across the pupil: give a whole number from 1 to
+        {MOST_PARTS}") wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths) pixels =
+        camera.recipe.psf.window_px if window_px is None else window_px sampling = plan_sampling(camera,
+        wavelengths, inverse_depths, pixels) opening = aperture(camera, sampling.grid) where =
+        torch.device(device) waves = [ wave_at(camera, opening, float(each), inverse_depths, pixels, dtype,
+        where) for each in wavelengths ] intensity = sum(wave.pupil.detach().abs().square() for wave in
+        waves).double().cpu() along, parts = partition(sampling.grid, across, intensity) along =
+        along.to(where, dtype) if any(wave.pupil.requires_grad for wave in waves): for part in parts: yield
+        _part(waves, _window(along, part))[..., :pixels, :pixels] return size = along.element_size() *
+        len(waves) * len(inverse_depths) * pixels**2 at_once = max(1, HELD_BYTES // size) for start in
+        range(0, len(parts), at_once): several = parts[start : start + at_once] of_band =
+        in_threads(partial(shared_energies, along=along, parts=several), waves, where) for number in
+        range(len(several)): yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
 
 
 def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, tuple[Part, ...]]:

@@ -219,14 +219,14 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     if "layers" in insisted:
         count = insisted["layers"]
         more["depth layers"] = Level(f"{count} layer{'s'[: count > 1]}", {"layers": count})
-    parts = insisted.get("sub_apertures")
-    if "occlusion" in insisted or (parts or 1) != 1:
+    across = insisted.get("sub_apertures")
+    if "occlusion" in insisted or (across or 1) != 1:
         way = insisted.get("occlusion", "hidden")
         more["occlusion"] = Level(way, {"occlusion": way})
-    if parts is not None:
-        said = "one part" if parts == 1 else f"{parts} x {parts} parts"
+    if across is not None:
+        said = "the whole pupil" if across == 1 else f"{across} x {across}"
         more["sub-apertures"] = Level(
-            said, {"sub_apertures": parts}, sample={"sub_apertures": FULL_SUB_APERTURES}
+            said, {"sub_apertures": across}, sample={"sub_apertures": FULL_SUB_APERTURES}
         )
     if "method" in insisted:
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})

@@ -93,7 +93,7 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
 def _parts_of(
     shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, samples: int
 ) -> tuple[tuple[float, ...], float]:
-    """Amounts of compositing the pupil in parts, and the bytes of their PSFs and light."""
+    """Amounts of compositing sub-apertures, and the bytes of their PSFs and light."""
     across = fidelity.sub_apertures
     if across == 1 or fidelity.occlusion != "hidden" or not shape.edges.numel():
         return (0.0,) * PART_AMOUNTS, 0.0
@@ -128,7 +128,7 @@ def _parts_of(
 
 @dataclass
 class _Composites:
-    """Work of one part of the pupil, added up tile by tile.
+    """Work of one sub-aperture, added up tile by tile.
 
     transforms: in pixels times their logarithm; light: those that all parts share; products: pixels of
     spectra that are multiplied; largest: bytes of the spectra of one tile's light.

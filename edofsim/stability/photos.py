@@ -76,8 +76,8 @@ def true_photo(view: View, camera: Camera) -> Tensor:
             whole = fftconvolve(plane, psf[band].numpy(), mode="full")
             first = WINDOW - 1 - start
             blurred = whole[first : first + rows, first : first + columns]
-            veil = float(1 - psf[band].sum()) * plane.mean()  # of what lands beyond the window
-            out += weights[:, band, None, None].numpy() * (blurred + veil)
+            glare = float(1 - psf[band].sum()) * plane.mean()  # of what lands beyond the window
+            out += weights[:, band, None, None].numpy() * (blurred + glare)
     return view.crop_margin(torch.from_numpy(out))
 
 

@@ -104,7 +104,7 @@ def test_gradients_reach_the_height_map():
 @pytest.mark.parametrize("across", [0, -1, 17])
 def test_a_number_of_parts_out_of_range(across):
     camera = Camera.from_recipe(CameraRecipe(name="parts"))
-    with pytest.raises(InputError, match="parts"):
+    with pytest.raises(InputError, match="sub-apertures"):
         next(sub_aperture_psfs(camera, [546e-9], [1.0], across))
 
 

@@ -1,4 +1,4 @@
-"""Occlusion: what is in front hides what is behind, for a part of the pupil."""
+"""Occlusion: what is in front hides what is behind, in some sub-apertures or in all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of the pupil: what lies behind an edge is seen through one side of the pupil, and blurred so."""
+"""Sub-apertures: light from behind an edge fills only one side of the pupil, and is blurred so."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ FEWER = 4
 
 def absent(facts: Facts) -> str:
     if not facts.edges:
-        return "there are no depth edges: nothing stops light in one part of the pupil alone"
+        return "there are no depth edges: nothing stops light in one sub-aperture alone"
     if not facts.hidden:
         return "what edges hide is not known, so nothing is there to be seen past them"
     if facts.full.sub_apertures == 1:
-        return "depths differ so little that diffraction hides what parts of the pupil would tell"
+        return "depths differ so little that diffraction hides what sub-apertures would tell"
     return ""
 
 
@@ -27,11 +27,11 @@ def levels(facts: Facts) -> list[Level]:
 
 
 def _label(across: int) -> str:
-    return "one part" if across == 1 else f"{across} x {across} parts"
+    return "the whole pupil" if across == 1 else f"{across} x {across}"
 
 
 def why(facts: Facts) -> str:
-    return f"{facts.edges} pixels lie on edges past which what is behind is seen through a part of the pupil"
+    return f"{facts.edges} pixels lie on edges past which what is behind fills a part of the pupil"
 
 
 EFFECT = Effect(
