@@ -55,19 +55,31 @@ def sub_aperture_psfs(
     range.
     """
     if not 1 <= across <= MOST_PARTS:
-        raise InputError(f"{across} sub-apertures across the pupil: give a whole number from 1 to
-        {MOST_PARTS}") wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths) pixels =
-        camera.recipe.psf.window_px if window_px is None else window_px sampling = plan_sampling(camera,
-        wavelengths, inverse_depths, pixels) opening = aperture(camera, sampling.grid) where =
-        torch.device(device) waves = [ wave_at(camera, opening, float(each), inverse_depths, pixels, dtype,
-        where) for each in wavelengths ] intensity = sum(wave.pupil.detach().abs().square() for wave in
-        waves).double().cpu() along, parts = partition(sampling.grid, across, intensity) along =
-        along.to(where, dtype) if any(wave.pupil.requires_grad for wave in waves): for part in parts: yield
-        _part(waves, _window(along, part))[..., :pixels, :pixels] return size = along.element_size() *
-        len(waves) * len(inverse_depths) * pixels**2 at_once = max(1, HELD_BYTES // size) for start in
-        range(0, len(parts), at_once): several = parts[start : start + at_once] of_band =
-        in_threads(partial(shared_energies, along=along, parts=several), waves, where) for number in
-        range(len(several)): yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
+        raise InputError(
+            f"{across} sub-apertures across the pupil: give a whole number from 1 to {MOST_PARTS}"
+        )
+    wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
+    pixels = camera.recipe.psf.window_px if window_px is None else window_px
+    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
+    opening = aperture(camera, sampling.grid)
+    where = torch.device(device)
+    waves = [
+        wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
+    ]
+    intensity = sum(wave.pupil.detach().abs().square() for wave in waves).double().cpu()
+    along, parts = partition(sampling.grid, across, intensity)
+    along = along.to(where, dtype)
+    if any(wave.pupil.requires_grad for wave in waves):
+        for part in parts:
+            yield _part(waves, _window(along, part))[..., :pixels, :pixels]
+        return
+    size = along.element_size() * len(waves) * len(inverse_depths) * pixels**2
+    at_once = max(1, HELD_BYTES // size)
+    for start in range(0, len(parts), at_once):
+        several = parts[start : start + at_once]
+        of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
+        for number in range(len(several)):
+            yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
 
 
 def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, tuple[Part, ...]]:
