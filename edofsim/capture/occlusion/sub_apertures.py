@@ -66,11 +66,11 @@ def _change(view: View, blurring: Blurring, through: Sequence[Kernels]) -> Tenso
         slabs.append(_transformed(light_of(view, blurring.kernels.nodes, which, both), grid))
     used = sorted({node for slab in slabs for node in slab.spectra})
     response = blurring.response
-    whole = _Psfs(blurring.kernels, used, grid)
+    whole = Psfs(blurring.kernels, used, grid)
     change = -_composite(slabs, whole, whole.blocking(response), response, grid)
 
     def one(kernels: Kernels) -> Tensor:
-        psfs = _Psfs(kernels, used, grid)
+        psfs = Psfs(kernels, used, grid)
         return _composite(slabs, psfs, psfs.blocking(response, whole, has_left(kernels)), response, grid)
 
     if change.requires_grad:
@@ -93,7 +93,7 @@ def _transformed(light: Light, grid: Grid) -> _Slab:
     return _Slab({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
 
 
-class _Psfs:
+class Psfs:
     """Sums [band] and spectra [band, ky, kx] of the PSFs at some depth nodes."""
 
     def __init__(self, kernels: Kernels, nodes: Sequence[int], grid: Grid) -> None:
@@ -102,7 +102,7 @@ class _Psfs:
         self.spectra = {node: spectrum(psf, grid) for node, psf in psfs.items()}
 
     def blocking(
-        self, response: Tensor, whole: _Psfs | None = None, left: Tensor | None = None
+        self, response: Tensor, whole: Psfs | None = None, left: Tensor | None = None
     ) -> dict[int, Tensor]:
         """What `blurring.opaque_kernels` gives, as spectra [channel, ky, kx]; left: bool [node, band], where
         the whole pupil stands in."""
@@ -117,7 +117,7 @@ class _Psfs:
 
 
 def _composite(
-    slabs: Sequence[_Slab], psfs: _Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
+    slabs: Sequence[_Slab], psfs: Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
 ) -> Tensor:
     done = []
     for slab in slabs:
