@@ -47,9 +47,9 @@ def test_an_interrupt_ends_with_its_own_status_and_says_what_is_kept(name: str, 
 
 
 def test_quiet_commands_say_nothing_on_the_error_channel(edofsim: Run, tmp_path: Path):
-    line = ("render", SMALL / "small.toml", "--cache", tmp_path / "cache")
-    assert edofsim(*line, "--quiet") == (0, "")
-    status, said = edofsim(*line)
+    line = ("render", SMALL / "small.toml", "--cache")
+    assert edofsim(*line, tmp_path / "one", "--quiet") == (0, "")
+    status, said = edofsim(*line, tmp_path / "other")
     assert status == 0 and "render: " in said
     psf = ("psf", "paper-clear", "--depths", "1", "--wavelengths", "543", "--out", tmp_path / "psf")
     assert edofsim(*psf, "--quiet") == (0, "")
