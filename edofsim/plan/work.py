@@ -48,8 +48,7 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
     samples = _pupil_samples(camera, fidelity, window, shape)
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
-    oversampling = fidelity.oversampling or camera.recipe.psf.oversampling
-    half, out = samples / 2, (window * oversampling + 2) / 2
+    half, out = samples / 2, _half_out(camera, fidelity, window, shape)
     waves = layers * colours
     parts, held = _parts_of(shape, camera, fidelity, layers, samples)
     return Work(
@@ -102,8 +101,7 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    oversampling = fidelity.oversampling or camera.recipe.psf.oversampling
-    waves, half, out = layers * colours, samples / 2, (window * oversampling + 2) / 2
+    waves, half, out = layers * colours, samples / 2, _half_out(camera, fidelity, window, shape)
     margin = window // 2
     work = _Composites()
     tiles = shape.tiles(margin)
@@ -230,6 +228,11 @@ def _composite(
         work.add(rows, columns, window, nodes, groups, count * scale)
         work.add(rows, columns, window, nodes, COVERAGES, count * scale)
         work.scanned += sum(slabs.fragments) * scale
+
+
+def _half_out(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> float:
+    """Samples along half an axis of the window that PSFs are computed on."""
+    return (window * (fidelity.oversampling or camera.oversampling(min(shape.wavelengths))) + 2) / 2
 
 
 def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
