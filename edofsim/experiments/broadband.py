@@ -51,6 +51,7 @@ from .systems import (
     filtered,
     made,
     paper_test,
+    veil_of,
 )
 
 DEPTHS_M = (0.5, 1.0, math.inf)
@@ -311,9 +312,9 @@ def _photographed(
     lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, noise_key)
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
-        restored, from_lines = system.restore(photo), of_three.restore(lines)
         known = torch.einsum("cb,byx->cyx", weights, psf)
-        linear = filtered(photo, known[None])
+        restored, from_lines = system.restore(photo, veil_of(known)), of_three.restore(lines, veil_of(three))
+        linear = filtered(photo, known[None], veil_of(known))
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
         write_png(path, srgb_encode(middle(image, SHOWN_PX)))
     return {

@@ -2,7 +2,8 @@
 
 Protocol of Akpinar et al., section "Test Images": 8-bit values are intensities; red, green and blue are 611,
 543 and 482 nm; the mask is upsampled to 3 um (bicubic between its wraps) and made with height errors, one
-made mask a system. Where light comes from beyond a picture, its mirror image goes on. PSNR over all channels.
+made mask a system. What restores is told which part of the light the made mask spreads evenly. Where light
+comes from beyond a picture, its mirror image goes on. PSNR over all channels.
 
 Every finished picture is kept in the output folder; the same call goes on from there.
 """
@@ -30,7 +31,7 @@ from ..report.words import decibels, listed
 from ..restore.scores import psnr
 from .kept import Kept, key_of
 from .photographs import Photograph, Photographs
-from .systems import NEAREST_PER_M, Contestant, described, made
+from .systems import NEAREST_PER_M, Contestant, described, made, veil_of
 
 RANDOM = "random"
 SHOWN_PX = 240
@@ -204,7 +205,7 @@ def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, sh
     # the same noise for all systems and strengths, so that they alone make the difference
     photo = noisy(through(sharp, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
     with torch.inference_mode():
-        restored = system.restore(photo)
+        restored = system.restore(photo, veil_of(psf))
     files = _shown(job, out) if job.picture.name in show else None
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):

@@ -141,14 +141,14 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
         depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
+        # how finely the mask is made, and so the veil that its making leaves, is known of a camera
+        veil = (1 - channel_weights(camera, view.wavelengths) @ direct).to(photo.image)
         images["restored"], _ = restore(
-            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint
+            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, veil=veil
         )
-        # a filter knows the mask as designed, and the veil that its making leaves
         taker = system.designed or system.camera
         taker = _of_three_lines(taker) if way.flat else taker
-        level = (channel_weights(camera, view.wavelengths) @ direct).to(photo.image)[:, None, None]
-        images["wiener"], _ = restore(unveiled(photo.image, level), taker, view.wavelengths, depths)
+        images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, veil=veil)
     return Taken(photo, images)
 
 
@@ -168,12 +168,6 @@ def veiled(view: View, direct: Tensor) -> View:
     rows, columns = view.padded_shape
     mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
     return replace(view, radiance=view.radiance * part + mean * (1 - part) * view.coverage)
-
-
-def unveiled(photo: Tensor, direct: Tensor) -> Tensor:
-    """A photo [3, y, x] without the veil: `direct` [3, 1, 1] is the part of its light that is no veil."""
-    mean = photo.mean((-1, -2), keepdim=True)
-    return (photo - (1 - direct) * mean) / direct
 
 
 def flattened(view: View, camera: Camera, *, encoded: bool) -> View:

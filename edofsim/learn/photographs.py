@@ -16,6 +16,7 @@ from .lamps import with_lamps
 from .reader import TrainingReader, Wanted
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Planes, Scenes
+from .variation import Variation, evenly, varied
 
 VALIDATION_BATCH = 4
 
@@ -25,12 +26,13 @@ class NaturalImages(TrainingReader):
     as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
     steps whose photographs stand one in front of another, with an edge of depth in each patch. lamps: share
     of the patches with lamps, many times brighter than full scale; in half of the steps the photo is clipped
-    there."""
+    there. vary: of exposure and colours."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
+    vary: Variation = Variation()
 
     def open(self, wanted: Wanted) -> PlaneSource:
         folder = wanted.data if self.folder is None else wanted.base / self.folder
@@ -42,11 +44,12 @@ class NaturalImages(TrainingReader):
 
 class PackagedImages(TrainingReader):
     """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
-    lamps: as of `natural`."""
+    lamps, vary: as of `natural`."""
 
     kind: Literal["packaged"] = "packaged"
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
+    vary: Variation = Variation()
 
     def open(self, wanted: Wanted) -> PlaneSource:
         images = packaged_images(wanted.recipe.data.patch_px)
@@ -56,7 +59,8 @@ class PackagedImages(TrainingReader):
 @dataclass(frozen=True)
 class PlaneSource:
     """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
-    of the steps each one is in front of another, and a share `lamps` of them has lamps."""
+    of the steps each one is in front of another, and a share `lamps` of them has lamps; vary: of exposure and
+    colours, of which validation has the exposures beside the pictures as they are."""
 
     training: Images
     held_back: Images
@@ -67,11 +71,14 @@ class PlaneSource:
     sha256: str
     edges: float = 0.0
     lamps: float = 0.0
+    vary: Variation = Variation()
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         low, high = self.depths
         sharp, means = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
         depths = low + (high - low) * torch.rand(count, generator=generator)
+        if self.vary.changes:
+            sharp, means = varied(sharp, means, self.vary, generator)
         saturates = False
         if self.lamps > 0:
             sharp = with_lamps(sharp, self.lamps, generator)
@@ -86,6 +93,10 @@ class PlaneSource:
 
     def validation(self, count: int) -> list[Scenes]:
         sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
+        if self.vary.changes:
+            dim, dim_means = evenly(sharp, means, self.vary)
+            sharp, means = torch.cat([sharp, dim]), torch.cat([means, dim_means])
+            count *= 2
         depths = torch.linspace(*self.depths, count)
         # neighbouring pictures of a folder are alike: walk through the depths in strides
         depths = depths[torch.arange(count) * _stride(count) % count]
@@ -123,4 +134,5 @@ def _planes(
         images.sha256,
         table.edges,
         table.lamps,
+        table.vary,
     )

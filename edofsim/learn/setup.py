@@ -78,6 +78,7 @@ def prepare(
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
         bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),
+        light_kept=recipe.loss.light_kept,
     )
     system.to(workers.device)
     system.network.to(memory_format=torch.channels_last)

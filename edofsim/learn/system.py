@@ -12,6 +12,7 @@ from ..capture.planes import photograph, surroundings
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, mean_psfs, psf_bank, response, response_curves
 from ..optics.sampling import coarsest_pitch
+from ..restore.light import keep_light
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.restorer import Restorer
 
@@ -172,6 +173,7 @@ class System(nn.Module):
     stray: weight of the light that leaves the PSFs' window. height_noise: standard deviation in metres, added
     anew to each sample of the height map in every step, for the errors of fabrication. depth_range: least and
     largest inverse depth in 1/m. bfloat16 applies to the network alone: the optics stay in float32.
+    light_kept: see `recipe.train.LossTable`.
     """
 
     def __init__(
@@ -184,11 +186,12 @@ class System(nn.Module):
         height_noise: float,
         depth_range: tuple[float, float],
         bfloat16: bool = False,
+        light_kept: bool = False,
     ) -> None:
         super().__init__()
         self.depth_range, self.stray = depth_range, stray
         self.optics, self.loss_weights = optics, loss
-        self.height_noise, self.bfloat16 = height_noise, bfloat16
+        self.height_noise, self.bfloat16, self.light_kept = height_noise, bfloat16, light_kept
         self.mask, self.network = mask, network
 
     def forward(self, draw: Draw) -> Outcome:
@@ -197,9 +200,11 @@ class System(nn.Module):
         captured = self.capture(draw, height)
         photo = _noisy(captured.clean, draw)
         restored = self.restore(photo, height)
-        photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
         # what is shown ends at full scale, as the truth does
-        restored = torch.where(ideal < 1, restored, restored.clamp_max(1))
+        restored = torch.where(captured.ideal < 1, restored, restored.clamp_max(1))
+        if self.light_kept:
+            restored = keep_light(captured.ideal, restored)
+        photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
         loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * captured.lost
         psf = None if captured.psf is None else captured.psf.detach()
         return Outcome(loss, photo, restored, ideal, psf)
@@ -222,8 +227,9 @@ class System(nn.Module):
         if self.network.psfs == "designed":
             return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)
+        restore = self.network.unclamped if self.light_kept else self.network
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
-            return self.network(photo).to(torch.float32)
+            return restore(photo).to(torch.float32)
 
     def prime(self) -> None:
         """Tell a network that asks for it how the mask blurs as it is, made with the mean error of

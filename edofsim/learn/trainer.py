@@ -31,6 +31,7 @@ from .workers import Workers, join_workers
 
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
 DESIGN_STRAY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
+SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the weights at the start, from which validation chooses
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
 
@@ -132,9 +133,9 @@ def _train(
         position.seconds = loop.seconds()
         if workers.first:
             _save(loop)  # first of all: who stops a training may not wait for more
-            _keep_start(setup)
+            share = _keep_start(setup)
             figures |= validate(setup, journal, position.step)
-            save_result(setup, path, position.step, figures)
+            save_result(setup, path, position.step, figures, share)
     figures |= {"steps": float(position.step), "seconds.training": position.seconds}
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
     return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)
@@ -246,12 +247,25 @@ def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw
 
 
 @torch.no_grad()
-def _keep_start(setup: Setup) -> None:
-    """The weights' mean with those of the start, as the recipe shares it. Linear in between: networks that
-    were trained on from one another lie in one valley of the loss."""
-    share = setup.recipe.network.start_share
-    for name, value in trained(setup.system.network) if share else ():
-        value.lerp_(setup.start[name].to(value), share)
+def _keep_start(setup: Setup) -> float:
+    """Make the weights their mean with those of the start, as the recipe shares it, and return that share.
+    Linear in between: networks that were trained on from one another lie in one valley of the loss."""
+    wanted = setup.recipe.network.start_share
+    end = {name: value.clone() for name, value in trained(setup.system.network)}
+
+    def share_out(share: float) -> None:
+        for name, value in trained(setup.system.network) if share else ():
+            value.copy_(end[name].lerp(setup.start[name].to(value), share))
+
+    def loss(share: float) -> float:
+        share_out(share)
+        return validate(setup, None, 0)["validation_loss"]
+
+    share = min(SHARES, key=loss) if wanted == "validation" else wanted
+    for name, value in trained(setup.system.network):
+        value.copy_(end[name])
+    share_out(share)
+    return share
 
 
 @torch.no_grad()
@@ -278,8 +292,10 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
     return figures
 
 
-def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float]) -> Path:
-    """The checkpoint with its card."""
+def save_result(
+    setup: Setup, path: Path, step: int, figures: Mapping[str, float], share: float = 0.0
+) -> Path:
+    """The checkpoint with its card. share: of the weights at the start."""
     card = {
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
@@ -290,9 +306,10 @@ def save_result(setup: Setup, path: Path, step: int, figures: Mapping[str, float
         "step": step,
         "figures": dict(figures),
     }
-    share = setup.recipe.network.start_share
     if share:
         card["weights"] = f"{1 - share:g} of this training's and {share:g} of those that it started from"
+        if setup.recipe.network.start_share == "validation":
+            card["weights"] += ", as the validation pictures chose"
     if setup.history:
         card["history"] = list(setup.history)
     setup.system.settle()

@@ -19,17 +19,17 @@ class NetworkTable(RecipeModel):
     """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. start_share:
     what is saved in the end is a mean of the weights and those at the start, which have this share: of a
     training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
-    CVPR 2022)."""
+    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least."""
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     settings: Json = {}
     start: str | None = None
-    start_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    start_share: Annotated[float, Field(ge=0, lt=1)] | Literal["validation"] = 0.0
 
     @model_validator(mode="after")
     def _startable(self) -> NetworkTable:
         if self.start_share and self.start is None:
-            raise ValueError(f"start_share = {self.start_share:g} needs a start")
+            raise ValueError(f"start_share = {self.start_share} needs a start")
         return self
 
 
@@ -58,12 +58,14 @@ class DoeTable(RecipeModel):
 class LossTable(RecipeModel):
     """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. stray: weight of the fraction
     of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it, where a real
-    camera would show it as haze."""
+    camera would show it as haze. light_kept: what is judged has the lowest spatial frequencies of the truth,
+    as in use it gets those of the photo (see `restore.light`), and is made as in use, at borders too."""
 
     alpha: NotNegative = 0.01
     beta: NotNegative = 10.0
     gamma: Annotated[float, Field(gt=0, le=2)] = 0.8
     stray: NotNegative = 0.2
+    light_kept: bool = False
 
 
 class TrainingSource(KindModel):

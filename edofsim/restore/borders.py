@@ -7,22 +7,43 @@ from torch import Tensor
 
 from ..core.images import mirrored
 
+ALONG_PX = 1.0
+"""Standard deviation of the mean along a border. On middles of photographs 0.7 to 1.5 give the same PSNR near
+it, 0.4 dB more than a single pixel; a line fitted across the border gives less, as it leaves a step."""
+
+ALONG_REACH = 3
+"""Pixels along a border that such a mean sees on each side."""
+
 
 def continued(image: Tensor, reach: int, *, turned: bool) -> Tensor:
     """An image [.., y, x] with what may lie beyond it, as far as `reach` pixels on each side.
 
     Its mirror image, which is what goes on where the world itself is made by mirroring; or, turned, that
     image turned about the border's value, which goes on with the slope, too. The light that something beyond
-    the border spreads into the picture rises towards it: folded back it looks like a line on the border.
+    the border spreads into the picture rises towards it: folded back it looks like a line on the border. The
+    border's value is a mean along the border: the noise of one pixel would go on for `reach` pixels, and a
+    sharp image would show it as a comb.
     """
-    rows, columns = (mirrored(torch.arange(-reach, n + reach), n).to(image.device) for n in image.shape[-2:])
-    mirror = image.index_select(-2, rows).index_select(-1, columns)
-    if not turned:
-        return mirror
-    rows, columns = (
-        torch.arange(-reach, n + reach).clamp(0, n - 1).to(image.device) for n in image.shape[-2:]
-    )
-    border = image.index_select(-2, rows).index_select(-1, columns)
-    beyond = (2 * border - mirror).clamp_min(0)
-    beyond[..., reach : reach + image.shape[-2], reach : reach + image.shape[-1]] = image
-    return beyond
+    for axis in (-2, -1):
+        lines = image.movedim(axis, -1)
+        index = mirrored(torch.arange(-reach, lines.shape[-1] + reach), lines.shape[-1]).to(image.device)
+        beyond = lines[..., index]
+        if turned:
+            beyond[..., :reach] = 2 * _along(lines[..., :1]) - beyond[..., :reach]
+            beyond[..., -reach:] = 2 * _along(lines[..., -1:]) - beyond[..., -reach:]
+            beyond[..., :reach].clamp_min_(0)
+            beyond[..., -reach:].clamp_min_(0)
+        image = beyond.movedim(-1, axis)
+    return image
+
+
+def _along(border: Tensor) -> Tensor:
+    """The pixels of a border [.., n, 1] through a Gaussian along it, beyond whose ends the slope goes on."""
+    place = torch.arange(-ALONG_REACH, ALONG_REACH + 1)
+    weights = (-(place / ALONG_PX).square() / 2).exp()
+    last = border.shape[-2] - 1
+    index = (torch.arange(last + 1)[:, None] + place).to(border.device)
+    inside = index.clamp(0, last)
+    turned = (2 * inside - index).clamp(0, last)
+    values = 2 * border[..., inside, 0] - border[..., turned, 0]
+    return values @ (weights / weights.sum()).to(border)[:, None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from .borders import continued
 from .restorer import Restorer
 
 DILATIONS = (1, 2, 3, 2, 1)
@@ -47,8 +48,20 @@ class DCnn(Restorer):
         self.refine = nn.Sequential(*refine)
 
     def forward(self, photo: Tensor) -> Tensor:
-        """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1]."""
+        """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
+
+        In use a photo is continued beyond its border (see `borders`); in training black lies there."""
+        sharp = self._sharp(photo) if self.training else self.unclamped(photo)
+        return sharp.clamp(0, 1)
+
+    def unclamped(self, photo: Tensor) -> Tensor:
+        """As in use, without the clamp."""
+        reach, (rows, columns) = self.radius, photo.shape[-2:]
+        sharp = self._sharp(continued(photo, reach, turned=True))
+        return sharp[..., reach : reach + rows, reach : reach + columns]
+
+    def _sharp(self, photo: Tensor) -> Tensor:
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's
         sharp = photo + self.residual(photo).to(photo.dtype)
         with torch.autocast(photo.device.type, enabled=False):
-            return self.refine(sharp).clamp(0, 1)
+            return self.refine(sharp)

@@ -121,12 +121,14 @@ class FilterBank(Restorer):
         In use a photo is continued beyond its border (see `borders`); in training its outermost `border`
         pixels, which filters cannot know, should not be judged.
         """
-        if self.training:
-            return self._restored(photo)
+        return self._restored(photo) if self.training else self.unclamped(photo).clamp(0, 1)
+
+    def unclamped(self, photo: Tensor) -> Tensor:
+        """As in use, without the clamp."""
         # as many pixels as keep the places of the likelihood where they are
         reach = STEP * -(-self.border // STEP)
         sharp = self._restored(continued(photo, reach, turned=not self.world_is_mirrored))
-        return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]].clamp(0, 1)
+        return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
     def _restored(self, photo: Tensor) -> Tensor:
         photo = photo.clamp(-BRIGHTEST, BRIGHTEST)

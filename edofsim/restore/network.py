@@ -10,6 +10,8 @@ from torch import Tensor, nn
 
 from ..errors import InputError
 from ..recipe.kinds import NETWORKS
+from .borders import ALONG_REACH
+from .light import keep_light
 from .restorer import Restorer
 
 
@@ -35,8 +37,13 @@ def weights_of(network: nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
 
 
-def apply_network(network: Restorer, image: Tensor, *, tile: int = 512) -> Tensor:
+def apply_network(
+    network: Restorer, image: Tensor, *, veil: Tensor | None = None, tile: int = 512
+) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
+
+    Its lowest spatial frequencies are the photo's, see `light`. veil: [3], the part of the light that is
+    spread evenly over the photo, as the camera's mask is known to be made; None for none.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
@@ -49,19 +56,31 @@ def apply_network(network: Restorer, image: Tensor, *, tile: int = 512) -> Tenso
         raise InputError("the photo holds values that are not finite; nothing can be restored from it")
     network = network.eval().to(image.device)
     precision = next((weights.dtype for weights in network.parameters()), image.dtype)
-    photo = image.to(precision)[None].contiguous(memory_format=torch.channels_last)
-    rows, columns = image.shape[-2:]
-    if network.radius is None:
-        with torch.inference_mode():
-            return network(photo)[0].to(image.dtype)
-    around = -(-network.radius // network.multiple) * network.multiple
-    tile = -(-tile // network.multiple) * network.multiple
-    restored = torch.empty_like(image)
+    photo = image.to(precision)
     with torch.inference_mode():
-        for top in range(0, rows, tile):
-            for left in range(0, columns, tile):
-                above, before = max(0, top - around), max(0, left - around)
-                part = photo[..., above : top + tile + around, before : left + tile + around]
-                done = network(part)[0, :, top - above :, left - before :][:, :tile, :tile]
-                restored[:, top : top + tile, left : left + tile] = done.to(image.dtype)
+        restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
+        return keep_light(photo, restored, veil).clamp(0, 1).to(image.dtype)
+
+
+def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:
+    """What the network makes of a photo [1, 3, y, x], not clamped, [3, y, x]."""
+    with torch.inference_mode():
+        restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
+        return keep_light(photo, restored, veil).clamp(0, 1).to(image.dtype)
+
+
+def _restored(network: nn.Module, photo: Tensor, tile: int) -> Tensor:
+    """What the network makes of a photo [1, 3, y, x], not clamped, [3, y, x]."""
+    if network.radius is None:
+        return network.unclamped(photo)[0]
+    rows, columns = photo.shape[-2:]
+    around = -(-(network.radius + ALONG_REACH) // network.multiple) * network.multiple
+    tile = -(-tile // network.multiple) * network.multiple
+    restored = photo.new_empty(photo.shape[1:])
+    for top in range(0, rows, tile):
+        for left in range(0, columns, tile):
+            above, before = max(0, top - around), max(0, left - around)
+            part = photo[..., above : top + tile + around, before : left + tile + around]
+            done = network.unclamped(part)[0, :, top - above :, left - before :]
+            restored[:, top : top + tile, left : left + tile] = done[:, :tile, :tile]
     return restored

@@ -49,6 +49,11 @@ class Restorer(nn.Module):
         """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
         raise NotImplementedError
 
+    def unclamped(self, photo: Tensor) -> Tensor:
+        """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may
+        still be moved (see `light`)."""
+        return self(photo)
+
     def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
         """The sharp image by PSFs [depth, 3, y, x] that gradients go through, where `psfs` is "designed"."""
         raise NotImplementedError

@@ -43,11 +43,15 @@ class WienerNetwork(Restorer):
     def forward(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
         """Photo [batch, 3, y, x] to the sharp image. psf: [depth, 3, window, window] in place of its own,
         while the mask learns. Clamped to [0, 1] except in training."""
+        sharp = self.unclamped(photo, psf)
+        return sharp if self.training else sharp.clamp(0, 1)
+
+    def unclamped(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
+        """The same without the clamp."""
         psf = self.psf if psf is None else psf
         with torch.autocast(photo.device.type, enabled=False):
             images = [wiener(image.float(), psf, self.log_noise.exp()) for image in photo]
-        sharp = torch.stack(images)
-        return sharp if self.training else sharp.clamp(0, 1)
+        return torch.stack(images)
 
     def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
         return self(photo, psf)

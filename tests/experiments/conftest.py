@@ -64,7 +64,9 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 def echo() -> Callable[..., Contestant]:
     """A system that gives its photo back."""
 
-    def build(mask: str = "clear", restore: Callable[[Tensor], Tensor] = lambda photo: photo) -> Contestant:
+    def build(
+        mask: str = "clear", restore: Callable[[Tensor, Tensor], Tensor] = lambda photo, veil: photo
+    ) -> Contestant:
         recipe = CameraRecipe(name="c", mask={"kind": mask}, psf=PSF)
         return Contestant("echo", Camera.from_recipe(recipe), restore, "echo" + mask)
 

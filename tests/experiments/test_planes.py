@@ -89,7 +89,7 @@ def test_height_errors_scatter_light(folder: Path, tmp_path: Path, echo: Echo, o
 def test_an_interrupted_evaluation_goes_on(folder: Path, tmp_path: Path, echo: Echo, only: Callable) -> None:
     calls: list[int] = []
 
-    def restore(photo: torch.Tensor) -> torch.Tensor:
+    def restore(photo: torch.Tensor, veil: torch.Tensor) -> torch.Tensor:
         calls.append(1)
         if len(calls) == 6:
             raise KeyboardInterrupt

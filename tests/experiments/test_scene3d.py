@@ -30,7 +30,6 @@ from edofsim.experiments.protocols import (
     quantised,
     systems_of,
     take,
-    unveiled,
     veiled,
     views_of,
 )
@@ -40,6 +39,7 @@ from edofsim.recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.recipe.fabrication import Fabrication
 from edofsim.render.view import View
+from edofsim.restore.light import unveiled
 
 CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=24)))
 ROWS, COLUMNS, MARGIN = 24, 32, 12
@@ -178,8 +178,11 @@ def test_scattered_light_is_a_veil_that_a_filter_takes_off(view: View):
     before, after = (ideal_image(each, CAMERA, 1.0) for each in (view, hazy))
     assert torch.allclose(before.mean((1, 2)), after.mean((1, 2)), rtol=1e-5)
     even = veiled(view, torch.full((view.bands,), 0.9))
-    level = torch.full((3, 1, 1), 0.9)
-    assert torch.allclose(unveiled(ideal_image(even, CAMERA, 1.0), level), before, atol=1e-5)
+    veil = torch.full((3,), 0.1)
+    # the mean of the world is known but for a guess of what lies beyond the frame
+    level = unveiled(ideal_image(even, CAMERA, 1.0), veil) - before
+    assert level.std((1, 2)).max() < 1e-5
+    assert level.abs().max() < 0.02
     assert not torch.allclose(ideal_image(even, CAMERA, 1.0), before, atol=1e-2)
 
 
