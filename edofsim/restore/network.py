@@ -37,9 +37,7 @@ def weights_of(network: nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
 
 
-def apply_network(
-    network: Restorer, image: Tensor, *, veil: Tensor | None = None, tile: int = 512
-) -> Tensor:
+def apply_network(network: Restorer, image: Tensor, *, veil: Tensor | None = None, tile: int = 512) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
     Its lowest spatial frequencies are the photo's, see `light`. veil: [3], the part of the light that is
@@ -63,13 +61,6 @@ def apply_network(
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:
-    """What the network makes of a photo [1, 3, y, x], not clamped, [3, y, x]."""
-    with torch.inference_mode():
-        restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
-        return keep_light(photo, restored, veil).clamp(0, 1).to(image.dtype)
-
-
-def _restored(network: nn.Module, photo: Tensor, tile: int) -> Tensor:
     """What the network makes of a photo [1, 3, y, x], not clamped, [3, y, x]."""
     if network.radius is None:
         return network.unclamped(photo)[0]
