@@ -40,8 +40,8 @@ class LightField(ViewReader):
         inverse = disparity * recipe.frame.pixel_angle_mrad * 1e-3 / baseline
         rows, columns, border = frame_indices(inverse.shape, recipe)
         place = np.ix_(rows, columns)
-        seen = pictures[middle][place].reshape(1, -1).astype(np.float32)
-        radiance = np.repeat(seen, recipe.bands.count, axis=0)
+        seen = pictures[middle][place].astype(np.float32)
+        radiance = np.repeat(seen[None], recipe.bands.count, axis=0)
         return plain_view(
             recipe, radiance, inverse[place], "read from a light field", {"beyond the border": border}
         )
