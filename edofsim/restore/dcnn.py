@@ -11,6 +11,8 @@ from .restorer import Restorer
 DILATIONS = (1, 2, 3, 2, 1)
 KERNELS = 32
 LEAK = 0.01
+RADIUS = sum(DILATIONS) + 1 + 2
+"""Pixels that an output pixel sees around it."""
 
 
 class DCnn(Restorer):
@@ -25,7 +27,7 @@ class DCnn(Restorer):
     """
 
     kind = "dcnn"
-    radius = sum(DILATIONS) + 1 + 2
+    radius = RADIUS
 
     def __init__(self) -> None:
         super().__init__()
@@ -56,7 +58,7 @@ class DCnn(Restorer):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
-        reach, (rows, columns) = self.radius, photo.shape[-2:]
+        reach, (rows, columns) = RADIUS, photo.shape[-2:]
         sharp = self._sharp(continued(photo, reach, turned=True))
         return sharp[..., reach : reach + rows, reach : reach + columns]
 
