@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.json_values import Json
-from ..core.progress import Progress, silent
+from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..record import writable_folder
 from . import cache as store
@@ -84,7 +84,7 @@ def _rendered(
     partial = place.file("partial")
     how = {"device": device, "progress": say, "partial": partial}
     try:
-        model = build_scene(recipe, base, lambda part, text: say(0.0, text))
+        model = build_scene(recipe, base, part(say, 0.0, 0.0))
     except NotCarried as reasons:
         LOG.warning(
             "%s goes through Mitsuba's spectral variant: %s", recipe.name, "; ".join(reasons.problems)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ..core.progress import Progress
 from ..errors import InputError
 from ..recipe.placed import Placed, Thing
 from ..recipe.scene import SceneRecipe
@@ -18,8 +19,6 @@ from .lights import build_lights
 from .model import SceneModel, SceneObject, TriangleMesh
 from .placement import place, rotation
 from .reader import SceneReader
-
-Progress = Callable[[float, str], None]
 
 BRIGHTEST = 1e20
 """W/m2/sr/nm: a star's surface has 1e5."""
