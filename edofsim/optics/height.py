@@ -55,7 +55,7 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
                     pitch = None if stated is None else float(stated) * 1e-6
         else:
             height = torch.from_numpy(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, SafetensorError, TypeError) as error:
+    except (OSError, EOFError, ValueError, SafetensorError, TypeError) as error:
         raise InputError(f"mask.file: {path} is not a height map (.npy or .safetensors): {error}") from error
     if height.ndim != 2 or height.shape[0] != height.shape[1] or height.is_complex():
         raise InputError(

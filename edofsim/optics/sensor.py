@@ -115,10 +115,10 @@ def _file(name: str, base: Path) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _read_csv(text: str, name: str) -> tuple[np.ndarray, np.ndarray]:
-    rows = list(csv.DictReader(text.splitlines()))
     try:
+        rows = list(csv.DictReader(text.splitlines()))
         table = np.array([[float(row[key]) for key in ("wavelength_nm", "r", "g", "b")] for row in rows])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(
             f"sensor.response {name}: needs numbers in the columns wavelength_nm, r, g, b ({error!r})"
         ) from error

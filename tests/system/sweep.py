@@ -177,7 +177,7 @@ def numbers(folder: Path) -> Iterator[Try]:
     """All tries with numbers."""
 
     def rendered(recipe: SceneRecipe) -> object:
-        from edofsim.render.rgbd import picture_view
+        from edofsim.render.readers.pictures import picture_view
 
         from edofsim.render.rendering import render_foreign, render_model
         from edofsim.render.settings import RenderSettings
@@ -289,7 +289,7 @@ def good_files(folder: Path) -> None:
 
 def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     """What reads a file, by the name of the right one."""
-    from edofsim.render.rgbd import picture_view
+    from edofsim.render.readers.pictures import picture_view
 
     from edofsim.capture.files import read_image
     from edofsim.optics import Camera

@@ -26,7 +26,7 @@ class Hallway(Builder):
     texture is laid in tiles as wide as the corridor and four times as long."""
 
     kind: Literal["hallway"]
-    near_m: float = 0.45
+    near_m: Positive = 0.45
     far_m: float = 5.0
     x_mm: float = 0.0
     y_mm: float = -30.0
