@@ -9,6 +9,7 @@ from .borders import continued
 from .restorer import Restorer
 
 DILATIONS = (1, 2, 3, 2, 1)
+RADIUS = sum(DILATIONS) + 1 + 2
 KERNELS = 32
 LEAK = 0.01
 
@@ -25,7 +26,7 @@ class DCnn(Restorer):
     """
 
     kind = "dcnn"
-    radius = sum(DILATIONS) + 1 + 2
+    radius = RADIUS
 
     def __init__(self) -> None:
         super().__init__()
@@ -56,9 +57,9 @@ class DCnn(Restorer):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
-        reach, (rows, columns) = self.radius, photo.shape[-2:]
-        sharp = self._sharp(continued(photo, reach, turned=True))
-        return sharp[..., reach : reach + rows, reach : reach + columns]
+        rows, columns = photo.shape[-2:]
+        sharp = self._sharp(continued(photo, RADIUS, turned=True))
+        return sharp[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
 
     def _sharp(self, photo: Tensor) -> Tensor:
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's

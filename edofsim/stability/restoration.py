@@ -146,7 +146,7 @@ def _lamp_far_away() -> Iterator[Finding]:
 
 
 def _flat_colours() -> Iterator[Finding]:
-    """Shipped networks: the mean of each channel of flat colours, which at every distance look as they are."""
+    """Shipped networks: the mean of each channel of flat colours, which look the same at every distance."""
     noise = 0.005 * torch.randn(3, 192, 192, generator=torch.Generator().manual_seed(9))
     for checkpoint in map(load_checkpoint, SHIPPED):
         for level in (0.02, 0.05, 0.2, 0.8, 1.0):
