@@ -58,9 +58,9 @@ class DCnn(Restorer):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
-        reach, (rows, columns) = RADIUS, photo.shape[-2:]
-        sharp = self._sharp(continued(photo, reach, turned=True))
-        return sharp[..., reach : reach + rows, reach : reach + columns]
+        rows, columns = photo.shape[-2:]
+        sharp = self._sharp(continued(photo, RADIUS, turned=True))
+        return sharp[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
 
     def _sharp(self, photo: Tensor) -> Tensor:
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's

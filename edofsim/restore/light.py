@@ -55,10 +55,11 @@ def keep_light(photo: Tensor, restored: Tensor, veil: Tensor | None = None) -> T
 
 
 def _not_negative(image: Tensor) -> Tensor:
-    """Clamped at 0, with what that adds taken off around: noise about black would come back as grey."""
-    level = smooth(_cells(image), DARK_PX).clamp_min(0)
+    """Clamped at 0, with what that adds taken off around: noise about black would come back as grey. Deep
+    rings around a lamp are no such noise, and count as little."""
+    level = smooth(_cells(image.clamp(-MOST, 1)), DARK_PX).clamp_min(0)
     for _ in range(ROUNDS):
-        image = image - _pixels(smooth(_cells(image.clamp_min(0)), DARK_PX) - level, image)
+        image = image - _pixels(smooth(_cells(image.clamp(0, 1)), DARK_PX) - level, image)
     return image.clamp_min(0)
 
 

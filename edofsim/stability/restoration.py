@@ -13,6 +13,7 @@ from ..restore.checkpoint import load_checkpoint
 from ..restore.light import REACH
 from ..restore.losses import gradient_prior, restoration_loss
 from ..restore.network import apply_network, build_network
+from ..restore.restorer import Restorer
 from ..restore.scores import psnr, score
 from .case import Case, Finding, timed
 from .photos import distance
@@ -20,6 +21,8 @@ from .views import uniform
 
 KINDS = ("dcnn", "local-unet", "filter-bank")
 PRECISIONS = (torch.float64, torch.float32)
+SHIPPED = ("paper-dcnn", "paper-bank")
+HUES = ((1, 1, 1), (1, 0.4, 0.4), (1, 1, 0.4), (0.4, 1, 0.4), (0.4, 1, 1), (0.4, 0.4, 1), (1, 0.4, 1))
 LAMPS = (60.0, 1e4, 1e8, 1e12)  # times full scale
 
 
@@ -124,7 +127,7 @@ def _lamp_far_away() -> Iterator[Finding]:
     """Shipped networks: a lamp changes nothing beyond their reach and that of what keeps the light."""
     _, photo = blurred(64, 576, 0.005)
     photo = photo.float()
-    for checkpoint in map(load_checkpoint, ("paper-dcnn", "paper-bank")):
+    for checkpoint in map(load_checkpoint, SHIPPED):
         network = checkpoint.network
         beyond = (..., slice(8 + network.radius + network.multiple + REACH, None))
         with torch.inference_mode():
@@ -140,6 +143,39 @@ def _lamp_far_away() -> Iterator[Finding]:
                     1e-4,
                     lambda a=found[beyond], b=alone[beyond]: float((a - b).abs().max()),
                 )
+
+
+def _flat_colours() -> Iterator[Finding]:
+    """Shipped networks: the mean of each channel of flat colours, which look the same at every distance."""
+    noise = 0.005 * torch.randn(3, 192, 192, generator=torch.Generator().manual_seed(9))
+    for checkpoint in map(load_checkpoint, SHIPPED):
+        for level in (0.02, 0.05, 0.2, 0.8, 1.0):
+            for hue in HUES:
+                colour = level * torch.tensor(hue)
+
+                def wrong(network: Restorer = checkpoint.network, colour: Tensor = colour) -> float:
+                    restored = apply_network(network, colour[:, None, None] + noise)
+                    return float((restored.mean((-1, -2)) / colour - 1).abs().max())
+
+                yield timed(f"{checkpoint.name}, {level:g} x {hue}", 0.02, wrong)
+
+
+def _lamp_in_the_dark() -> Iterator[Finding]:
+    """Shipped networks: a lamp, blurred, leaves its surroundings as dark as they are."""
+    dark = 0.05
+    sharp = torch.full((3, 192, 192), dark)
+    around = torch.ones(192, 192, dtype=torch.bool)
+    around[64:128, 64:128] = False
+    for checkpoint in map(load_checkpoint, SHIPPED):
+        for brightness in (1.0, 10.0, 100.0):
+            sharp[:, 94:98, 94:98] = brightness
+            photo = torch.nn.functional.avg_pool2d(sharp, 9, 1, 4, count_include_pad=False)
+            for name, seen in (("", photo), (", clipped", photo.clamp_max(1))):
+
+                def halo(network: Restorer = checkpoint.network, seen: Tensor = seen) -> float:
+                    return float((apply_network(network, seen)[:, around] - dark).abs().max())
+
+                yield timed(f"{checkpoint.name}, {brightness:g}{name}", 0.02, halo)
 
 
 def _batch_of_one() -> Iterator[Finding]:
@@ -268,6 +304,22 @@ CASES: tuple[Case, ...] = (
         "overflow in half precision",
         "in [0, 1]",
         _networks(lambda: 1e3 * _ones(3, 16, 16)),
+    ),
+    Case(
+        "flat colours",
+        "restoration",
+        "of any brightness, in six hues and grey",
+        "too little light in the dark, other hues",
+        "each channel's mean within 2 %",
+        _flat_colours,
+    ),
+    Case(
+        "a lamp in the dark",
+        "restoration",
+        "up to 100 in 16 pixels, blurred",
+        "the lamp's light bleeds as a halo where the light of a photo is kept",
+        "0.05 beyond 30 pixels, within 0.02",
+        _lamp_in_the_dark,
     ),
     Case(
         "a lamp far away",

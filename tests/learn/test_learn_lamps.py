@@ -18,6 +18,7 @@ from edofsim.optics import Camera
 from edofsim.recipe import load_camera
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
+from edofsim.restore.restorer import Restorer
 
 WINDOW, PATCH = 16, 32
 SIZE = PATCH + WINDOW - 1
@@ -102,7 +103,7 @@ def test_a_training_with_lamps_repeats_itself(tmp_path: Path) -> None:
     assert other.checkpoint.read_bytes() != first.checkpoint.read_bytes()
 
 
-class _Brighter(torch.nn.Module):
+class _Brighter(Restorer):
     """Restores every pixel to the photo times a factor."""
 
     def __init__(self, factor: float) -> None:
