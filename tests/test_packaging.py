@@ -37,7 +37,8 @@ def imported(path: Path) -> set[str]:
 
 def packages(folder: str) -> set[str]:
     """The distributions whose modules are imported in a folder; those of Python and our own left out."""
-    names = set[str]().union(*map(imported, sorted((ROOT / folder).rglob("*.py"))))
+    files = sorted((ROOT / folder).rglob("*.py"))
+    names = set[str]().union(*map(imported, files)) - {path.stem for path in files if folder == "tests"}
     outside = names - set(sys.stdlib_module_names) - {"edofsim", "benchmarks"}
     return {canonicalize_name(CALLED.get(name, name)) for name in outside}
 

@@ -93,7 +93,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
         yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
         if psi > 500:
             return  # a finer pupil would be larger than the largest that is computed
-        finer = camera_of(2.5, pupil_sampling_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
+        finer = camera_of(2.5, pupil_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
         yield timed(
             "against a finer pupil, float64",
             0.02,
@@ -185,7 +185,7 @@ def _windows() -> Iterator[Finding]:
 
 def _replicas() -> Iterator[Finding]:
     """A pupil so coarse that copies of the PSF lie in the window."""
-    camera = camera_of(2.5, pupil_sampling_um=300.0)
+    camera = camera_of(2.5, pupil_um=300.0)
 
     def said() -> float:
         try:

@@ -25,7 +25,7 @@ def test_focus_lies_in_front_between_and_behind():
 @pytest.mark.parametrize("mask", occlusion.MASKS)
 def test_cameras_see_the_view_s_pixels_and_are_sharp_where_asked(mask):
     for distance in (0.6, 2.0):
-        camera = occlusion.take(mask, distance, ANGLE).camera
+        camera = occlusion.take(mask, distance, ANGLE)
         assert camera.pixel_angle == pytest.approx(ANGLE, rel=1e-9)
         assert float(focus_distance(camera, 587.6e-9)) == pytest.approx(distance, rel=1e-6)
 
@@ -70,7 +70,7 @@ def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
     where = Crop(10, 8, 8, 16)
     behind = occlusion.focus_distances(Edge(where, 2.5, 1.25))["behind"]
     taken = occlusion.take(occlusion.THIN_LENS, behind, ANGLE, window, aperture_mm=1.2)
-    truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
+    truth = occlusion.by_rays(model, view, 0, where, taken, 1)
     photos, factor = occlusion.composites(view, where, taken)
     scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
@@ -85,7 +85,7 @@ def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, foc
     where = Crop(10, 8, 8, 16)
     distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))[focus]
     taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE)
-    truth = occlusion.by_rays(model, view, 0, where, taken.camera, 1)
+    truth = occlusion.by_rays(model, view, 0, where, taken, 1)
     photos, factor = occlusion.composites(view, where, taken)
     scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
     assert scores["sub_apertures"] > 36

@@ -178,7 +178,6 @@ def numbers(folder: Path) -> Iterator[Try]:
 
     def rendered(recipe: SceneRecipe) -> object:
         from edofsim.render.readers.pictures import picture_view
-
         from edofsim.render.rendering import render_foreign, render_model
         from edofsim.render.settings import RenderSettings
         from edofsim.scene import build_scene
@@ -289,10 +288,9 @@ def good_files(folder: Path) -> None:
 
 def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     """What reads a file, by the name of the right one."""
-    from edofsim.render.readers.pictures import picture_view
-
     from edofsim.capture.files import read_image
     from edofsim.optics import Camera
+    from edofsim.render.readers.pictures import picture_view
     from edofsim.restore.checkpoint import load_checkpoint
     from edofsim.scene import build_scene
     from edofsim.scene.builders.imported import read_mesh
