@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import occlusion
 from edofsim.experiments.occlusion import Edge
@@ -96,7 +97,7 @@ def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, foc
 def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     """The bus before the car: nearer to clipped pupils and to rays than every way that knows the visible
     alone, for every mask and focus, and best where the car is nearly in focus, where it would be exact."""
-    figures = occlusion.run(tmp_path, ("bench",))
+    figures = occlusion.run(tmp_path, silent, ["bench"]).figures
     rows = occlusion.table(figures)
     assert len(rows) == 12
     hidden = {}
