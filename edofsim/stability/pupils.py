@@ -271,9 +271,9 @@ def _pinhole() -> Iterator[Finding]:
 
 def _grids() -> Iterator[Finding]:
     """128 and 129 samples across the pupil against 500."""
-    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_sampling_um=2.4), 0.3).values
+    truth = bank(camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=2.4), 0.3).values
     for samples in (128, 129):
-        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_sampling_um=1200 / samples), 0.3)
+        made = partial(bank, camera_of(0.6, CubicMask(alpha_rad=6.0), pupil_um=1200 / samples), 0.3)
         yield timed(f"{samples} samples, float64", 2e-3, lambda m=made: distance(m().values, truth))
 
 
