@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -37,7 +38,10 @@ def whole(path: Path, *, advice: str = "choose another place") -> Generator[Path
         if final.exists() and not final.is_file():
             raise InputError(f"{path}: cannot be written (it is no file); {advice}")
         final.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch()
+        mode = temporary.stat().st_mode
         yield temporary
+        temporary.chmod(stat.S_IMODE(mode))  # some writers make a file of their own, for its owner alone
         sync(temporary)
         os.replace(temporary, final)
     except (OSError, SafetensorError) as error:
