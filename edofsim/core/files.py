@@ -95,9 +95,7 @@ def _refusal(path: Path, error: OSError | SafetensorError, advice: str) -> Edofs
     number = getattr(error, "errno", None)
     reason = getattr(error, "strerror", None) or error
     if number in (errno.ENOSPC, errno.EDQUOT) or _room(path) < FULL:
-        return DiskFullError(
-            f"{path}: cannot be written, the disk is full ({reason}); free some space, or {advice}"
-        )
+        return DiskFullError(f"{path}: cannot be written, the disk is full; free some space, or {advice}")
     blamed = InputError if number is not None and number not in FAULTY else EdofsimError
     return blamed(f"{path}: cannot be written ({reason}); {advice}")
 
