@@ -6,6 +6,7 @@ import errno
 import os
 import secrets
 import shutil
+import stat
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -37,7 +38,10 @@ def whole(path: Path, *, advice: str = "choose another place") -> Generator[Path
         if final.exists() and not final.is_file():
             raise InputError(f"{path}: cannot be written (it is no file); {advice}")
         final.parent.mkdir(parents=True, exist_ok=True)
+        temporary.touch()
+        mode = temporary.stat().st_mode
         yield temporary
+        temporary.chmod(stat.S_IMODE(mode))  # some writers make a file of their own, for its owner alone
         sync(temporary)
         os.replace(temporary, final)
     except (OSError, SafetensorError) as error:
@@ -91,9 +95,7 @@ def _refusal(path: Path, error: OSError | SafetensorError, advice: str) -> Edofs
     number = getattr(error, "errno", None)
     reason = getattr(error, "strerror", None) or error
     if number in (errno.ENOSPC, errno.EDQUOT) or _room(path) < FULL:
-        return DiskFullError(
-            f"{path}: cannot be written, the disk is full ({reason}); free some space, or {advice}"
-        )
+        return DiskFullError(f"{path}: cannot be written, the disk is full; free some space, or {advice}")
     blamed = InputError if number is not None and number not in FAULTY else EdofsimError
     return blamed(f"{path}: cannot be written ({reason}); {advice}")
 

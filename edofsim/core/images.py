@@ -192,7 +192,7 @@ def save_exr(file: OpenEXR.File, path: Path) -> None:
     try:
         file.write(str(path))
     except RuntimeError as error:  # OpenEXR's own kind, for anything that goes wrong with the file
-        raise OSError(f"{path.name}: {error}") from error
+        raise OSError(first_line(error)) from error
 
 
 def mirrored(index: A, size: int) -> A:

@@ -147,7 +147,7 @@ def store(place: Place, view: View, recipe: Json, record: Json) -> View:
     Raises what `core.files.whole` raises.
     """
     final = place.file("exr")
-    with whole(final, advice=ADVICE) as view_file, whole(place.file("json"), advice=ADVICE) as record_file:
+    with whole(final, advice=ADVICE) as view_file:
         write_view(view_file, view, recipe)
         sync(view_file)
         content = {
@@ -158,7 +158,8 @@ def store(place: Place, view: View, recipe: Json, record: Json) -> View:
             "written": time.time(),
             **record,
         }
-        record_file.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
+        with whole(place.file("json"), advice=ADVICE) as record_file:
+            record_file.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
     sync(place.folder)
     return read_view(final)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from safetensors import SafetensorError
+from safetensors.numpy import save_file
 
 from edofsim.core import files
 from edofsim.core.files import append_line, whole, write_bytes, write_text
@@ -97,6 +98,9 @@ def test_files_have_the_permissions_that_the_user_asks_for(tmp_path: Path):
     before = os.umask(0o027)
     try:
         assert write_text(tmp_path / "file", "").stat().st_mode & 0o777 == 0o640
+        with whole(tmp_path / "arrays") as temporary:
+            save_file({"a": np.zeros(3)}, temporary)  # makes a file of its own, for its owner alone
+        assert (tmp_path / "arrays").stat().st_mode & 0o777 == 0o640
     finally:
         os.umask(before)
 

@@ -270,7 +270,7 @@ def test_full_disk_is_one_message(tmp_path, monkeypatch):
 
     monkeypatch.setattr(cache, "write_view", half)
     place = cache.Place(tmp_path, "card", "0" * 64)
-    with pytest.raises(DiskFullError, match="card.*disk is full.*--cache"):
+    with pytest.raises(DiskFullError, match="card.*exr: cannot be written, the disk is full.*--cache"):
         cache.store(place, made_view(), {}, {})
     assert not list(tmp_path.iterdir())
 
