@@ -51,7 +51,7 @@ from .systems import (
     filtered,
     made,
     paper_test,
-    veil_of,
+    truncated_share,
 )
 
 DEPTHS_M = (0.5, 1.0, math.inf)
@@ -313,8 +313,9 @@ def _photographed(
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
         known = torch.einsum("cb,byx->cyx", weights, psf)
-        restored, from_lines = system.restore(photo, veil_of(known)), of_three.restore(lines, veil_of(three))
-        linear = filtered(photo, known[None], veil_of(known))
+        restored = system.restore(photo, truncated_share(known))
+        from_lines = of_three.restore(lines, truncated_share(three))
+        linear = filtered(photo, known[None], truncated_share(known))
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
         write_png(path, srgb_encode(middle(image, SHOWN_PX)))
     return {

@@ -31,7 +31,7 @@ from ..report.words import decibels, listed
 from ..restore.scores import psnr
 from .kept import Kept, key_of
 from .photographs import Photograph, Photographs
-from .systems import NEAREST_PER_M, Contestant, described, made, veil_of
+from .systems import NEAREST_PER_M, Contestant, described, made, truncated_share
 
 RANDOM = "random"
 SHOWN_PX = 240
@@ -205,7 +205,7 @@ def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, sh
     # the same noise for all systems and strengths, so that they alone make the difference
     photo = noisy(through(sharp, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
     with torch.inference_mode():
-        restored = system.restore(photo, veil_of(psf))
+        restored = system.restore(photo, truncated_share(psf))
     files = _shown(job, out) if job.picture.name in show else None
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):

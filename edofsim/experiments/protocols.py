@@ -9,7 +9,7 @@ ways between change one thing at a time; all but the last two know only the surf
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
-`direct_light`), becomes a veil: every surface gets its share of the picture's mean.
+`direct_light`), becomes veiling glare: every surface gets its share of the picture's mean.
 """
 
 from __future__ import annotations
@@ -135,20 +135,20 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         occlusion=way.occlusion or full.occlusion,
         sub_apertures=min(way.sub_apertures, full.sub_apertures),
     )
-    photo = capture(veiled(view, direct), camera, fidelity, exposure=exposure, seed=seed, device=device)
+    photo = capture(with_glare(view, direct), camera, fidelity, exposure=exposure, seed=seed, device=device)
     photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
         depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
-        # how finely the mask is made, and so the veil that its making leaves, is known of a camera
-        veil = (1 - channel_weights(camera, view.wavelengths) @ direct).to(photo.image)
+        # how finely the mask is made, and so the glare that its making leaves, is known of a camera
+        glare = (1 - channel_weights(camera, view.wavelengths) @ direct).to(photo.image)
         images["restored"], _ = restore(
-            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, veil=veil
+            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, glare=glare
         )
         taker = system.designed or system.camera
         taker = _of_three_lines(taker) if way.flat else taker
-        images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, veil=veil)
+        images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, glare=glare)
     return Taken(photo, images)
 
 
@@ -162,7 +162,7 @@ def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     return direct_part(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
 
 
-def veiled(view: View, direct: Tensor) -> View:
+def with_glare(view: View, direct: Tensor) -> View:
     """The view with the light that a made mask scatters, 1 - `direct` [band], spread evenly over it."""
     part = direct.to(view.radiance)[:, None]
     rows, columns = view.padded_shape

@@ -24,7 +24,7 @@ from ..restore.checkpoint import (
     shipped_checkpoints,
     trained_camera,
 )
-from ..restore.light import unveiled
+from ..restore.light import without_glare
 from ..restore.network import apply_network
 from ..restore.restore import channel_psfs
 from ..restore.telling import told_network
@@ -39,7 +39,7 @@ WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
 @dataclass(frozen=True)
 class Contestant:
     """A system. camera: with the mask as designed; restore: a photo [3, y, x] and the part of its light that
-    is a veil [3] to [3, y, x]; digest: SHA-256 of what it consists of."""
+    is veiling glare [3] to [3, y, x]; digest: SHA-256 of what it consists of."""
 
     name: str
     camera: Camera
@@ -75,7 +75,7 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
         )
         digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
         name = f"{source}+wiener"
-        return Contestant(name, camera, lambda photo, veil: filtered(photo, stack, veil), digest)
+        return Contestant(name, camera, lambda photo, glare: filtered(photo, stack, glare), digest)
     checkpoint = load_checkpoint(source)
     recipe = trained_camera(checkpoint).model_copy(update={"psf": CameraRecipe(name="default").psf})
     camera = camera_with_mask(recipe, checkpoint)
@@ -85,7 +85,7 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
         network = told_network(checkpoint, camera, wavelengths)
     network = network.in_mirrored_world()  # see `planes`
     return Contestant(
-        checkpoint.name, camera, lambda photo, veil: apply_network(network, photo, veil=veil), digest
+        checkpoint.name, camera, lambda photo, glare: apply_network(network, photo, glare=glare), digest
     )
 
 
@@ -122,15 +122,15 @@ def described(fabrication: Fabrication) -> str:
     return json.dumps(fabrication.model_dump(mode="json"), sort_keys=True)
 
 
-def filtered(photo: Tensor, stack: Tensor, veil: Tensor) -> Tensor:
-    """A photo [3, y, x], of whose light the part `veil` [3] is a veil, after Wiener deconvolution by PSFs
-    [depth, 3, y, x], in [0, 1]."""
+def filtered(photo: Tensor, stack: Tensor, glare: Tensor) -> Tensor:
+    """A photo [3, y, x], of whose light the part `glare` [3] is veiling glare, after Wiener deconvolution by
+    PSFs [depth, 3, y, x], in [0, 1]."""
     within = stack / stack.sum((-1, -2), keepdim=True)
-    return wiener(unveiled(photo, veil), within.to(photo), READ_NOISE).clamp(0, 1)
+    return wiener(without_glare(photo, glare), within.to(photo), READ_NOISE).clamp(0, 1)
 
 
-def veil_of(psf: Tensor) -> Tensor:
-    """The part of the light that leaves the window of PSFs [.., y, x], and so is a veil, [..]. That of a made
-    mask is nearly the same whatever its errors are drawn like: how finely it is made decides it, which is
-    known of a camera."""
+def truncated_share(psf: Tensor) -> Tensor:
+    """The part of the light that the window of PSFs [.., y, x] truncates, [..]: it is veiling glare. That of a
+    made mask is nearly the same whatever its errors are drawn like: how finely it is made decides it, which
+    is known of a camera."""
     return 1 - psf.sum((-1, -2))

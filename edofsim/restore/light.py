@@ -5,8 +5,8 @@ is, and so the lowest spatial frequencies of a restoration are known: they are t
 trained on photographs of usual brightness knows them only for such: it gives dark photos too little light,
 and changes hues.
 
-Light that leaves the window of the PSFs comes back evenly over the photo, a veil (see `capture.planes`). How
-much that is follows from how the mask is made. It is taken off before photo and restoration are compared.
+Light that leaves the window of the PSFs comes back evenly over the photo, as veiling glare (see
+`capture.planes`). How much that is follows from how the mask is made. It is taken off before photo and restoration are compared.
 
 Widths and bounds were chosen on photographs of scikit-image and of BSDS500's training part, at exposures from
 0.03 to 3 and with lamps, and on relatives of the shipped scenes.
@@ -33,17 +33,17 @@ NOTICED = 5e-3  # how much of it halves the weight of a place
 LEAST = 1e-3  # the least weight
 MOST = 0.04  # of full scale: a larger difference is no error of a level
 
-AROUND_PX = 64  # beyond the frame, from where a veil comes, too
+AROUND_PX = 64  # beyond the frame, from where veiling glare comes, too
 
 
-def keep_light(photo: Tensor, restored: Tensor, veil: Tensor | None = None) -> Tensor:
+def keep_light(photo: Tensor, restored: Tensor, glare: Tensor | None = None) -> Tensor:
     """The restoration with the lowest spatial frequencies of its photo, at least 0.
 
-    photo, restored: [.., 3, y, x], full scale 1, the restoration not clamped; veil: [3], the part of the
+    photo, restored: [.., 3, y, x], full scale 1, the restoration not clamped; glare: [3], the part of the
     light that is spread evenly over the photo, None for none. Places that highlights beyond full scale shine
     on count little: there a sharp image has less light than its photo.
     """
-    light = photo if veil is None else unveiled(photo, veil)
+    light = photo if glare is None else without_glare(photo, glare)
     # of what is beyond full scale a restoration may hold any amount
     shown = torch.where(restored >= 1, torch.maximum(restored, light), restored)
     beyond = (photo - 1).clamp(0, BRIGHTEST - 1).amax(-3, keepdim=True)
@@ -63,8 +63,8 @@ def _not_negative(image: Tensor) -> Tensor:
     return image.clamp_min(0)
 
 
-def unveiled(photo: Tensor, veil: Tensor) -> Tensor:
-    """A photo [.., 3, y, x] without its veil: `veil` [3] is the part of the light that is spread evenly.
+def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
+    """A photo [.., 3, y, x] without its glare: `glare` [3] is the part of the light that is spread evenly.
 
     What is spread is the mean of the world; beyond the frame that goes on as its border does.
     """
@@ -75,7 +75,7 @@ def unveiled(photo: Tensor, veil: Tensor) -> Tensor:
         count[-1] += AROUND_PX
         weight = (count / count.sum())[:, None] if axis == -2 else count / count.sum()
         mean = (mean * weight).sum(axis, keepdim=True)
-    part = veil.to(photo)[:, None, None]
+    part = glare.to(photo)[:, None, None]
     return (photo - part * mean) / (1 - part)
 
 

@@ -37,10 +37,12 @@ def weights_of(network: nn.Module) -> int:
     return sum(parameter.numel() for parameter in network.parameters())
 
 
-def apply_network(network: Restorer, image: Tensor, *, veil: Tensor | None = None, tile: int = 512) -> Tensor:
+def apply_network(
+    network: Restorer, image: Tensor, *, glare: Tensor | None = None, tile: int = 512
+) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
-    Its lowest spatial frequencies are the photo's, see `light`. veil: [3], the part of the light that is
+    Its lowest spatial frequencies are the photo's, see `light`. glare: [3], the part of the light that is
     spread evenly over the photo, as the camera's mask is known to be made; None for none.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
@@ -57,7 +59,7 @@ def apply_network(network: Restorer, image: Tensor, *, veil: Tensor | None = Non
     photo = image.to(precision)
     with torch.inference_mode():
         restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
-        return keep_light(photo, restored, veil).clamp(0, 1).to(image.dtype)
+        return keep_light(photo, restored, glare).clamp(0, 1).to(image.dtype)
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:

@@ -29,7 +29,7 @@ def transfer_functions(psf: Tensor, size: int) -> Tensor:
     """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as
     the PSFs have, [depth, channel, size, size // 2 + 1].
 
-    Light beyond the PSFs' window is a veil, the same all over a photo: its mean passes whole.
+    Light beyond the PSFs' window is veiling glare, the same all over a photo: its mean passes whole.
     """
     window = psf.shape[-1]
     padded = functional.pad(psf, (0, size - window, 0, size - window))

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..optics import Camera, psf_bank, response
 from .borders import continued
 from .checkpoint import Checkpoint
-from .light import unveiled
+from .light import without_glare
 from .network import apply_network
 from .telling import told_network
 from .wiener import BEYOND_PX, wiener
@@ -24,27 +24,27 @@ def restore(
     inverse_depths: Tensor,
     *,
     checkpoint: Checkpoint | None = None,
-    veil: Tensor | None = None,
+    glare: Tensor | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely. A filter bank is told what the wavelengths look like, see `telling`. veil: [channel], the
+    equally likely. A filter bank is told what the wavelengths look like, see `telling`. glare: [channel], the
     part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
     that was made otherwise.
     """
-    veil = torch.zeros(len(image)) if veil is None else veil
+    glare = torch.zeros(len(image)) if glare is None else glare
     if checkpoint is not None:
         network = told_network(checkpoint, camera, wavelengths)
         lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
-        apply = partial(apply_network, network, veil=1 - (1 - veil) * lens.sum((-1, -2))[0].to(veil))
+        apply = partial(apply_network, network, glare=1 - (1 - glare) * lens.sum((-1, -2))[0].to(glare))
         with torch.inference_mode():
             sharp = _continued(apply, image, network.continued_px)
         return sharp, checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
     filtered = partial(wiener, psf=psf, noise=camera.read_noise)
-    return _continued(filtered, unveiled(image, veil), BEYOND_PX), "Wiener"
+    return _continued(filtered, without_glare(image, glare), BEYOND_PX), "Wiener"
 
 
 def _continued(restored: Callable[[Tensor], Tensor], image: Tensor, reach: int) -> Tensor:

@@ -18,8 +18,8 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
     image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
-    of several, equally likely; light that a PSF lacks of 1 is a veil; its centre is index n // 2. noise:
-    standard deviation relative to full scale 1. Returns [channel, y, x].
+    of several, equally likely; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
+    noise: standard deviation relative to full scale 1. Returns [channel, y, x].
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
@@ -43,7 +43,7 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
     power = transfer.abs().square().mean(0)
     spectrum = torch.fft.rfft2(padded - _level(padded))
     restored = spectrum * mean.conj() / (power + _noise_to_signal(spectrum, power, noise, (rows, columns)))
-    # the mean level passes whole: what leaves a PSF's window lands elsewhere, a veil over all of the photo
+    # the mean level passes whole: what leaves a PSF's window is veiling glare over all of the photo
     filtered = torch.fft.irfft2(restored, s=(rows, columns)) + _level(padded)
     return filtered[..., top : top + image.shape[-2], left : left + image.shape[-1]]
 

@@ -38,7 +38,7 @@ def deep(bench, bands=3, rows=50, columns=53):
 @pytest.mark.parametrize("window", [32, 33])
 @pytest.mark.parametrize("size", [(50, 53), (51, 52)])
 def test_point_source_through_a_cubic_mask(bench, window, size):
-    """The photo of a point is the bank's PSF of its depth and band, and a veil; so is its centroid."""
+    """The photo of a point is the bank's PSF of its depth and band, and veiling glare; so is its centroid."""
     optics = camera(CubicMask(alpha_rad=25.0))
     image = torch.zeros(3, *size, dtype=torch.float64)
     image[1, 24, 27] = 1
@@ -52,8 +52,8 @@ def test_point_source_through_a_cubic_mask(bench, window, size):
     full[:, 24 - c + 32 : 24 - c + 32 + window, 27 - c + 32 : 27 - c + 32 + window] = (
         weight[:, None, None] * psf
     )
-    veil = (weight * (1 - psf.sum()) / image[0].numel())[:, None, None]
-    expected = full[:, 48 : 48 + view.height, 48 : 48 + view.width] + veil
+    glare = (weight * (1 - psf.sum()) / image[0].numel())[:, None, None]
+    expected = full[:, 48 : 48 + view.height, 48 : 48 + view.width] + glare
     assert torch.allclose(photo.clean, expected, atol=1e-12)
     got, wanted = photo.clean.sum(0), expected.sum(0)
     for axis, place in ((0, row), (1, column)):
@@ -97,11 +97,11 @@ def test_energy_in_is_energy_out(bench, method):
     sent = response(camera(), view.wavelengths) @ image[:, 40, 41]
     lost = 1 - psf_bank(camera(), view.wavelengths, [2.0], dtype=torch.float64).values.sum((-1, -2))[0]
     beyond = response(camera(), view.wavelengths) @ (lost * image[:, 40, 41])
-    veil = beyond / image[0].numel()
+    glare = beyond / image[0].numel()
     corner = photo.clean[:, 0, 0]  # the window ends before it
-    assert torch.allclose(corner, veil, rtol=1e-4)
+    assert torch.allclose(corner, glare, rtol=1e-4)
     outside = image[0].numel() - photo.clean[0].numel()
-    assert torch.allclose(photo.clean.sum((1, 2)) + outside * veil, sent, rtol=1e-6)
+    assert torch.allclose(photo.clean.sum((1, 2)) + outside * glare, sent, rtol=1e-6)
     assert torch.allclose(photo.truncated, beyond / sent, rtol=1e-4)
     assert (photo.truncated > 0.01).all()  # at 0.5 m this window is narrower than the blur
 
@@ -117,15 +117,15 @@ def test_constant_scene(bench, method):
 
 
 def test_a_veil_stands_for_what_wider_windows_hold(bench):
-    """Against PSFs that hold nearly all light, a window is ten times closer with the veil than without."""
+    """Against PSFs that hold nearly all light, a window is ten times closer with the glare than without."""
     image = 0.2 + torch.rand(3, 200, 210, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
     view = view_of(bench, image, 1.6)
     wide = capture(view, camera(), Fidelity(window_px=160), exposure=1.0, dtype=torch.float64)
     narrow = capture(view, camera(), Fidelity(window_px=40), exposure=1.0, dtype=torch.float64)
     sent = response(camera(), view.wavelengths) @ image.flatten(1).mean(1)
-    veil = (narrow.truncated * sent)[:, None, None]
+    glare = (narrow.truncated * sent)[:, None, None]
     off, off_without = (
-        (photo - wide.clean).square().mean().sqrt() for photo in (narrow.clean, narrow.clean - veil)
+        (photo - wide.clean).square().mean().sqrt() for photo in (narrow.clean, narrow.clean - glare)
     )
     assert off < 0.1 * off_without
 

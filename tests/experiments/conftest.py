@@ -65,7 +65,7 @@ def echo() -> Callable[..., Contestant]:
     """A system that gives its photo back."""
 
     def build(
-        mask: str = "clear", restore: Callable[[Tensor, Tensor], Tensor] = lambda photo, veil: photo
+        mask: str = "clear", restore: Callable[[Tensor, Tensor], Tensor] = lambda photo, glare: photo
     ) -> Contestant:
         recipe = CameraRecipe(name="c", mask={"kind": mask}, psf=PSF)
         return Contestant("echo", Camera.from_recipe(recipe), restore, "echo" + mask)

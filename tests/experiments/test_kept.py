@@ -47,7 +47,7 @@ def test_a_changed_line_of_code_makes_kept_results_be_made_anew(
     monkeypatch: pytest.MonkeyPatch,
 ):
     calls: list[int] = []
-    only(echo(restore=lambda photo, veil=None: calls.append(1) or photo))
+    only(echo(restore=lambda photo, glare=None: calls.append(1) or photo))
     for expected in (12, 12):  # three pictures at four noises, once
         noise.run(tmp_path, silent, folder)
         assert len(calls) == expected

@@ -31,8 +31,8 @@ def at(depth_m: float | None, noise: float = READ_NOISE) -> Condition:
 
 
 def test_the_photo_is_the_papers_model(folder: Path, tmp_path: Path, echo: Echo) -> None:
-    """Written out once more: convolution of the mirrored picture, a veil of light that the window does not
-    hold, noise of 0.005."""
+    """Written out once more: convolution of the mirrored picture, glare of the light that the window
+    does not hold, noise of 0.005."""
     system = echo()
     pictures = photographs(folder).pictures
     row = measure(system, pictures[:1], [at(0.5)], tmp_path, seed=0)[0]
@@ -89,7 +89,7 @@ def test_height_errors_scatter_light(folder: Path, tmp_path: Path, echo: Echo, o
 def test_an_interrupted_evaluation_goes_on(folder: Path, tmp_path: Path, echo: Echo, only: Callable) -> None:
     calls: list[int] = []
 
-    def restore(photo: torch.Tensor, veil: torch.Tensor) -> torch.Tensor:
+    def restore(photo: torch.Tensor, glare: torch.Tensor) -> torch.Tensor:
         calls.append(1)
         if len(calls) == 6:
             raise KeyboardInterrupt

@@ -30,8 +30,8 @@ from edofsim.experiments.protocols import (
     quantised,
     systems_of,
     take,
-    veiled,
     views_of,
+    with_glare,
 )
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import full_fidelity
@@ -39,7 +39,7 @@ from edofsim.recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.recipe.fabrication import Fabrication
 from edofsim.render.view import View
-from edofsim.restore.light import unveiled
+from edofsim.restore.light import without_glare
 
 CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=24)))
 ROWS, COLUMNS, MARGIN = 24, 32, 12
@@ -172,15 +172,15 @@ def test_what_height_errors_leave_is_what_a_made_mask_leaves():
 
 
 def test_scattered_light_is_a_veil_that_a_filter_takes_off(view: View):
-    """No light is made or lost, contrast falls, and the photo without the veil is as before."""
+    """No light is made or lost, contrast falls, and the photo without the glare is as before."""
     part = torch.linspace(0.8, 0.95, view.bands, dtype=torch.float64)
-    hazy = veiled(view, part)
+    hazy = with_glare(view, part)
     before, after = (ideal_image(each, CAMERA, 1.0) for each in (view, hazy))
     assert torch.allclose(before.mean((1, 2)), after.mean((1, 2)), rtol=1e-5)
-    even = veiled(view, torch.full((view.bands,), 0.9))
-    veil = torch.full((3,), 0.1)
+    even = with_glare(view, torch.full((view.bands,), 0.9))
+    glare = torch.full((3,), 0.1)
     # the mean of the world is known but for a guess of what lies beyond the frame
-    level = unveiled(ideal_image(even, CAMERA, 1.0), veil) - before
+    level = without_glare(ideal_image(even, CAMERA, 1.0), glare) - before
     assert level.std((1, 2)).max() < 1e-5
     assert level.abs().max() < 0.02
     assert not torch.allclose(ideal_image(even, CAMERA, 1.0), before, atol=1e-2)

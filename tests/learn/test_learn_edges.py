@@ -63,7 +63,7 @@ def test_far_from_the_edge_it_is_a_plane(optics: Optics) -> None:
     cover = (torch.arange(size) < before + PATCH // 2).float().expand(3, 1, size, size)
     found = Edges(sharp, cover, DEPTHS).photograph(optics).clean
     near, far = (Planes(sharp[i], DEPTHS[i]).photograph(optics).clean for i in (NEAR, FAR))
-    # the veil of a cut picture has another mean: a part in a hundred of the light leaves so small a window
+    # the glare of a cut picture has another mean: a part in a hundred of the light leaves so small a window
     side = PATCH // 2 - WINDOW // 2
     assert torch.allclose(found[..., :side], near[..., :side], atol=0.02)
     assert torch.allclose(found[..., -side:], far[..., -side:], atol=0.02)

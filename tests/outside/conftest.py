@@ -9,10 +9,15 @@ from pathlib import Path
 import pytest
 
 from edofsim.experiments import EXPERIMENTS
+from edofsim.plan import EFFECTS
 from edofsim.recipe import kinds
 
 EXAMPLE = Path(__file__).parents[1] / "example_package"
-REGISTRIES = [value for value in vars(kinds).values() if isinstance(value, kinds.Registry)] + [EXPERIMENTS]
+REGISTRIES = [
+    *(value for value in vars(kinds).values() if isinstance(value, kinds.Registry)),
+    EFFECTS,
+    EXPERIMENTS,
+]
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from edofsim.capture.planes import photograph
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.restore import restore
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
-from edofsim.restore.light import BLUR_PX, MOST, REACH, SMOOTH_PX, keep_light, unveiled
+from edofsim.restore.light import BLUR_PX, MOST, REACH, SMOOTH_PX, keep_light, without_glare
 from edofsim.restore.network import apply_network
 
 LEVELS = (0.02, 0.05, 0.2, 0.8)
@@ -35,12 +35,12 @@ def _camera() -> Camera:
 @pytest.mark.parametrize("level", LEVELS)
 @pytest.mark.parametrize("name", ["paper-dcnn", "paper-bank"])
 def test_flat_colours_come_back_as_they_were(name: str, level: float) -> None:
-    """PSFs sum to one with the veil beyond their windows, so that the photo of a flat colour is that colour
+    """PSFs sum to one with the glare beyond their windows, so that the photo of a flat colour is that colour
     at every distance: 2 % of each channel, in six hues."""
     network = load_checkpoint(name).network
     for hue in HUES:
         colour = level * torch.tensor(hue)
-        restored = apply_network(network, _flat(colour) + _noise(3, SIDE, SIDE), veil=torch.full((3,), 0.06))
+        restored = apply_network(network, _flat(colour) + _noise(3, SIDE, SIDE), glare=torch.full((3,), 0.06))
         torch.testing.assert_close(restored.mean((-1, -2)), colour, rtol=0.02, atol=0)
 
 
@@ -49,8 +49,8 @@ def test_a_wiener_filter_keeps_flat_colours() -> None:
     for level in LEVELS:
         colour = level * torch.tensor(HUES[0])
         photo = _flat(colour) + _noise(3, SIDE, SIDE)
-        for veil in (None, torch.full((3,), 0.06)):
-            restored, _ = restore(photo, camera, PAPER_COLOURS, depths, veil=veil)
+        for glare in (None, torch.full((3,), 0.06)):
+            restored, _ = restore(photo, camera, PAPER_COLOURS, depths, glare=glare)
             torch.testing.assert_close(restored.mean((-1, -2)), colour, rtol=0.02, atol=0)
 
 
@@ -61,9 +61,9 @@ def test_a_photo_is_restored_with_the_veil_that_its_camera_leaves() -> None:
     wave = 0.4 + 0.1 * torch.cos(torch.arange(-128, 128) * torch.pi / 128)
     sharp = wave.expand(3, 256, 256)
     photo = 2 / 3 * sharp + 1 / 3 * wave[0]  # the world goes on as its border does, nearly
-    veil = torch.full((3,), 1 / 3)
+    glare = torch.full((3,), 1 / 3)
     depth = torch.tensor([1.0])
-    restored, _ = restore(photo, _camera(), PAPER_COLOURS, depth, checkpoint=checkpoint, veil=veil)
+    restored, _ = restore(photo, _camera(), PAPER_COLOURS, depth, checkpoint=checkpoint, glare=glare)
 
     def contrast(image: Tensor) -> float:
         return float(image[..., 118:138].mean() - image[..., 32:42].mean())
@@ -74,7 +74,7 @@ def test_a_photo_is_restored_with_the_veil_that_its_camera_leaves() -> None:
 @pytest.mark.parametrize("distance", [0.5, 1.0, 2.5, float("inf")])
 def test_a_flat_colour_looks_the_same_at_every_distance(distance: float) -> None:
     """What the case above takes for granted, by the PSFs of the shipped mask: what leaves their window comes
-    back as a veil of the same colour."""
+    back as veiling glare of the same colour."""
     psf = psf_bank(_camera(), PAPER_COLOURS, [1 / distance]).values
     colour = torch.tensor([0.8, 0.05, 0.3])
     photo = photograph(_flat(colour)[None], psf)[0]
@@ -96,12 +96,12 @@ def test_a_dark_photo_is_not_darker_after_restoration(name: str) -> None:
 def test_a_veil_is_taken_off_and_the_mean_is_kept() -> None:
     generator = torch.Generator().manual_seed(2)
     sharp = torch.rand(3, 40, 56, generator=generator)
-    veil = torch.tensor([0.0, 0.1, 0.3])
-    part = veil[:, None, None]
-    # the world goes on as its border does, which gives the veil its mean
+    glare = torch.tensor([0.0, 0.1, 0.3])
+    part = glare[:, None, None]
+    # the world goes on as its border does, which gives the glare its mean
     world = torch.nn.functional.pad(sharp[None], (64,) * 4, mode="replicate")[0]
     photo = (1 - part) * sharp + part * world.mean((-1, -2), keepdim=True)
-    torch.testing.assert_close(unveiled(photo, veil), sharp, rtol=0, atol=1e-5)
+    torch.testing.assert_close(without_glare(photo, glare), sharp, rtol=0, atol=1e-5)
 
 
 def test_a_level_that_is_wrong_is_mended_and_detail_is_left() -> None:

@@ -122,7 +122,7 @@ def test_a_full_disk_leaves_the_old_checkpoint_whole(tmp_path: Path, monkeypatch
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(EdofsimError, match="No space left on device"):
+    with pytest.raises(EdofsimError, match="the disk is full"):
         save_checkpoint(path, build_network("dcnn"), {**_card(), "seed": 8})
     assert path.read_bytes() == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.safetensors"]

@@ -60,7 +60,7 @@ def two_depths(seed: int) -> View:
 @few
 @given(mask=masks, depth=dioptres, method=st.sampled_from(METHODS), seed=seeds)
 def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
-    """A point's photo holds all its light, weighed by the response: what leaves the window too, as a veil."""
+    """A point's photo holds all its light, weighed by the response: what leaves the window too, as glare."""
     view = flat(depth, rows=WINDOW + 2, columns=WINDOW + 2)
     point = torch.zeros_like(view.radiance)
     point[:, point.shape[1] // 2] = 0.1 + uniform(view.bands, seed=seed)
