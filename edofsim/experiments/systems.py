@@ -130,7 +130,7 @@ def filtered(photo: Tensor, stack: Tensor, glare: Tensor) -> Tensor:
 
 
 def truncated_share(psf: Tensor) -> Tensor:
-    """The part of the light that the window of PSFs [.., y, x] truncates, [..]: it is veiling glare. That of a
-    made mask is nearly the same whatever its errors are drawn like: how finely it is made decides it, which
-    is known of a camera."""
+    """The part of the light that the window of PSFs [.., y, x] truncates, [..]: it is veiling glare. That
+    of a made mask is nearly the same whatever its errors are drawn like: how finely it is made decides it,
+    which is known of a camera."""
     return 1 - psf.sum((-1, -2))

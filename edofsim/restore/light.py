@@ -6,7 +6,8 @@ trained on photographs of usual brightness knows them only for such: it gives da
 and changes hues.
 
 Light that leaves the window of the PSFs comes back evenly over the photo, as veiling glare (see
-`capture.planes`). How much that is follows from how the mask is made. It is taken off before photo and restoration are compared.
+`capture.planes`). How much that is follows from how the mask is made. It is taken off before photo and
+restoration are compared.
 
 Widths and bounds were chosen on photographs of scikit-image and of BSDS500's training part, at exposures from
 0.03 to 3 and with lamps, and on relatives of the shipped scenes.
