@@ -6,9 +6,9 @@ Every method goes through `add_convolved`, so that what a photo costs can be cou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 
@@ -36,7 +36,7 @@ class Grid:
         """(rows, columns) of the transforms: products of small primes."""
         reach = max(self.window - 1 - self.window // 2, self.window // 2) - self.margin
         rows, columns = (max(side, side + reach, self.window) for side in (self.rows, self.columns))
-        return next_fast_len(rows), 2 * next_fast_len(-(-columns // 2))
+        return fast_length(rows), fast_length(columns, even=True)
 
 
 def spectrum(image: Tensor, grid: Grid) -> Tensor:
@@ -69,3 +69,21 @@ def image_of(total: Tensor, grid: Grid) -> Tensor:
     centre = grid.window // 2
     image = torch.roll(image, (-centre, -centre), dims=(-2, -1)) if centre else image
     return image[..., : grid.rows, : grid.columns]
+
+
+@lru_cache(maxsize=256)
+def fast_length(at_least: int, even: bool = False) -> int:
+    """The smallest product of 2, 3, 5 and 7 (with a factor 2 if `even`) that is not below `at_least`.
+
+    scipy's `next_fast_len` has other sizes, whose rounding moves single pixels of photos with holes behind
+    edges: the sizes stay, so that photos keep their bytes from version to version.
+    """
+    length = max(1, at_least)
+    while True:
+        rest = length
+        for prime in (2, 3, 5, 7):
+            while rest % prime == 0:
+                rest //= prime
+        if rest == 1 and not (even and length % 2):
+            return length
+        length += 1
