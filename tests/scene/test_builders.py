@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,35 +13,7 @@ from edofsim.recipe.scene import SceneRecipe
 from edofsim.scene import build_scene, solids
 
 AT = {"depth_m": 1.0}
-EXAMPLES = {
-    "panel": {"width_mm": 20, "height_mm": 10, **AT},
-    "box": {"width_mm": 20, "height_mm": 10, "length_mm": 5, **AT},
-    "sphere": {"radius_mm": 5, **AT},
-    "cylinder": {"radius_mm": 5, "height_mm": 12, **AT},
-    "mug": AT,
-    "table": {"y_mm": -14, "near_m": 0.4, "far_m": 3},
-    "wall": {
-        "depth_m": 4,
-        "window": {"x_mm": 100, "y_mm": 50, "width_mm": 200, "height_mm": 300, "columns": 2},
-    },
-    "book": {"title": "TITLE", "front": {"kind": "matt"}, **AT},
-    "pencil": AT,
-    "wire": {"points_mm": [[-5, 0, 0], [0, 5, 1], [5, 0, 0]], **AT},
-    "bust": {"detail": 40, **AT},
-    "usaf_chart": AT,
-    "color_checker": AT,
-    "text_page": AT,
-    "hills": {"width_mm": 100000, "height_mm": 9000, "depth_m": 500},
-    "mesh": {"path": "tetra.obj", "size_mm": 10, **AT},
-    "goblet": AT,
-    "prism": AT,
-    "bus": AT,
-    "car": AT,
-    "hallway": {},
-    "facade": {"width_mm": 100, "height_mm": 80, **AT},
-    "foliage": {"width_mm": 50, "height_mm": 40, "length_mm": 30, "leaves": 40, **AT},
-    "clouds": {"width_mm": 9e6, "height_mm": 7e6, "pixels": 128, "depth_m": 20000},
-}
+EXAMPLES = json.loads(Path(__file__).parents[1].joinpath("small", "objects.json").read_text())
 SOLID = {"box", "sphere", "cylinder", "bust", "wire", "mesh", "goblet", "prism", "bus", "car"}
 TETRA = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 
@@ -51,7 +24,7 @@ def recipe(*objects: dict, **more) -> SceneRecipe:
 
 
 def build(kind: str, folder: Path, **more):
-    (folder / "tetra.obj").write_text(TETRA)
+    (folder / "good.obj").write_text(TETRA)
     return build_scene(recipe({"kind": kind, **EXAMPLES[kind], **more}), folder)
 
 
