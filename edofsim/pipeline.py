@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from torch import Tensor
@@ -15,18 +15,21 @@ from .capture.device import torch_device
 from .core.progress import Progress
 from .optics import Camera
 from .plan import (
-    Looked,
     Plan,
     Target,
     checked_overrule,
+    cuts_rendering,
+    facts_of,
+    learn_rates,
     look,
     plan_figures,
+    plan_photo,
     plan_scene,
     simpler_recipe,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
-from .render import View, render
+from .render import View, cached, render
 from .restore import restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between
@@ -103,8 +106,10 @@ def run(
     view, plan = planned_view(
         scene, optics, watch, overrule=overrule, target=target, cache=cache, device=device
     )
-    with watch.stage("expose", 0.72, 0.82):
+    with watch.stage("expose", 0.7, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
+    if compute.type == "cpu":
+        learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):
         lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
     with watch.stage("restore", 0.92, 0.94):
@@ -156,23 +161,29 @@ def planned_view(
     cache: Path | None = None,
     device: str = "auto",
 ) -> tuple[View, Plan]:
-    """The stages `plan` and `render`: the view of a scene, and the plan of its photo. See `run`."""
-    overrule = checked_overrule(overrule)
-    with watch.stage("plan", 0.0, 0.2) as tell:
-        looked = look(scene.recipe, scene.base, camera, cache=cache, device=device)
-        plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
-    with watch.stage("render", 0.2, 0.7) as tell:
-        return view_as_planned(looked, plan, scene.base, cache, device, tell), plan
+    """The stages `render` and `plan`: the view of a scene, and the plan of its photo. See `run`.
 
-
-def view_as_planned(
-    looked: Looked, plan: Plan, base: Path, cache: Path | None, device: str, progress: Progress | None
-) -> View:
-    """The view that a plan was made on, or a rendering with what the plan leaves out left out."""
-    if looked.facts.final:
-        return looked.facts.view
-    planned = simpler_recipe(looked.recipe, plan.fidelity)
-    return render(planned, base, cache=cache, device=device, progress=progress)
+    The view is rendered as its recipe says, as it is also the truth that photos are scored against, and the
+    photo is planned on it. Only where rendering itself is to be cut short, for a time or because an effect of
+    it is to be left out, a preview is planned on before (stage `preview`).
+    """
+    overrule, recipe = checked_overrule(overrule), scene.recipe
+    rendered = recipe.source is None or recipe.source.rendered
+    shorter = cuts_rendering(overrule, target)
+    if rendered and shorter and cached(recipe, scene.base, cache=cache) is None:
+        with watch.stage("preview", 0.0, 0.1) as tell:
+            looked = look(recipe, scene.base, camera, cache=cache, device=device)
+            plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
+        recipe = simpler_recipe(recipe, plan.fidelity)
+    with watch.stage("render", 0.1, 0.6) as tell:
+        view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
+    with watch.stage("plan", 0.6, 0.7) as tell:
+        left = target
+        if target is not None and target.kind == "time":
+            left = replace(target, seconds=max(0.0, target.seconds - sum(watch.seconds.values())))
+        facts = facts_of(view, camera, recipe=scene.recipe)
+        plan = plan_photo(view, camera, overrule, left, facts=facts, every_effect=False, progress=tell)
+    return view, plan
 
 
 def figures(result: Run) -> dict[str, float]:

@@ -83,7 +83,7 @@ def expose(
         from ..capture.device import torch_device
         from ..optics import Camera
         from ..pipeline import Stopwatch, planned_view
-        from ..plan import parse_target, plan_figures
+        from ..plan import learn_rates, parse_target, plan_figures
         from ..reference import check_crop, check_reference, crop_of, reference_photo
         from ..report import save_srgb
         from ..restore.scores import psnr
@@ -115,6 +115,8 @@ def expose(
             check_crop(view, where)
         with watch.stage("expose", 0.7, 0.8):
             photo = capture(view, optics, fidelity, seed=seed, device=compute)
+        if compute.type == "cpu" and bands is None:
+            learn_rates(plan.seconds, photo.seconds)
         numbers = {
             "psnr_db.photo": psnr(photo.image, photo.ideal),
             **plan_figures(plan),

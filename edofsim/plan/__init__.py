@@ -3,9 +3,11 @@
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
+from .facts import facts_of
 from .figures import plan_figures
-from .overrule import checked_overrule
+from .overrule import checked_overrule, cuts_rendering
 from .photo import Planner, plan_photo, planner_of
+from .rates import learn as learn_rates
 from .scene import Looked, look, plan_scene, seen_in_thumbnails
 from .target import Target, parse_target
 from .thumbnail import thumbnail
@@ -22,8 +24,11 @@ __all__ = [
     "Target",
     "all_effects",
     "checked_overrule",
+    "cuts_rendering",
     "decibels",
+    "facts_of",
     "full_fidelity",
+    "learn_rates",
     "look",
     "overall",
     "parse_target",

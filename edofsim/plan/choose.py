@@ -16,11 +16,13 @@ WORTH = 2e-3
 
 def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity) -> Fidelity:
     """The simulation with these levels; what a left-out effect makes moot is left at the finest."""
-    found = full
+    change: dict[str, object] = {}
     for row in estimates.rows:
         if not estimates.moot(row, chosen):
-            found = found.changed(dict(row.levels[chosen[row.effect.name]].change))
-    return found
+            new = dict(row.levels[chosen[row.effect.name]].change)
+            left_out = (*change.get("simplifications", ()), *new.get("simplifications", ()))
+            change |= new | ({"simplifications": left_out} if left_out else {})
+    return full.changed(change)
 
 
 def everything(estimates: Estimates, fixed: Mapping[str, int]) -> Chosen:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from torch import Tensor
+
 from ..capture.fidelity import Fidelity
 
 if TYPE_CHECKING:
@@ -30,13 +32,11 @@ def decibels(error: float) -> float:
 class Level:
     """How finely an effect is simulated: what a reader calls it, and the fields of `Fidelity` that it sets.
 
-    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not;
-    sample: how the rest is simulated while its error is measured, where that is not as for the effect."""
+    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not."""
 
     label: str
     change: Mapping[str, Any]
     allowed: bool = True
-    sample: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -45,19 +45,20 @@ class Effect:
 
     name; absent(facts): why scene or camera do not have it, empty where they do; levels(facts): from left out
     to in full, which is no change to the full simulation; why(facts): what it comes from, a clause.
-    sample: how the rest is simulated while its error is measured on the sample (`snapped`: light is moved to
-    the nearest depth node, where its PSF is that of a depth and no mixture); error(facts, level): instead of
-    the sample. added: how its error adds up with others: `image` (by the correlation of the difference
-    images), `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this
-    one does not matter; beside: whether that one is measured without this, so that both errors are made where
-    it is left out. stage: render, psf or expose.
+    differences(facts, levels): what each of some levels changes in the photo, as tensors [channel, n] whose
+    sum of squares over n is the mean square over the frame; where it is not given, PSFs are taken to change
+    (see `Spectra.by_psfs`). error(facts, level): the error itself, where it needs no look at the light.
+    added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
+    or `bias` (the worst case: linearly). within: an effect without which this one does not matter; beside:
+    whether that one is measured without this, so that both errors are made where it is left out. stage:
+    render, psf, expose or sensor.
     """
 
     name: str
     levels: Callable[[Facts], Sequence[Level]]
     why: Callable[[Facts], str]
     absent: Callable[[Facts], str] = lambda facts: ""
-    sample: Mapping[str, Any] = field(default_factory=dict)
+    differences: Callable[[Facts, Sequence[Level]], Sequence[Tensor]] | None = None
     error: Callable[[Facts, Level], Errors] | None = None
     added: str = "image"
     within: str = ""

@@ -1,38 +1,31 @@
-"""What leaving out each effect costs in accuracy: measured on the sample, effect by effect."""
+"""What leaving out each effect costs in accuracy: effect by effect, where anything could be gained by it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
 from .effect import Effect, Errors, Level
 from .facts import Facts, rms
-from .sample import FINEST_LAYERS
-
-References = dict[tuple[Fidelity, bool], Tensor]
-"""Photos of the sample, by fidelity and whether fragments were moved to the depth nodes."""
-
-NARROW = 64
-"""Side of the PSFs in pixels while other effects than their window are measured, where they are no wider."""
-LOST = 0.01
-"""Fraction of the light beyond that window from which on PSFs count as wider."""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full;
-    errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none."""
+    errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none; asked:
+    whether it was looked at, else full is its only level."""
 
     effect: Effect
     absent: str
     levels: tuple[Level, ...]
     errors: tuple[Errors, ...]
     images: tuple[int, ...]
+    asked: bool = True
 
     @property
     def full(self) -> int:
@@ -49,6 +42,10 @@ class Estimates:
     products: Tensor
 
     def by_name(self) -> Mapping[str, Estimate]:
+        return self._named
+
+    @cached_property
+    def _named(self) -> Mapping[str, Estimate]:
         return {row.effect.name: row for row in self.rows}
 
     def total(self, chosen: Mapping[str, int]) -> float:
@@ -81,35 +78,60 @@ def estimate(
     facts: Facts,
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
+    asked: Collection[str] | None = None,
     progress: Progress | None = None,
 ) -> Estimates:
-    """Measure every level of every effect that scene and camera have.
+    """Measure every level of effects that scene and camera have.
 
-    more: by effect, one more level, which the user insists on.
+    more: by effect, one more level, which the user insists on; asked: names of the effects that are looked
+    at, None for all of them.
     """
     rows: list[Estimate] = []
     differences: list[Tensor] = []
-    references: References = {}
     for number, effect in enumerate(effects):
         if progress:
             progress(number / len(effects), f"estimating {effect.name}")
         absent, levels = levels_of(facts, effect, more)
+        if asked is not None and effect.name not in asked and len(levels) > 1:
+            rows.append(Estimate(effect, absent, levels[-1:], (_nothing(facts),), (-1,), asked=False))
+            continue
         if len(levels) == 1 or effect.error is not None:
             measured = effect.error if len(levels) > 1 else None
             errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
             rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
             continue
-        errors_found, images = [], []
-        for difference in _differences(facts, effect, levels[:-1], references):
-            errors_found.append(rms(difference))
-            images.append(len(differences))
-            differences.append(difference.flatten())
-        errors_found.append(_nothing(facts))
-        rows.append(Estimate(effect, absent, levels, tuple(errors_found), (*images, -1)))
-    facts.sample.forget()
+        found = (effect.differences or _of_psfs)(facts, levels[:-1])
+        images = range(len(differences), len(differences) + len(found))
+        differences.extend(found)
+        rows.append(Estimate(effect, absent, levels, (*map(rms, found), _nothing(facts)), (*images, -1)))
     rows = _add_nested_effects(rows, differences)
-    stack = torch.stack(differences) if differences else torch.zeros(0, 1)
-    return Estimates(tuple(rows), (stack @ stack.T).double() / len(facts.sample.response))
+    return Estimates(tuple(rows), _products(differences))
+
+
+def _products(differences: Sequence[Tensor]) -> Tensor:
+    """Mean over channels of the products of differences, [image, image]; those that were seen in other parts
+    of the view are taken as independent."""
+    found = torch.zeros(len(differences), len(differences), dtype=torch.float64)
+    for size in {each.shape for each in differences}:
+        like = [k for k, each in enumerate(differences) if each.shape == size]
+        stack = torch.stack([differences[k].flatten() for k in like])
+        found[torch.tensor(like)[:, None], torch.tensor(like)] = (stack @ stack.T).double() / size[0]
+    return found
+
+
+def _of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """What levels change that change PSFs."""
+    found = []
+    for level in levels:
+        finely = {"pupil_sampling_um": None} if level.change.keys() & AT_FULL_PUPIL else {}
+        reference = facts.spectra.full.changed(finely)
+        found.append(facts.spectra.by_psfs(reference.changed(level.change), reference))
+    return found
+
+
+AT_FULL_PUPIL = {"pupil_sampling_um", "lens_dispersion"}
+"""Fields that change how far a lens is out of focus, or how finely its pupil is sampled: a coarse pupil is no
+reference for them."""
 
 
 def _add_nested_effects(rows: Sequence[Estimate], differences: list[Tensor]) -> list[Estimate]:
@@ -124,8 +146,7 @@ def _add_nested_effects(rows: Sequence[Estimate], differences: list[Tensor]) -> 
             whole = found[name]
             place = whole.images[0]
             differences[place] = differences[place] + differences[row.images[0]]
-            error = rms(differences[place].reshape(len(whole.errors[0]), -1))
-            found[name] = replace(whole, errors=(error, *whole.errors[1:]))
+            found[name] = replace(whole, errors=(rms(differences[place]), *whole.errors[1:]))
             name = whole.effect.within
     return list(found.values())
 
@@ -143,47 +164,5 @@ def levels_of(
     return absent, tuple(levels)
 
 
-def _differences(
-    facts: Facts, effect: Effect, levels: Sequence[Level], references: References
-) -> list[Tensor]:
-    """The sample with each level minus the sample in full, the rest as the effect's sample says.
-
-    references: the sample in full as effects before this one asked for it, which this one adds to.
-    """
-    found = []
-    for level in levels:
-        usual = {"layers": 7, "window_px": _narrow(facts), "pupil_sampling_um": facts.quick_pupil_um}
-        usual |= {"sub_apertures": 1, "snapped": False}
-        how = {**usual, **effect.sample, **level.sample}
-        snapped = how.pop("snapped")
-        rest = facts.full.changed(how)
-        if facts.full.occlusion == "none":
-            rest = replace(rest, occlusion="none")
-        if (rest, snapped) not in references:
-            references[rest, snapped] = facts.sample.photo(rest, snapped)
-        photo = facts.sample.photo(rest.changed(_photo_fields(level)), snapped)
-        found.append((photo - references[rest, snapped]) * _beyond(facts, level))
-    return found
-
-
-def _narrow(facts: Facts) -> int | None:
-    if facts.camera.recipe.psf.window_px <= NARROW:
-        return None
-    plain = facts.full.changed({"band_groups": 1, "group_wavelengths": 1})
-    return NARROW if facts.sample.narrow(plain, NARROW, LOST) else None
-
-
-def _photo_fields(level: Level) -> dict[str, object]:
-    return {key: value for key, value in level.change.items() if key != "hidden_surfaces"}
-
-
-def _beyond(facts: Facts, level: Level) -> float:
-    """Linear interpolation errs with the square of the step: what the sample's own finest layers lack."""
-    layers = None if level.sample else level.change.get("layers")
-    if not layers or facts.sample.depths is not None or layers >= FINEST_LAYERS:
-        return 1.0
-    return 1 / (1 - ((layers - 1) / (FINEST_LAYERS - 1)) ** 2)
-
-
 def _nothing(facts: Facts) -> Errors:
-    return (0.0,) * len(facts.sample.response)
+    return (0.0,) * len(facts.response)

@@ -2,46 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
-from ..capture.prepare import blur_per_dioptre
+from ..capture.imaging import spectrum_of
+from ..capture.photograph import all_in_focus, nodes_of
+from ..capture.prepare import blur_per_dioptre, channel_weights
+from ..capture.sensor import automatic_exposure
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render.view import View
-from .sample import Sample, sample_of
+from .coarse import Coarse, coarse_of
+from .spectra import Spectra, spectra_of
 
 SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
+
+
+FEW_DEPTHS = 48
+"""Distinct depths up to which a view has depths, and no range of them."""
 
 
 @dataclass(frozen=True)
 class Facts:
     """Of one scene (or view) through one camera.
 
-    view: the view itself, or a sketch of it: the same frame with few samples; final: whether it is the view
+    view: the view itself, or a preview of it: the same frame with few samples; final: whether it is the view
     itself, so that nothing of rendering is left to decide; recipe: the scene's, None where only a view is
-    known; full: the simulation that leaves nothing out; sample: of the view; edges: pixels on depth edges;
-    shorter: error of each channel if paths end after so many bounces, and plain_glass: if glass does not
-    disperse, both from small renderings; grain: likewise of each channel, the noise that rendering leaves in
-    the photo at the recipe's samples; averaging: what blur leaves of independent noise in each channel.
+    known; full: the simulation that leaves nothing out; edges: pixels on depth edges; response: [channel,
+    band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in focus, unexposed;
+    exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the distinct ones where they
+    are few, else None; shorter: error of each channel if paths end after so many bounces, and plain_glass: if
+    glass does not disperse, both from small renderings; noisier: the view's noise over that of the recipe's
+    samples.
     """
 
     view: View
     camera: Camera
     full: Fidelity
-    sample: Sample
     edges: int
+    response: Tensor
+    spectrum: Tensor
+    ideal: Tensor
+    exposure: float
+    ends: tuple[float, float]
+    depths: Tensor | None
     final: bool = True
     recipe: SceneRecipe | None = None
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
-    grain: tuple[float, ...] = (0.0, 0.0, 0.0)
-    averaging: tuple[float, ...] = (1.0, 1.0, 1.0)
+    noisier: float = 1.0
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """What changes of PSFs are seen in."""
+        light = {"response": self.response * self.exposure, "spectrum": self.spectrum}
+        full = self.full.changed({"pupil_sampling_um": self.quick_pupil_um})
+        return spectra_of(self.view, self.camera, full, self.ideal, light, self.ends, self.depths)
+
+    @cached_property
+    def coarse(self) -> Coarse:
+        """What occlusion is seen in."""
+        return coarse_of(self.view, self.camera, self.exposure)
+
+    @cached_property
+    def averaging(self) -> tuple[float, ...]:
+        """What blur leaves of independent noise in each channel."""
+        return tuple(self.spectra.energy().sqrt().tolist())
+
+    @cached_property
+    def monte_carlo_noise(self) -> tuple[float, ...]:
+        """The noise of each channel that rendering leaves in the photo at the recipe's samples: that of a
+        pixel, averaged by the PSF as independent noise is. The view's noise is relative to the mean of its
+        bands and alike in all of them."""
+        own = max(0.0, self.view.noise) / self.noisier
+        return tuple((own * self.levels_of_light * torch.tensor(self.averaging)).tolist())
+
+    def layers_of(self, layers: int | None) -> int:
+        """Depth nodes that so many layers come to; the full simulation's for None."""
+        if layers is None:
+            return self._finest_layers
+        return layers if self.depths is None else min(layers, int(self.depths.numel()))
+
+    @cached_property
+    def _finest_layers(self) -> int:
+        return int(nodes_of([self.view], self.camera, self.full).numel())
 
     @property
     def hidden(self) -> int:
@@ -51,7 +101,7 @@ class Facts:
     @property
     def blur_spread(self) -> float:
         """Change of the blur's diameter from the nearest to the farthest depth, in pixels."""
-        near, far = self.sample.ends[1], self.sample.ends[0]
+        far, near = self.ends
         return (near - far) * blur_per_dioptre(self.camera)
 
     @property
@@ -59,24 +109,25 @@ class Facts:
         """Number of distinct depths where they are few, else None."""
         if self.full.layers is not None:
             return self.full.layers
-        return None if self.sample.depths is None else int(self.sample.depths.numel())
+        return None if self.depths is None else int(self.depths.numel())
 
     @property
     def levels_of_light(self) -> Tensor:
         """Mean of the ideal image, [channel], in sensor units."""
-        light = self.sample.spectrum.double()
         pixels = self.view.padded_shape[0] * self.view.padded_shape[1]
-        return self.sample.response.double() @ light / pixels * self.sample.exposure
+        return self.response.double() @ self.spectrum.double() / pixels * self.exposure
 
-    @property
-    def blurred(self) -> Fidelity:
-        """A simulation with little in it but blur: how bright the photo is."""
-        return self.full.changed({"band_groups": 1, "group_wavelengths": 1, "layers": 5, "occlusion": "none"})
+    @cached_property
+    def blurred(self) -> Tensor:
+        """How bright the photo is, [channel, pixel]: a simulation with little in it but blur."""
+        few = {"band_groups": 1, "group_wavelengths": 1, "layers": 5}
+        plain = self.full.changed({**few, "occlusion": "none", "sub_apertures": 1})
+        return self.coarse.photo(plain).flatten(1).double()
 
     @property
     def bands_a_channel(self) -> int:
         """Bands that the channel with the broadest response sees."""
-        return int((self.sample.response > 1e-3 * self.sample.response.max()).sum(1).max())
+        return int((self.response > 1e-3 * self.response.max()).sum(1).max())
 
     @property
     def quick_pupil_um(self) -> float | None:
@@ -101,32 +152,45 @@ def facts_of(
     final: bool = True,
     **rendering: object,
 ) -> Facts:
-    """Look at a view. rendering: what was found about rendering (`shorter`, `plain_glass`)."""
-    sample = sample_of(view, camera)
+    """Look at a view. rendering: what was found about rendering (`shorter`, `plain_glass`, `noisier`)."""
+    response = channel_weights(camera, view.wavelengths)
+    ideal = view.crop_margin(all_in_focus(view, response))
+    wanted = camera.recipe.sensor.exposure
+    depth = view.inverse_depth.double()
+    distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
+    if distinct.numel() <= FEW_DEPTHS:
+        distinct = torch.unique(depth)
     facts = Facts(
         view=view,
         camera=camera,
         full=full_fidelity(camera, view),
-        sample=sample,
         edges=edge_pixels(view, 1 / blur_per_dioptre(camera)),
+        response=response,
+        spectrum=spectrum_of(view),
+        ideal=ideal,
+        exposure=automatic_exposure(ideal) if wanted == "auto" else float(wanted),
+        ends=(float(depth.min()), float(depth.max())),
+        depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
         final=final,
         recipe=recipe,
         **rendering,
     )
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
-    return _with_grain(facts)
+    return facts
 
 
-def _with_grain(facts: Facts) -> Facts:
-    """Noise of rendering in the photo: that of a pixel, averaged by the PSF as independent noise is.
-
-    The view's noise is relative to the mean of its bands and alike in all of them.
-    """
-    channels = facts.full.changed({"band_groups": 1, "group_wavelengths": 1, "window_px": None})
-    kept = facts.sample.psf_energy(channels, facts.sample.nodes(5)).sqrt()
-    grain = max(0.0, facts.view.noise) * facts.levels_of_light * kept
-    return replace(facts, grain=tuple(grain.tolist()), averaging=tuple(kept.tolist()))
+def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
+    """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`. rest:
+    how else the rest is simulated than in one group of bands a channel and 5 layers, with the pupil as a
+    whole."""
+    few = {"band_groups": 1, "group_wavelengths": 1, "layers": 5, "sub_apertures": 1}
+    usual = facts.full.changed({**few, **rest})
+    whole = facts.coarse.photo(usual)
+    pixels = whole[0].numel()
+    return [
+        ((facts.coarse.photo(usual.changed(change)) - whole) / pixels**0.5).flatten(1) for change in changes
+    ]
 
 
 def metres(inverse_depth: float) -> str:

@@ -10,6 +10,7 @@ from ..capture.methods import METHODS
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
 from .effects import EFFECTS, RENAMED
+from .target import Target
 
 LOG = logging.getLogger(__name__)
 
@@ -36,6 +37,13 @@ def checked_overrule(overrule: Mapping[str, Any] | None) -> dict[str, Any]:
     if problems:
         raise InputError(problems)
     return given
+
+
+def cuts_rendering(overrule: Mapping[str, Any], target: Target | None) -> bool:
+    """Whether a user asks for less than the rendering that the recipe describes: within a time, or without an
+    effect of it."""
+    timed = target is not None and target.kind == "time"
+    return timed or any(EFFECTS[name].stage == "render" for name in overrule.get("without", ()))
 
 
 def _today(name: str) -> str:

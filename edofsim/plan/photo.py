@@ -6,78 +6,51 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..capture.fidelity import FULL_SUB_APERTURES, Fidelity
+from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
 from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
+from .costs import Costs
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import all_effects
 from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
 from .overrule import checked_overrule
-from .rates import Rates, rates
+from .rates import rates
 from .remember import remembered
 from .target import Target
-from .work import Shape, shape_of, work_of
+from .work import shape_of
 
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
-BASE_MIB = 450.0
-"""Memory of the process before any photo: Python, torch, the renderer."""
 
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that is known before a choice: facts, estimates, and how fast this machine is.
+    """Everything that is known before a choice: facts, estimates, and what this machine takes for them.
 
     One planner answers many targets; estimates are made once.
     """
 
     facts: Facts
-    shape: Shape
+    costs: Costs
     estimates: Estimates
-    rates: Rates
-    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0
     disk_mib: float = 0.0
 
     def seconds_of(self, fidelity: Fidelity) -> Mapping[str, float]:
         """Predicted seconds of each stage."""
-        layers = int(self.facts.sample.nodes(fidelity.layers).numel())
-        if fidelity.layers is None and self.facts.sample.depths is None:
-            layers = self._finest_layers()
-        groups, colours = _counts(self.facts, fidelity.band_groups, fidelity.group_wavelengths)
-        work = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
-        stages = {
-            stage: sum(rate * amount for rate, amount in zip(self.rates[stage], amounts, strict=True))
-            for stage, amounts in work.amounts.items()
-        }
-        return {"render": self.render_seconds(fidelity), **stages}
-
-    def memory_mib(self, fidelity: Fidelity) -> float:
-        """Predicted peak memory of the process."""
-        layers = int(self.facts.sample.nodes(fidelity.layers).numel())
-        groups, colours = _counts(self.facts, fidelity.band_groups, fidelity.group_wavelengths)
-        found = work_of(self.shape, self.facts.camera, fidelity, layers, groups, colours)
-        return BASE_MIB + found.bytes / 2**20
-
-    def _finest_layers(self) -> int:
-        from ..capture.photograph import nodes_of
-
-        return int(nodes_of([self.facts.view], self.facts.camera, self.facts.full).numel())
+        return self.costs.seconds_of(fidelity)
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
         """Choose for a target. fixed: levels of effects that the user insists on."""
         target, fixed = target or Target(), dict(fixed or {})
-        known: dict[Fidelity, float] = {}
 
         def seconds(chosen: Chosen) -> float:
             fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
-            if fidelity not in known:
-                known[fidelity] = sum(self.seconds_of(fidelity).values())
-            return known[fidelity]
+            return sum(self.seconds_of(fidelity).values())
 
         note, asked = "", target.asked_db(self.facts)
         if target.kind == "full":
@@ -104,12 +77,12 @@ class Planner:
         return {**({"render samples": samples.full} if samples else {}), **fixed}
 
     def _floor(self, asked: float) -> str:
-        grain = overall(self.facts.grain)
-        if decibels(grain) >= asked:
+        noise = overall(self.facts.monte_carlo_noise)
+        if decibels(noise) >= asked:
             return ""
-        more = 10 ** ((asked - decibels(grain)) / 10)
+        more = 10 ** ((asked - decibels(noise)) / 10)
         return (
-            f"{asked:.1f} dB cannot be had from this rendering: its own noise leaves {decibels(grain):.1f} "
+            f"{asked:.1f} dB cannot be had from this rendering: its own noise leaves {decibels(noise):.1f} "
             f"dB in the photo, whatever is simulated; it takes {more:.1f} times as many samples"
         )
 
@@ -143,8 +116,8 @@ class Planner:
             costs = 0.0 if row.full == 0 else max(0.0, seconds(with_it) - seconds(without))
             memory = 0.0
             if row.full:
-                memory = self.memory_mib(fidelity_of(self.estimates, with_it, self.facts.full))
-                memory -= self.memory_mib(fidelity_of(self.estimates, without, self.facts.full))
+                memory = self.costs.memory_mib(fidelity_of(self.estimates, with_it, self.facts.full))
+                memory -= self.costs.memory_mib(fidelity_of(self.estimates, without, self.facts.full))
             called = _called_for(row, asked, level)
             decisions.append(
                 Decision(
@@ -166,7 +139,7 @@ class Planner:
             error_db=decibels(self.estimates.total(chosen)),
             asked_db=None if target.kind == "time" else asked,
             seconds=self.seconds_of(fidelity) if now else {},
-            memory_mib=self.memory_mib(fidelity),
+            memory_mib=self.costs.memory_mib(fidelity),
             disk_mib=self.disk_mib,
             target=target.sentence(self.facts),
             note=note,
@@ -180,15 +153,18 @@ def planner_of(
     effects: Sequence[Effect] | None = None,
     more: Mapping[str, Level] | None = None,
     facts: Facts | None = None,
+    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
+    disk_mib: float = 0.0,
     progress: Progress | None = None,
-    **how: Any,
 ) -> Planner:
-    """Look at a view, or at the facts given, and estimate every effect. more: levels the user insists on;
-    how: further fields of `Planner`."""
+    """Look at a view, or at the facts given, and estimate every effect, or those of `effects`.
+
+    more: levels the user insists on; render_seconds: predicted, of a simulation; disk_mib: of the view.
+    """
     facts = facts or facts_of(view, camera)
-    known = rates()
-    found = remembered(facts, effects or all_effects(), more, progress)
-    return Planner(facts, shape_of(view, camera), found, known, **how)
+    costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
+    found = remembered(facts, effects or all_effects(), more, None, progress)
+    return Planner(facts, costs, found, disk_mib)
 
 
 def plan_photo(
@@ -197,20 +173,31 @@ def plan_photo(
     overrule: Mapping[str, Any] | None = None,
     target: Target | None = None,
     *,
+    every_effect: bool = True,
     facts: Facts | None = None,
+    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
+    disk_mib: float = 0.0,
     progress: Progress | None = None,
-    **how: Any,
 ) -> Plan:
     """Decide on the effects of a photo.
 
-    overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `method`, `without` and
-    `with_` (names of effects); None values are left to the plan. target: None for the default. height: height
-    map of the mask in place of the recipe's. Raises InputError for an effect that is not known.
+    overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `without` and `with_` (names
+    of effects); None values are left to the plan. target: None for the default. every_effect: False looks
+    only at effects that the choice can save time by; the others are simulated without asking what they do.
+    Raises InputError for an effect that is not known.
     """
-    given = checked_overrule(overrule)
+    given, target = checked_overrule(overrule), target or Target()
     more = _levels_of(given)
-    planner = planner_of(view, camera, more=more, facts=facts, progress=progress, **how)
-    return planner.plan(target, fixed_levels(planner.estimates, given, more))
+    facts, effects = facts or facts_of(view, camera), all_effects()
+    costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
+    asked = None
+    if not every_effect:
+        asked = {*more, *given.get("without", ())}
+        if target.kind != "full":
+            asked |= set(costs.worth_asking(effects, target.seconds if target.kind == "time" else 0.0))
+    found = remembered(facts, effects, more, asked, progress)
+    planner = Planner(facts, costs, found, disk_mib)
+    return planner.plan(target, fixed_levels(found, given, more))
 
 
 def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
@@ -225,9 +212,7 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
         more["occlusion"] = Level(way, {"occlusion": way})
     if across is not None:
         said = "the whole pupil" if across == 1 else f"{across} x {across}"
-        more["sub-apertures"] = Level(
-            said, {"sub_apertures": across}, sample={"sub_apertures": FULL_SUB_APERTURES}
-        )
+        more["sub-apertures"] = Level(said, {"sub_apertures": across})
     if "method" in insisted:
         more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
     return more
@@ -250,18 +235,10 @@ def fixed_levels(
     return fixed
 
 
-def _counts(facts: Facts, groups: int, colours: int) -> tuple[int, int]:
-    """Images that are blurred for each depth, and wavelengths that PSFs are computed at."""
-    bands, channels = facts.view.bands, len(facts.sample.response)
-    if groups == 0:
-        return bands, bands
-    return groups * channels, bands if colours == 0 else min(bands, groups * channels * colours)
-
-
 def _called_for(row: Estimate, asked: float, level: int) -> bool:
     """Whether leaving it out would cost more than was asked for; for a time: whether it is simulated."""
     if row.full == 0:
-        return False
+        return not row.absent
     worst = decibels(overall(row.errors[0]))
     return worst < asked if asked != float("inf") else worst < 100 and level > 0
 
@@ -270,6 +247,8 @@ def _sentence(row: Estimate, facts: Facts, level: int, asked: float, costs: floa
     if row.absent:
         return row.absent
     why = row.effect.why(facts)
+    if not row.asked:
+        return f"{why}; leaving it out would save next to no time"
     if moot:
         return f"{why}; it does not matter without {row.effect.within}"
     worst = decibels(overall(row.errors[0]))

@@ -1,98 +1,101 @@
-"""How fast this machine does each kind of work: measured once in some seconds, and remembered."""
+"""How fast this machine does each kind of work: rates that ship, scaled by a moment's work, and corrected by
+what photos on this machine then took."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import torch
-from scipy.optimize import nnls
 
-from ..capture.fidelity import Fidelity
-from ..capture.photograph import capture, nodes_of
 from ..core.store import found, keep, user_folder
-from ..optics import Camera
-from ..optics import cache as psf_memory
-from ..optics.masks.cubic import CubicMask
 from ..optics.threads import one_thread
-from ..recipe import CameraRecipe
 from ..record import machine
-from ..render.view import View
-from .work import STAGES, shape_of, work_of
+from .work import STAGES
 
-VERSION = 13
+VERSION = 14
 """Raised when work is counted otherwise."""
 
-Rates = dict[str, tuple[float, ...]]
+Rates = Mapping[str, tuple[float, ...]]
 """Seconds a unit of each amount of work, by stage (see `Work`); and the pace that they were measured at."""
 PACE = "pace"
 
+SHIPPED: Rates = {
+    "prepare": (0.0, 1.155e-09, 0.0, 6.579e-09, 5.732e-09, 0.0),
+    "psf": (0.0008585, 0.0009624, 0.0, 2.009e-08, 0.0, 5.311e-08, 2.382e-10, 4.882e-09, 0.0),
+    "blur": (0.0001311, 7.45e-05, 0.0002182, 1.197e-10, 2.055e-09, 5.566e-09, 4.97e-08, 0.0),
+    "sub_apertures": (0.002622, 4.531e-10, 5.059e-10, 0.0, 2.611e-09),
+    "sensor": (0.0001486, 1.898e-08, 3.317e-11, 0.0, 1.367e-10),
+    PACE: (0.006382,),
+}
+"""Of one thread of an AMD EPYC, as `benchmarks/photo_rates.py` measures them."""
+KEPT = 9
+"""Photos that the correction of a stage is the median of; the latest count."""
+SHORTEST_S = 0.02
+"""Stages that are predicted to take less say nothing of the machine."""
+NEAR = 5.0
+"""A photo that took so many times more or less than predicted met something else: PSFs that were known, other
+work."""
+
 _known: dict[str, Rates] = {}
 
-RUNS = (
-    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
-    Fidelity(band_groups=1, group_wavelengths=2, layers=12, occlusion="none"),
-    Fidelity(band_groups=2, group_wavelengths=2, layers=5, occlusion="none", window_px=64),
-    Fidelity(band_groups=0, layers=3, occlusion="none"),
-    Fidelity(band_groups=0, layers=12, occlusion="none", window_px=32),
-    Fidelity(band_groups=3, group_wavelengths=1, layers=6, occlusion="none", pupil_sampling_um=9.0),
-    Fidelity(band_groups=1, group_wavelengths=0, layers=4, occlusion="none", oversampling=4),
-    Fidelity(band_groups=2, group_wavelengths=2, layers=20, occlusion="none", window_px=16),
-    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden"),
-    Fidelity(band_groups=2, group_wavelengths=1, layers=10, occlusion="hidden", window_px=64),
-    Fidelity(band_groups=3, group_wavelengths=1, layers=24, occlusion="hidden", window_px=32),
-    Fidelity(band_groups=0, layers=2, occlusion="hidden", window_px=32),
-    Fidelity(band_groups=1, group_wavelengths=2, layers=4, occlusion="normalised"),
-    Fidelity(band_groups=3, group_wavelengths=1, layers=8, occlusion="normalised", window_px=48),
-    Fidelity(band_groups=1, group_wavelengths=1, layers=4, occlusion="hidden", sub_apertures=3),
-    Fidelity(band_groups=1, group_wavelengths=2, layers=9, occlusion="hidden", sub_apertures=4),
-    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden", sub_apertures=4, window_px=48),
-    Fidelity(
-        band_groups=1,
-        group_wavelengths=2,
-        layers=2,
-        occlusion="hidden",
-        sub_apertures=5,
-        pupil_sampling_um=9.0,
-    ),
-    Fidelity(band_groups=1, group_wavelengths=1, layers=7, occlusion="hidden", sub_apertures=6, window_px=64),
-)
-FLAT_RUNS = (
-    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
-    Fidelity(band_groups=1, group_wavelengths=2, layers=1, occlusion="none", window_px=64),
-    Fidelity(band_groups=2, group_wavelengths=2, layers=1, occlusion="none", window_px=48),
-    Fidelity(band_groups=3, group_wavelengths=0, layers=1, occlusion="none", window_px=32),
-    Fidelity(band_groups=0, layers=1, occlusion="none"),
-)
-MAP_SAMPLES = 240
-"""Across a height map in the mask's place."""
-SIZES = ((96, 96), (288, 256))
-"""Rows and columns of the views with depths; the larger one is composited in tiles where PSFs are small."""
 
-
-def rates(again: bool = False) -> Rates:
-    """This machine's rates, from memory, from the user's cache, or measured now."""
+def rates() -> Rates:
+    """This machine's rates for this process, with the corrections that are kept."""
     name = _name()
-    if name in _known and not again:
-        return _known[name]
-    path = _folder() / f"rates-{name}.json"
-    before = None if again else found(path, _read)
-    _known[name] = before or measure()
-    if before is None:
-        keep(path, lambda path: path.write_text(json.dumps(_known[name], indent=1), encoding="utf-8"))
+    if name not in _known:
+        faster = pace() / SHIPPED[PACE][0]
+        corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
+        scaled = {
+            stage: tuple(faster * corrections.get(stage, 1.0) * each for each in SHIPPED[stage])
+            for stage in STAGES
+        }
+        _known[name] = {**scaled, PACE: (faster * SHIPPED[PACE][0],)}
     return _known[name]
 
 
-def _read(path: Path) -> Rates:
-    return {stage: tuple(each) for stage, each in json.loads(path.read_text(encoding="utf-8")).items()}
+def learn(predicted: Mapping[str, float], taken: Mapping[str, float]) -> None:
+    """Correct the rates by the seconds that stages of a photo were predicted to take, by `rates`, and
+    took."""
+    corrections = _corrections()
+    changed = False
+    for stage in STAGES:
+        if min(predicted.get(stage, 0.0), taken.get(stage, 0.0)) < SHORTEST_S:
+            continue
+        before = _median(corrections.get(stage, []))
+        if 1 / NEAR < taken[stage] / predicted[stage] < NEAR:
+            ratios = [*corrections.get(stage, []), before * taken[stage] / predicted[stage]]
+            corrections[stage] = ratios[-KEPT:]
+            changed = True
+    if changed:
+        content = json.dumps(corrections, indent=1)
+        keep(_file(), lambda path: path.write_text(content, encoding="utf-8"))
+        _known.pop(_name(), None)
 
 
-def _folder() -> Path:
-    return user_folder()
+def _corrections() -> dict[str, list[float]]:
+    return found(_file(), _read) or {}
+
+
+def _read(path: Path) -> dict[str, list[float]]:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    kept = {stage: [float(each) for each in content[stage]] for stage in STAGES if stage in content}
+    if not all(math.isfinite(each) and each > 0 for ratios in kept.values() for each in ratios):
+        raise ValueError("no positive numbers")
+    return kept
+
+
+def _median(ratios: list[float]) -> float:
+    return statistics.median(ratios) if ratios else 1.0
+
+
+def _file() -> Path:
+    return user_folder() / f"rates-{_name()}.json"
 
 
 def _name() -> str:
@@ -119,126 +122,3 @@ def pace(repeats: int = 4) -> float:
             for _ in range(4):
                 torch.cos(square @ square)
         return (time.process_time() - started) / repeats
-
-
-def measure(repeats: int = 2) -> Rates:
-    """Photograph made-up views in several ways, and solve for the seconds of each kind of work.
-
-    On one thread, in seconds of the processor, so that what else the machine does is not counted; then, where
-    there are more threads, how much of that all of them together take. Errors are relative, so that short
-    stages are met as well as long ones.
-    """
-    camera = Camera.from_recipe(CameraRecipe(name="rates"))
-    threads = torch.get_num_threads()
-    with one_thread():
-        found = _one_thread_rates(camera, repeats)
-    if threads > 1:
-        share = _share_of(camera, repeats + 1, threads)
-        found |= {stage: tuple(value * share[stage] for value in found[stage]) for stage in STAGES}
-    return found
-
-
-def _share_of(camera: Camera, repeats: int, threads: int) -> dict[str, float]:
-    """Seconds of each stage with all threads as a fraction of those with one. The fastest repeat counts; no
-    more is gained than there are threads, and nothing is lost by them but to other work."""
-    view = _made_up(*SIZES[-1], camera)
-    alone, together = dict.fromkeys(STAGES, 0.0), dict.fromkeys(STAGES, 0.0)
-    for run in RUNS[1::5]:
-        with one_thread():
-            first = _fastest(view, camera, run, repeats, time.process_time)
-        second = _fastest(view, camera, run, repeats, time.perf_counter)
-        for stage in STAGES:
-            alone[stage] += first[stage]
-            together[stage] += second[stage]
-    shares = {stage: together[stage] / alone[stage] if alone[stage] else 1.0 for stage in STAGES}
-    return {stage: min(1.0, max(1 / threads, share)) for stage, share in shares.items()}
-
-
-def _fastest(
-    view: View,
-    camera: Camera,
-    run: Fidelity,
-    repeats: int,
-    clock: Callable[[], float],
-) -> dict[str, float]:
-    found = []
-    for _ in range(repeats):
-        psf_memory.forget()
-        found.append(capture(view, camera, run, clock=clock).seconds)
-    return {stage: min(each.get(stage, 0.0) for each in found) for stage in STAGES}
-
-
-def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
-    rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
-    times: dict[str, list[float]] = {stage: [] for stage in STAGES}
-    paces: list[float] = []
-    small, large = (_made_up(*size, camera) for size in SIZES)
-    flat = _made_up(160, 192, camera, flat=True)
-    cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
-    draw = torch.Generator().manual_seed(0)
-    relief = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
-    for view, with_mask, runs, times_each in (
-        (small, camera, RUNS, repeats),
-        (flat, camera, FLAT_RUNS, repeats),
-        (flat, cubic, FLAT_RUNS[1::2], repeats),
-        (flat, camera.with_height(relief), FLAT_RUNS[::2], repeats),
-        (large, camera, RUNS[::3], 1),
-    ):
-        shape = shape_of(view, with_mask)
-        for run in runs:
-            found = _fastest(view, with_mask, run, times_each, time.process_time)
-            paces.append(pace())
-            layers = int(nodes_of([view], with_mask, run).numel())
-            groups = 3 * run.band_groups or view.bands
-            colours = (
-                groups * max(run.group_wavelengths, 1)
-                if run.band_groups and run.group_wavelengths
-                else view.bands
-            )
-            work = work_of(shape, with_mask, run, layers, groups, colours)
-            for stage in STAGES:
-                if any(work.amounts[stage]):
-                    rows[stage].append(work.amounts[stage])
-                    times[stage].append(found[stage] / paces[-1])
-    psf_memory.forget()
-    usual = min(paces)
-    solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
-    return {**{stage: tuple(usual * each for each in solved[stage]) for stage in STAGES}, PACE: (usual,)}
-
-
-def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:
-    scale = np.abs(rows).max(0)
-    seconds = np.maximum(seconds, 1e-4)
-    found, _ = nnls(rows / scale / seconds[:, None], np.ones(len(rows)))
-    return tuple((found / scale).tolist())
-
-
-def _made_up(height: int, width: int, camera: Camera, flat: bool = False) -> View:
-    """Noise at many depths, a square of it in front of the rest and hiding it, near the top left corner;
-    flat: all at one depth in focus."""
-    margin, bands = 64, 31
-    rows, columns = height + 2 * margin, width + 2 * margin
-    draw = torch.Generator().manual_seed(0)
-    row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
-    front = (not flat) & ((row - margin - 32).abs() < 24) & ((column - margin - 32).abs() < 24)
-    depth = torch.rand(rows * columns, generator=draw)
-    if flat:
-        depth = torch.full_like(depth, 1 / camera.recipe.focus.distance_m)
-    behind = torch.nonzero(front.flatten()).squeeze(1)
-    depth[behind] = 1.5 + 0.5 * depth[behind]
-    pixel = torch.cat([torch.arange(rows * columns), behind])
-    inverse_depth = torch.cat([depth, torch.rand(len(behind), generator=draw)])
-    hidden = torch.arange(len(pixel)) >= rows * columns
-    order = torch.argsort(pixel * 2 + hidden)
-    return View(
-        height=height,
-        width=width,
-        margin=margin,
-        pixel=pixel[order],
-        coverage=torch.ones(len(pixel)),
-        inverse_depth=inverse_depth[order],
-        radiance=torch.rand(bands, len(pixel), generator=draw)[:, order],
-        hidden=hidden[order],
-        wavelengths=torch.linspace(420e-9, 720e-9, bands, dtype=torch.float64),
-        pixel_angle=camera.pixel_angle,
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import torch
@@ -17,7 +17,7 @@ from .effects import EFFECTS
 from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
-VERSION = 16
+VERSION = 17
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""
@@ -27,15 +27,18 @@ def remembered(
     facts: Facts,
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
+    asked: Collection[str] | None = None,
     progress: Progress | None = None,
 ) -> Estimates:
     """`estimate`, or what it found before. Where nothing can be written, it is estimated each time."""
-    key = _key(facts, effects, more or {})
-    kept = Store("{}.json", lambda path: _read(path, facts, effects, more), _write, most_files=KEPT)
+    if asked is not None and not asked:
+        return estimate(facts, effects, more, asked)
+    key = _key(facts, effects, more or {}, asked)
+    kept = Store("{}.json", lambda path: _read(path, facts, effects, more, asked), _write, most_files=KEPT)
     known = kept.find(key, _folder())
     if known is not None:
         return known
-    found = estimate(facts, effects, more, progress)
+    found = estimate(facts, effects, more, asked, progress)
     kept.keep(key, found, _folder())
     return found
 
@@ -53,15 +56,23 @@ def _write(found: Estimates, path: Path) -> None:
     path.write_text(json.dumps({"rows": rows, "products": found.products.tolist()}), encoding="utf-8")
 
 
-def _read(path: Path, facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level] | None) -> Estimates:
+def _read(
+    path: Path,
+    facts: Facts,
+    effects: Sequence[Effect],
+    more: Mapping[str, Level] | None,
+    asked: Collection[str] | None,
+) -> Estimates:
     content = json.loads(path.read_text(encoding="utf-8"))
     rows = []
     for effect, row in zip(effects, content["rows"], strict=True):
         absent, levels = levels_of(facts, effect, more)
+        looked_at = asked is None or effect.name in asked or len(levels) == 1
+        levels = levels if looked_at else levels[-1:]
         if absent != row["absent"] or [level.label for level in levels] != row["labels"]:
             raise ValueError("of other levels")
         errors = tuple(tuple(float(e) for e in level) for level in row["errors"])
-        rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"])))
+        rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"]), looked_at))
     size = len(content["products"])
     products = torch.tensor(content["products"], dtype=torch.float64).reshape(size, size)
     return Estimates(tuple(rows), products)
@@ -71,13 +82,16 @@ def _folder() -> Path:
     return user_folder() / "plans"
 
 
-def _key(facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level]) -> str:
+def _key(
+    facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level], asked: Collection[str] | None
+) -> str:
     said = {
         "version": [VERSION, PHOTO_MODEL_VERSION],
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
-        "rendering": [facts.shorter, facts.plain_glass, facts.final, facts.grain],
+        "asked": None if asked is None else sorted(asked),
+        "rendering": [facts.shorter, facts.plain_glass, facts.final, facts.view.noise, facts.noisier],
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())

@@ -63,11 +63,10 @@ def look(
     render(thumbnail(recipe), base, **how)
     small = sketch(recipe)
     view = render(small, base, **how)
-    facts = facts_of(view, camera, recipe=recipe, final=False)
+    noisier = (recipe.render.samples / small.render.samples) ** 0.5
+    facts = facts_of(view, camera, recipe=recipe, final=False, noisier=noisier)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
-    grain = (small.render.samples / recipe.render.samples) ** 0.5
-    facts = replace(facts, grain=tuple(value * grain for value in facts.grain))
     expected = forecast([Task(recipe, base)], cache=cache)
     pace = _pace(recipe, base, cache)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -28,9 +28,15 @@ class Slabs:
 
     occupied: Tensor
     fragments: tuple[int, ...]
+    _used: dict[tuple[int, int | None], int] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes_used(self, layers: int, slab: int | None = None) -> int:
         """Depth nodes that some fragment of a slab (None: of all of them) has a share in."""
+        if (layers, slab) not in self._used:
+            self._used[layers, slab] = self._nodes_used(layers, slab)
+        return self._used[layers, slab]
+
+    def _nodes_used(self, layers: int, slab: int | None) -> int:
         if layers == 1:
             return 1
         here = self.occupied.any(0) if slab is None else self.occupied[slab]
@@ -73,7 +79,13 @@ class Shape:
 
     def tiles(self, reach: int) -> list[Tile]:
         """The parts of the frame that are composited where PSFs reach so far; none: all of it in one go."""
-        return tiles_to_composite(self.edges, self, reach)
+        if reach not in self._tiles:
+            self._tiles[reach] = tiles_to_composite(self.edges, self, reach)
+        return self._tiles[reach]
+
+    @cached_property
+    def _tiles(self) -> dict[int, list[Tile]]:
+        return {}
 
     @cached_property
     def _known(self) -> dict[Tile, Slabs]:

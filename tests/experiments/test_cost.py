@@ -145,7 +145,9 @@ def test_shares_are_counted_over_effects_that_matter():
 @pytest.mark.slow
 def test_predictions_hold_on_a_small_scene(tmp_path):
     """The middle of a photograph with measured depth, through the cubic mask: nothing needs rendering."""
-    found = predictions.figures(predictions.run(tmp_path, scenes=["motorcycle"], masks=["cubic"], quick=True))
+    found = predictions.figures(
+        predictions.measure(tmp_path, lambda *_: None, ["motorcycle"], ["cubic"], quick=True)
+    )
     assert found["pairs"] >= 5
     assert found["share.error_within_3_db"] >= 0.9
     assert found["worst_optimism_db"] <= 6

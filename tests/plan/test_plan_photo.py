@@ -27,7 +27,7 @@ from edofsim.plan import (
     remember,
     thumbnail,
 )
-from edofsim.plan.sample import Sample
+from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render.view import View
@@ -140,7 +140,7 @@ def test_a_sensor_of_three_lines_has_no_bands_to_gather():
 
 @pytest.mark.parametrize("effect", ["bands", "spherical aberration", "dispersion of the lens", "PSF window"])
 def test_an_estimate_is_what_the_whole_photo_shows(effect: str):
-    """Within 3 dB, on a frame that is the sample itself; depths and the rest of the simulation differ."""
+    """Within 3 dB; depths and the rest of the simulation differ."""
     view, known = scene(SLANTED), planner("slanted")
     found = known.estimates.by_name()[effect]
     truth = measured(view, CAMERA, dict(found.levels[0].change), known.facts.full)
@@ -259,13 +259,6 @@ def test_an_effect_is_a_file_and_a_line():
         name="half the window",
         levels=lambda facts: [Level("half", {"window_px": 16}), Level("whole", {})],
         why=lambda facts: "blur has tails",
-        sample={
-            "band_groups": 1,
-            "group_wavelengths": 1,
-            "layers": 2,
-            "occlusion": "none",
-            "window_px": None,
-        },
     )
     known = planner_of(scene(FLAT), CAMERA, effects=(EFFECTS["bands"], mine))
     found = row(known.plan(parse_target("full", None)), "half the window")
@@ -325,17 +318,17 @@ def test_a_thumbnail_shows_the_same_field_with_fewer_pixels():
 
 def test_a_plan_is_remembered_and_damage_is_not_believed(monkeypatch: pytest.MonkeyPatch, tmp_path):
     monkeypatch.setattr(remember, "_folder", lambda: tmp_path)
-    photos = []
-    whole = Sample.photo
-    monkeypatch.setattr(Sample, "photo", lambda self, *how: photos.append(how) or whole(self, *how))
+    looks = []
+    whole = Spectra.by_bands
+    monkeypatch.setattr(Spectra, "by_bands", lambda self, *how: looks.append(how) or whole(self, *how))
     first = plan_photo(scene(FLAT), CAMERA)
-    count = len(photos)
+    count = len(looks)
     again = plan_photo(scene(FLAT), CAMERA)
-    assert count > 0 and len(photos) == count and again.fidelity == first.fidelity
+    assert count > 0 and len(looks) == count and again.fidelity == first.fidelity
     assert again.error_db == pytest.approx(first.error_db)
     (file,) = tmp_path.glob("*.json")
     file.write_text("{")
-    assert plan_photo(scene(FLAT), CAMERA).fidelity == first.fidelity and len(photos) == 2 * count
+    assert plan_photo(scene(FLAT), CAMERA).fidelity == first.fidelity and len(looks) == 2 * count
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]:

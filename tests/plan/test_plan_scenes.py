@@ -14,8 +14,10 @@ from edofsim.capture import blurring, capture, prepare
 from edofsim.capture.methods import layered
 from edofsim.capture.photo import Photo
 from edofsim.optics import Camera
-from edofsim.pipeline import view_as_planned
+from edofsim.pipeline import Stopwatch, planned_view
 from edofsim.plan import Plan, look, parse_target, plan_photo, plan_scene
+from edofsim.plan.coarse import Coarse
+from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render import render
@@ -68,14 +70,13 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     return counts
 
 
-def run(name: str, cache: Path, calls: Counter, *, full: bool = False) -> tuple[Plan, Photo]:
-    """Plan, render and photograph as the main job does; the calls of planning are not counted."""
+def run(name: str, cache: Path, calls: Counter) -> tuple[Plan, Photo]:
+    """Plan, render and photograph; the calls of planning are not counted."""
     loaded = small(name)
-    target = parse_target("full" if full else "noise", None)
     looked = look(loaded.recipe, loaded.base, CAMERA, cache=cache)
-    plan = plan_scene(looked, CAMERA, target=target)
+    plan = plan_scene(looked, CAMERA)
     calls.clear()
-    view = view_as_planned(looked, plan, loaded.base, None if full else cache, "auto", None)
+    view = render(loaded.recipe, loaded.base, cache=cache)
     return plan, capture(view, CAMERA, plan.fidelity)
 
 
@@ -95,7 +96,6 @@ def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(n
         "rank",
     }
     assert not called_for(plan) & {*never, "interreflection"}
-    # so few samples are those of the sketch, which serves where paths are not cut short
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
     assert photo.how["layers"] == 1 and calls["coverages"] == 0
     assert calls["convolutions"] == photo.how["bands"] < 31
@@ -172,3 +172,48 @@ def test_the_plan_of_a_picture_names_what_it_lacks(cache: Path):
     why = {decision.effect: decision.why for decision in plan.decisions}
     assert "holes of the depth map were filled" in why["depth layers"]
     assert "no light from behind its edges" in why["hidden surfaces"]
+
+
+@pytest.fixture
+def looks(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """How often a plan looks at the light of a view: at its spectra, at coarse photos."""
+    found: list[str] = []
+    for place, name in ((Spectra, "_light"), (Coarse, "photo")):
+        whole = getattr(place, name)
+
+        def looked(self, *args, whole=whole, name=name, **how):
+            found.append(name)
+            return whole(self, *args, **how)
+
+        monkeypatch.setattr(place, name, looked)
+    return found
+
+
+def test_nothing_is_asked_where_nothing_is_to_gain(cache: Path, looks: list[str]):
+    """The photo of a wall takes a moment in full: a plan that looked at it would take longer. A plan of every
+    effect does look."""
+    loaded = small("wall")
+    watch = Stopwatch()
+    view, plan = planned_view(loaded, CAMERA, watch, cache=cache)
+    assert not looks and plan.error_db == float("inf") and set(watch.seconds) == {"render", "plan"}
+    assert plan.fidelity.band_groups == 0 and plan.fidelity.spherical_aberration
+    (bands,) = [d for d in plan.decisions if d.effect == "bands"]
+    assert bands.error is None and "save next to no time" in bands.why
+    assert plan_photo(view, CAMERA).error_db < float("inf") and looks
+
+
+def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Path, looks: list[str]):
+    """Where a time is asked for, and only there, the view is rendered with less than the recipe says."""
+    loaded = small("desk")
+    watch = Stopwatch()
+    _, plan = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
+    assert "preview" in watch.seconds and "cannot be had" in plan.note
+    again = Stopwatch()
+    planned_view(loaded, CAMERA, again, cache=tmp_path)
+    assert set(again.seconds) == {"render", "plan"}
+
+
+def test_everything_in_full_is_asked_nothing(cache: Path, looks: list[str]):
+    loaded = small("desk")
+    _, plan = planned_view(loaded, CAMERA, Stopwatch(), cache=cache, target=parse_target("full", None))
+    assert not looks and plan.fidelity.sub_apertures > 1 and plan.fidelity.band_groups == 0

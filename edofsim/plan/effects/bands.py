@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
 from ..facts import Facts
 
@@ -16,14 +20,11 @@ def absent(facts: Facts) -> str:
 
 
 def levels(facts: Facts) -> list[Level]:
-    channels = len(facts.sample.response)
-    # Without occlusion the light of all surfaces at an edge adds up, and so would their errors
-    sample = {"occlusion": facts.full.occlusion}
+    channels = len(facts.response)
     few = [
         Level(
             _label(groups, colours, channels),
             {"band_groups": groups, "group_wavelengths": colours},
-            sample=sample,
         )
         for groups, colours in GATHERED
         if groups * max(colours, 1) < facts.bands_a_channel
@@ -40,10 +41,8 @@ def why(facts: Facts) -> str:
     return f"the view holds {facts.view.bands} bands, {facts.nm()}, and the optics bend each differently"
 
 
-EFFECT = Effect(
-    "bands",
-    levels,
-    why,
-    absent,
-    sample={"layers": 5, "snapped": True, "band_groups": 0, "group_wavelengths": 0},
-)
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    return [facts.spectra.by_bands(facts.full.changed(level.change)) for level in levels]
+
+
+EFFECT = Effect("bands", levels, why, absent, differences)

@@ -23,7 +23,7 @@ def _label(length: int) -> str:
 
 
 def error(facts: Facts, level: Level) -> Errors:
-    return facts.shorter[level.change["bounces"]] if level.change else (0.0,) * len(facts.sample.response)
+    return facts.shorter[level.change["bounces"]] if level.change else (0.0,) * len(facts.response)
 
 
 def why(facts: Facts) -> str:

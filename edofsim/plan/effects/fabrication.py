@@ -26,6 +26,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 5, "snapped": True, "occlusion": "none"},
     stage="psf",
 )

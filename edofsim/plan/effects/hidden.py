@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
-from ..facts import Facts
+from ..facts import Facts, photographed
 
 
 def absent(facts: Facts) -> str:
@@ -27,11 +31,16 @@ def why(facts: Facts) -> str:
     return f"{facts.hidden} fragments behind edges are known, which a blur uncovers"
 
 
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """Of coarse photos with the pupil as a whole: hidden fragments are taken out of the view."""
+    return photographed(facts, [{"occlusion": "normalised"} for _ in levels], layers=9)
+
+
 EFFECT = Effect(
     "hidden surfaces",
     levels,
     why,
     absent,
-    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 9},
+    differences,
     within="occlusion",
 )

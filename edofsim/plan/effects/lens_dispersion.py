@@ -28,13 +28,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    # without dispersion a lens may be farther out of focus than a coarse pupil allows
-    sample={
-        "band_groups": 1,
-        "group_wavelengths": 3,
-        "layers": 9,
-        "snapped": True,
-        "pupil_sampling_um": None,
-    },
     stage="psf",
 )

@@ -19,10 +19,10 @@ def levels(facts: Facts) -> list[Level]:
 
 def error(facts: Facts, level: Level) -> Errors:
     """The light that the mosaic keeps out: that of three pixels in four, of green in two."""
-    photo, weights = facts.sample.exposed(facts.blurred)
+    photo = facts.blurred
     pattern = facts.camera.recipe.sensor.bayer
     lost = photo.new_tensor([1 - pattern.count(colour) / 4 for colour in "RGB"])
-    return rms(photo * (lost[:, None] * weights).sqrt()) if level.change else (0.0,) * len(photo)
+    return rms(photo * (lost[:, None] / photo.shape[1]).sqrt()) if level.change else (0.0,) * len(photo)
 
 
 def why(facts: Facts) -> str:

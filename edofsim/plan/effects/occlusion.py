@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
-from ..facts import Facts
+from ..facts import Facts, photographed
 
 
 def absent(facts: Facts) -> str:
@@ -18,11 +22,9 @@ def why(facts: Facts) -> str:
     return f"{facts.edges} pixels lie on depth edges"
 
 
-# The whole window: what shines far beyond an edge, as lamps do, is seen to be blocked only by that
-EFFECT = Effect(
-    "occlusion",
-    levels,
-    why,
-    absent,
-    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 9, "window_px": None},
-)
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """Of coarse photos with the pupil as a whole."""
+    return photographed(facts, [level.change for level in levels])
+
+
+EFFECT = Effect("occlusion", levels, why, absent, differences)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
-from ..facts import Facts
+from ..facts import Facts, photographed
 
 
 def absent(facts: Facts) -> str:
@@ -11,8 +15,14 @@ def absent(facts: Facts) -> str:
 
 
 def levels(facts: Facts) -> list[Level]:
-    reach = min(facts.view.margin, facts.camera.recipe.psf.window_px // 2)
-    few = [Level(f"{n} px" if n else "the border's own", {"margin_px": n}) for n in (0, 16, 32) if n < reach]
+    window = facts.camera.recipe.psf.window_px
+    reach = min(facts.view.margin, window // 2)
+    least = (window - min(facts.view.height, facts.view.width)) / 2  # no PSF is wider than its image
+    few = [
+        Level(f"{n} px" if n else "the border's own", {"margin_px": n})
+        for n in (0, 16, 32)
+        if least <= n < reach
+    ]
     return [*few, Level(f"{reach} px", {})]
 
 
@@ -21,11 +31,16 @@ def why(facts: Facts) -> str:
     return f"a PSF reaches {reach} pixels; the view holds {facts.view.margin} beyond the frame"
 
 
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """Of coarse photos without occlusion."""
+    return photographed(facts, [level.change for level in levels], occlusion="none", layers=4)
+
+
 EFFECT = Effect(
     "light from outside",
     levels,
     why,
     absent,
-    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 4, "window_px": None},
+    differences,
     stage="render",
 )

@@ -23,6 +23,5 @@ EFFECT = Effect(
     "pixel integration",
     levels,
     why,
-    sample={"band_groups": 1, "group_wavelengths": 0, "layers": 13, "occlusion": "none"},
     stage="psf",
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import torch
+
 from ...capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ...optics.sampling import plan_sampling
 from ..effect import Effect, Level
@@ -28,7 +30,7 @@ def levels(facts: Facts) -> list[Level]:
 
 def pitch_um(facts: Facts) -> float:
     """Pitch of the automatic sampling."""
-    ends = facts.view.inverse_depth.new_tensor(facts.sample.ends).double()
+    ends = torch.tensor(facts.ends, dtype=torch.float64)
     window = facts.camera.recipe.psf.window_px
     found = plan_sampling(facts.camera, facts.view.wavelengths, ends, window)
     return found.grid.pitch * 1e6
@@ -43,15 +45,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    # in the whole window: the replicas of a coarse pupil come in from its rim
-    sample={
-        "band_groups": 1,
-        "group_wavelengths": 2,
-        "layers": 5,
-        "snapped": True,
-        "occlusion": "none",
-        "window_px": None,
-        "pupil_sampling_um": None,
-    },
     stage="psf",
 )

@@ -23,7 +23,7 @@ def error(facts: Facts, level: Level) -> Errors:
     """What the factorisation is asked for bounds the worst depth and a rank is a whole number: the photo as a
     whole errs by less."""
     tolerance = 10 ** (-level.change["rank_db"] / 20) if "rank_db" in level.change else 0.0
-    return (SHARE * tolerance,) * len(facts.sample.response)
+    return (SHARE * tolerance,) * len(facts.response)
 
 
 def why(facts: Facts) -> str:

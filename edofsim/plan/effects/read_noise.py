@@ -15,7 +15,7 @@ def levels(facts: Facts) -> list[Level]:
 
 
 def error(facts: Facts, level: Level) -> Errors:
-    return (facts.camera.read_noise if level.change else 0.0,) * len(facts.sample.response)
+    return (facts.camera.read_noise if level.change else 0.0,) * len(facts.response)
 
 
 def why(facts: Facts) -> str:

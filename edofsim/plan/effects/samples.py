@@ -19,10 +19,10 @@ def levels(facts: Facts) -> list[Level]:
 def error(facts: Facts, level: Level) -> Errors:
     """Variance falls with the number of samples; those of the full rendering are among its own."""
     if not level.change:
-        return (0.0,) * len(facts.grain)
+        return (0.0,) * len(facts.monte_carlo_noise)
     most = facts.recipe.render.samples if facts.recipe else int(facts.view.metadata["samples"])
     more = max(0.0, most / level.change["samples"] - 1)
-    return tuple(value * more**0.5 for value in facts.grain)
+    return tuple(value * more**0.5 for value in facts.monte_carlo_noise)
 
 
 def why(facts: Facts) -> str:

@@ -21,7 +21,7 @@ def levels(facts: Facts) -> list[Level]:
 
 
 def error(facts: Facts, level: Level) -> Errors:
-    return facts.plain_glass if level.change and facts.plain_glass else (0.0,) * len(facts.sample.response)
+    return facts.plain_glass if level.change and facts.plain_glass else (0.0,) * len(facts.response)
 
 
 def why(facts: Facts) -> str:

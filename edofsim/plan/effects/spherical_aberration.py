@@ -24,6 +24,5 @@ EFFECT = Effect(
     levels,
     why,
     absent,
-    sample={"band_groups": 1, "group_wavelengths": 3, "layers": 9, "snapped": True},
     stage="psf",
 )

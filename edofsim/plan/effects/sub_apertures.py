@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
-from ..facts import Facts
+from ..facts import Facts, photographed
 
 FEWER = 4
+LEFT_BY_FEWER = 0.25
+"""Of what sub-apertures change, what 4 x 4 leave out."""
 
 
 def absent(facts: Facts) -> str:
@@ -20,9 +26,8 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     full = facts.full.sub_apertures
-    against = {"sub_apertures": full}
     some = [FEWER] if full > FEWER else []
-    fewer = [Level(_label(across), {"sub_apertures": across}, sample=against) for across in (1, *some)]
+    fewer = [Level(_label(across), {"sub_apertures": across}) for across in (1, *some)]
     return [*fewer, Level(_label(full), {})]
 
 
@@ -34,12 +39,15 @@ def why(facts: Facts) -> str:
     return f"{facts.edges} pixels lie on edges past which what is behind fills a part of the pupil"
 
 
-EFFECT = Effect(
-    "sub-apertures",
-    levels,
-    why,
-    absent,
-    sample={"band_groups": 1, "group_wavelengths": 1, "layers": 5},
-    within="hidden surfaces",
-    beside=True,
-)
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """Of coarse photos, against `FEWER`: more change little, and by a share that hardly varies."""
+    most = min(FEWER, facts.full.sub_apertures)
+    found = photographed(facts, [level.change for level in levels], sub_apertures=most)
+    one = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)[0]
+    return [
+        one * LEFT_BY_FEWER if level.change["sub_apertures"] == most < facts.full.sub_apertures else each
+        for level, each in zip(levels, found, strict=True)
+    ]
+
+
+EFFECT = Effect("sub-apertures", levels, why, absent, differences, within="hidden surfaces", beside=True)

@@ -22,6 +22,5 @@ EFFECT = Effect(
     "PSF window",
     levels,
     why,
-    sample={"band_groups": 1, "group_wavelengths": 2, "layers": 4, "window_px": None},
     stage="psf",
 )

@@ -1,0 +1,168 @@
+"""How fast a machine does each kind of work of a photo, in seconds of the processor on one thread.
+
+`python -m benchmarks.photo_rates` prints what `edofsim.plan.rates.SHIPPED` holds; it takes about a minute.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from scipy.optimize import nnls
+
+from edofsim.capture.fidelity import Fidelity
+from edofsim.capture.photograph import capture, nodes_of
+from edofsim.optics import Camera
+from edofsim.optics import cache as psf_memory
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.optics.threads import one_thread
+from edofsim.plan.rates import PACE, Rates, pace
+from edofsim.plan.work import STAGES, shape_of, work_of
+from edofsim.recipe import CameraRecipe
+from edofsim.record import machine
+from edofsim.render.view import View
+
+RUNS = (
+    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=12, occlusion="none"),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=5, occlusion="none", window_px=64),
+    Fidelity(band_groups=0, layers=3, occlusion="none"),
+    Fidelity(band_groups=0, layers=12, occlusion="none", window_px=32),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=6, occlusion="none", pupil_sampling_um=9.0),
+    Fidelity(band_groups=1, group_wavelengths=0, layers=4, occlusion="none", oversampling=4),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=20, occlusion="none", window_px=16),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden"),
+    Fidelity(band_groups=2, group_wavelengths=1, layers=10, occlusion="hidden", window_px=64),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=24, occlusion="hidden", window_px=32),
+    Fidelity(band_groups=0, layers=2, occlusion="hidden", window_px=32),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=4, occlusion="normalised"),
+    Fidelity(band_groups=3, group_wavelengths=1, layers=8, occlusion="normalised", window_px=48),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=4, occlusion="hidden", sub_apertures=3),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=9, occlusion="hidden", sub_apertures=4),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=6, occlusion="hidden", sub_apertures=4, window_px=48),
+    Fidelity(
+        band_groups=1,
+        group_wavelengths=2,
+        layers=2,
+        occlusion="hidden",
+        sub_apertures=5,
+        pupil_sampling_um=9.0,
+    ),
+    Fidelity(band_groups=1, group_wavelengths=1, layers=7, occlusion="hidden", sub_apertures=6, window_px=64),
+)
+FLAT_RUNS = (
+    Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
+    Fidelity(band_groups=1, group_wavelengths=2, layers=1, occlusion="none", window_px=64),
+    Fidelity(band_groups=2, group_wavelengths=2, layers=1, occlusion="none", window_px=48),
+    Fidelity(band_groups=3, group_wavelengths=0, layers=1, occlusion="none", window_px=32),
+    Fidelity(band_groups=0, layers=1, occlusion="none"),
+)
+MAP_SAMPLES = 240
+"""Across a height map in the mask's place."""
+SIZES = ((96, 96), (288, 256))
+"""Rows and columns of the views with depths; the larger one is composited in tiles where PSFs are small."""
+
+
+def measure(repeats: int = 2) -> Rates:
+    """Photograph made-up views in several ways, and solve for the seconds of each kind of work. Errors are
+    relative, so that short stages are met as well as long ones."""
+    with one_thread():
+        return _one_thread_rates(Camera.from_recipe(CameraRecipe(name="rates")), repeats)
+
+
+def _fastest(
+    view: View,
+    camera: Camera,
+    run: Fidelity,
+    repeats: int,
+    clock: Callable[[], float],
+) -> dict[str, float]:
+    found = []
+    for _ in range(repeats):
+        psf_memory.forget()
+        found.append(capture(view, camera, run, clock=clock).seconds)
+    return {stage: min(each.get(stage, 0.0) for each in found) for stage in STAGES}
+
+
+def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
+    rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
+    times: dict[str, list[float]] = {stage: [] for stage in STAGES}
+    paces: list[float] = []
+    small, large = (_made_up(*size, camera) for size in SIZES)
+    flat = _made_up(160, 192, camera, flat=True)
+    cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
+    draw = torch.Generator().manual_seed(0)
+    relief = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
+    for view, with_mask, runs, times_each in (
+        (small, camera, RUNS, repeats),
+        (flat, camera, FLAT_RUNS, repeats),
+        (flat, cubic, FLAT_RUNS[1::2], repeats),
+        (flat, camera.with_height(relief), FLAT_RUNS[::2], repeats),
+        (large, camera, RUNS[::3], 1),
+    ):
+        shape = shape_of(view, with_mask)
+        for run in runs:
+            found = _fastest(view, with_mask, run, times_each, time.process_time)
+            paces.append(pace())
+            layers = int(nodes_of([view], with_mask, run).numel())
+            groups = 3 * run.band_groups or view.bands
+            colours = (
+                groups * max(run.group_wavelengths, 1)
+                if run.band_groups and run.group_wavelengths
+                else view.bands
+            )
+            work = work_of(shape, with_mask, run, layers, groups, colours)
+            for stage in STAGES:
+                if any(work.amounts[stage]):
+                    rows[stage].append(work.amounts[stage])
+                    times[stage].append(found[stage] / paces[-1])
+    psf_memory.forget()
+    usual = min(paces)
+    solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
+    return {**{stage: tuple(usual * each for each in solved[stage]) for stage in STAGES}, PACE: (usual,)}
+
+
+def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:
+    scale = np.abs(rows).max(0)
+    seconds = np.maximum(seconds, 1e-4)
+    found, _ = nnls(rows / scale / seconds[:, None], np.ones(len(rows)))
+    return tuple((found / scale).tolist())
+
+
+def _made_up(height: int, width: int, camera: Camera, flat: bool = False) -> View:
+    """Noise at many depths, a square of it in front of the rest and hiding it, near the top left corner;
+    flat: all at one depth in focus."""
+    margin, bands = 64, 31
+    rows, columns = height + 2 * margin, width + 2 * margin
+    draw = torch.Generator().manual_seed(0)
+    row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
+    front = (not flat) & ((row - margin - 32).abs() < 24) & ((column - margin - 32).abs() < 24)
+    depth = torch.rand(rows * columns, generator=draw)
+    if flat:
+        depth = torch.full_like(depth, 1 / camera.recipe.focus.distance_m)
+    behind = torch.nonzero(front.flatten()).squeeze(1)
+    depth[behind] = 1.5 + 0.5 * depth[behind]
+    pixel = torch.cat([torch.arange(rows * columns), behind])
+    inverse_depth = torch.cat([depth, torch.rand(len(behind), generator=draw)])
+    hidden = torch.arange(len(pixel)) >= rows * columns
+    order = torch.argsort(pixel * 2 + hidden)
+    return View(
+        height=height,
+        width=width,
+        margin=margin,
+        pixel=pixel[order],
+        coverage=torch.ones(len(pixel)),
+        inverse_depth=inverse_depth[order],
+        radiance=torch.rand(bands, len(pixel), generator=draw)[:, order],
+        hidden=hidden[order],
+        wavelengths=torch.linspace(420e-9, 720e-9, bands, dtype=torch.float64),
+        pixel_angle=camera.pixel_angle,
+    )
+
+
+if __name__ == "__main__":
+    print(f"# {machine()['processor']}, torch {torch.__version__}")
+    print(json.dumps(measure(), indent=1))

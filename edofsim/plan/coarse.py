@@ -1,0 +1,91 @@
+"""A view in few large pixels, to photograph in a moment: what occlusion changes has little fine detail."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import torch
+from torch import Tensor
+
+from ..capture.fidelity import Fidelity
+from ..capture.photograph import capture
+from ..optics import Camera
+from ..render.view import View
+
+PIXELS = 40_000
+"""Pixels of the coarse frame with its surroundings, or somewhat more."""
+
+
+@dataclass(frozen=True)
+class Coarse:
+    """times: how many of the view's pixels lie along one of these."""
+
+    view: View
+    camera: Camera
+    times: int
+    exposure: float
+    _known: dict[Fidelity, Tensor] = field(default_factory=dict, repr=False, compare=False)
+
+    def photo(self, fidelity: Fidelity) -> Tensor:
+        """The clean photo [channel, y, x] by a fidelity of the whole view."""
+        change: dict[str, object] = {}
+        if fidelity.window_px is not None:
+            change["window_px"] = _even(fidelity.window_px / self.times)
+        if fidelity.margin_px is not None:
+            change["margin_px"] = fidelity.margin_px // self.times
+        if self.times > 1:
+            change |= {"pupil_sampling_um": None, "oversampling": None}
+        here = fidelity.changed(change)
+        if here not in self._known:
+            self._known[here] = capture(self.view, self.camera, here, exposure=self.exposure).clean
+        return self._known[here]
+
+
+def coarse_of(view: View, camera: Camera, exposure: float) -> Coarse:
+    """The view and the camera with pixels as large as `PIXELS` asks for."""
+    rows, columns = view.padded_shape
+    times = max(1, math.floor(math.sqrt(rows * columns / PIXELS)))
+    times = min(times, view.height, view.width)
+    if times == 1:
+        return Coarse(view, camera, 1, exposure)
+    recipe = camera.recipe
+    window = _even(recipe.psf.window_px / times)
+    larger = recipe.model_copy(
+        update={
+            "psf": recipe.psf.model_copy(update={"window_px": window, "pupil_sampling_um": "auto"}),
+            "sensor": recipe.sensor.model_copy(update={"pixel_um": recipe.sensor.pixel_um * times}),
+        }
+    )
+    return Coarse(
+        coarser(view, times), replace(camera, recipe=larger, pixel=camera.pixel * times), times, exposure
+    )
+
+
+def coarser(view: View, times: int) -> View:
+    """The view with pixels `times` as wide; what is left over at its right and lower border is dropped."""
+    columns = view.padded_shape[1]
+    height, width, margin = view.height // times, view.width // times, view.margin // times
+    y = torch.div(view.pixel // columns - view.margin, times, rounding_mode="floor") + margin
+    x = torch.div(view.pixel % columns - view.margin, times, rounding_mode="floor") + margin
+    inside = (y >= 0) & (y < height + 2 * margin) & (x >= 0) & (x < width + 2 * margin)
+    which = torch.nonzero(inside).squeeze(1)
+    pixel = (y * (width + 2 * margin) + x)[which]
+    order = torch.argsort(pixel * 2 + view.hidden[which], stable=True)
+    which = which[order]
+    return replace(
+        view,
+        height=height,
+        width=width,
+        margin=margin,
+        pixel=pixel[order],
+        coverage=view.coverage[which] / times**2,
+        inverse_depth=view.inverse_depth[which],
+        radiance=view.radiance.index_select(1, which) / times**2,
+        hidden=view.hidden[which],
+        pixel_angle=view.pixel_angle * times,
+    )
+
+
+def _even(side: float) -> int:
+    return max(2, 2 * round(side / 2))

@@ -1,0 +1,373 @@
+"""What a change of PSFs changes in a photo, from Fourier spectra of parts of the view's light: nothing is
+photographed.
+
+A photo is the sum over depths and bands of light convolved with PSFs. Where PSFs change by d, its mean square
+changes by the mean of |sum OTF(d) spectrum(light)|^2 (Parseval). The light of square tiles, as wide as the
+PSFs, under a window (Welch 1967), is transformed once; every change of PSFs is then a product of
+spectra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..capture.band_groups import Gathering, every_band
+from ..capture.fidelity import Fidelity, simpler_camera
+from ..capture.imaging import Axes, gathering_of
+from ..capture.prepare import blur_per_dioptre, kernels_of
+from ..optics import Camera
+from ..render.view import View
+
+PIXELS = 100_000
+"""Pixels of all tiles: six of them for the default PSFs."""
+SIDES_PX = (64, 256)
+"""Least and largest side of a tile; PSFs that are wider are cut."""
+NODES = 5
+"""Depths at which changes of PSFs are looked at; light is moved to the nearest."""
+FINE_NODES = 25
+"""Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
+FOUND_DB = 65.0
+"""Spectra of light are told apart by as many components as leave less than this of them."""
+MOST_COMPONENTS = 8
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64 [n],
+    the pixel of each, tile by tile; shares: [tile], so that sum_t shares_t m_t estimates the frame's mean
+    from means m of tiles; other fields as in `Facts`, response times exposure."""
+
+    view: View
+    camera: Camera
+    full: Fidelity
+    response: Tensor
+    spectrum: Tensor
+    ends: tuple[float, float]
+    depths: Tensor | None
+    side: int
+    which: Tensor
+    place: Tensor
+    shares: Tensor
+    _known: dict[tuple[object, ...], Tensor] = field(default_factory=dict, repr=False, compare=False)
+    _light_of: dict[str, tuple[Tensor, Tensor]] = field(default_factory=dict, repr=False, compare=False)
+
+    def nodes(self, count: int, distinct: int | None = None) -> Tensor:
+        """`count` inverse depths from the farthest to the nearest, or the view's own where these are no more
+        than `distinct`."""
+        if self.depths is not None and self.depths.numel() <= (count if distinct is None else distinct):
+            return self.depths
+        low, high = self.ends
+        if count == 1:
+            return torch.tensor([(low + high) / 2], dtype=torch.float64)
+        return torch.linspace(low, high, count, dtype=torch.float64)
+
+    def by_bands(self, fidelity: Fidelity) -> Tensor:
+        """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
+        nodes = self.nodes(NODES)
+        weights, components = self._components()
+        light = self._light("components", components, nodes)
+        axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
+        gathering = gathering_of(self.camera, fidelity, axes)
+        bands = self.view.wavelengths.double()
+        # PSFs of a group's wavelengths are interpolated between those of the bands
+        between = _hat(gathering.wavelengths, bands, nearest=False)
+        shared = torch.einsum(
+            "cg,gk,gb->ckb", gathering.response, gathering.light @ weights, gathering.psfs @ between
+        )
+        change = shared - torch.einsum("cb,bk->ckb", self.response, weights)
+        otfs = self._otfs(self.full, every_band(bands, self.response), nodes)
+        mixed = torch.einsum("ckb,nbyx->nckyx", change.to(otfs), otfs)
+        return self._vector(torch.einsum("nckyx,tnkyx->tcyx", mixed, light))
+
+    def by_layers(self, layers: int) -> Tensor:
+        """What so few depth layers change: against one for every depth."""
+        fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
+        nodes = self.nodes(layers)
+        gathering = self._gathering(2, fine)
+        exact = self._otfs(self.full, gathering, fine)
+        mixed = _hat(fine, nodes, nearest=self.full.occlusion == "normalised").to(exact)
+        change = torch.einsum("dn,ncyx->dcyx", mixed, self._otfs(self.full, gathering, nodes, fine)) - exact
+        return self._by_channel(gathering, fine, change, shared=True)
+
+    def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
+        """What other PSFs change: those of a fidelity against those of another, in every band; or at three
+        wavelengths a channel where the pupil is sampled more finely than for other estimates."""
+        nodes = self.nodes(NODES)
+        quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
+        gathering = every_band(self.view.wavelengths.double(), self.response)
+        if not quick:
+            gathering = self._gathering(3, nodes)
+        change = self._otfs(fidelity, gathering, nodes) - self._otfs(reference, gathering, nodes)
+        if not quick:
+            return self._by_channel(gathering, nodes, change)
+        weights, components = self._components()
+        light = self._light("components", components, nodes)
+        of_each = self.response[:, None] * weights.T
+        mixed = torch.einsum("ckb,nbyx->nckyx", of_each.to(change), change)
+        found = torch.einsum("nckyx,tnkyx->tcyx", mixed, light)
+        return self._vector(found + self._of_mean(change, self.response * self.spectrum, nodes))
+
+    def energy(self) -> Tensor:
+        """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
+        nodes = self.nodes(NODES)
+        gathering = self._gathering(3, nodes)
+        otfs = self._otfs(self.full, gathering, nodes)
+        each = (otfs.abs().square() * _twice(self.side)).sum((-2, -1)) / self.side**2
+        return each.double().mean(0)
+
+    def _gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
+        """One group a channel."""
+        one = self.full.changed({"band_groups": 1, "group_wavelengths": wavelengths})
+        axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
+        return gathering_of(self.camera, one, axes)
+
+    def _otfs(
+        self, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, among: Tensor | None = None
+    ) -> Tensor:
+        """OTFs of groups at depth nodes, complex [node, group, y, x], without what lies outside the window.
+        among: nodes whose OTFs are known, and hold these perhaps."""
+        if among is not None and nodes.numel() <= among.numel():
+            at = torch.searchsorted(among, nodes - 1e-9).clamp_max(among.numel() - 1)
+            if torch.allclose(among[at], nodes, rtol=0, atol=1e-9):
+                return self._otfs(fidelity, gathering, among)[at]
+        window = fidelity.window_px or self.camera.recipe.psf.window_px
+        whole = fidelity.changed({"window_px": None})
+        camera = simpler_camera(self.camera, whole)
+        materials = (camera.lens.identity(), camera.mask_material.formula)
+        about = (camera.recipe.model_dump_json(), materials, tuple(s.name for s in whole.simplifications))
+        key = (*about, tuple(gathering.wavelengths.tolist()), gathering.groups, tuple(nodes.tolist()))
+        if key not in self._known:
+            most = self.camera.recipe.psf.window_px
+            values = torch.stack(
+                [
+                    _resized(kernels.layer(node), self.side)
+                    for kernels in (kernels_of(camera, gathering.wavelengths, nodes, most),)
+                    for node in range(nodes.numel())
+                ]
+            )
+            self._known[key] = torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
+        values = self._known[key]
+        if window < self.side:
+            values = _resized(_resized(values, window), self.side)
+        if ("otf", window, *key) not in self._known:
+            self._known["otf", window, *key] = torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
+        return self._known["otf", window, *key]
+
+    def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tensor:
+        """Spectra of light [k, n] that was moved to the nearest of the nodes, where its PSF is that of a
+        depth and no mixture; shared: among the two that it lies between. Complex [tile, node, k, y, x]."""
+        key = (name, shared, tuple(nodes.tolist()))
+        if key not in self._known:
+            depth = self.view.inverse_depth[self.which].double()
+            tiles, size, count = len(self.shares), self.side**2, nodes.numel()
+            image = radiance.new_zeros(len(radiance), tiles * count * size)
+            if shared and count > 1:
+                cell, upper = _cells(depth, nodes)
+                upper = upper.to(radiance)
+                parts = [(cell, radiance * (1 - upper)), (cell + 1, radiance * upper)]
+            else:
+                parts = [(_nearest(depth, nodes), radiance)]
+            for node, part in parts:
+                at = (self.place // size * count + node) * size + self.place % size
+                image.index_add_(1, at, part)
+            image = image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
+            taper = 1.0 if name == "cover" else _taper(self.side)
+            self._known[key] = torch.fft.rfft2(image * taper)
+        return self._known[key]
+
+    @cached_property
+    def _radiance(self) -> Tensor:
+        """Light of the tiles' fragments [band, n], without the view's mean."""
+        rows, columns = self.view.padded_shape
+        mean = (self.spectrum / (rows * columns)).to(self.view.radiance)
+        light = self.view.radiance.index_select(1, self.which)
+        return torch.addmm(light, mean[:, None], self.view.coverage[self.which][None], alpha=-1)
+
+    def _components(self) -> tuple[Tensor, Tensor]:
+        """The light as few components: what each adds to each band, [band, component] float64, and
+        [component, n]; weighted by what the sensor sees of a band."""
+        if "components" not in self._light_of:
+            seen = self.response.square().sum(0).sqrt()
+            scaled = self._radiance * seen.to(self._radiance)[:, None]
+            power, axes = torch.linalg.eigh((scaled @ scaled.T).double())
+            power, axes = power.flip(0).clamp_min(0), axes.flip(1)
+            left = power.sum() - power.cumsum(0)
+            enough = int((left > 10 ** (-FOUND_DB / 10) * power.sum()).sum()) + 1
+            axes = axes[:, : min(enough, MOST_COMPONENTS)]
+            weights = axes / seen.clamp_min(1e-12)[:, None] * (seen > 0)[:, None]
+            self._light_of["components"] = (weights, axes.T.to(scaled) @ scaled)
+        return self._light_of["components"]
+
+    def _by_channel(
+        self, gathering: Gathering, nodes: Tensor, change: Tensor, shared: bool = False
+    ) -> Tensor:
+        """change: of the OTFs of one group a channel, complex [node, channel, y, x]."""
+        if "channels" not in self._light_of:
+            weights = gathering.response @ gathering.light
+            self._light_of["channels"] = (weights, weights.to(self._radiance) @ self._radiance)
+        weights, radiance = self._light_of["channels"]
+        found = torch.einsum("tncyx,ncyx->tcyx", self._light("channels", radiance, nodes, shared), change)
+        light = gathering.light @ self.spectrum
+        return self._vector(found + self._of_mean(change, gathering.response * light, nodes))
+
+    def _of_mean(self, change: Tensor, light: Tensor, nodes: Tensor) -> Tensor:
+        """What becomes of the view's mean light: complex [tile, channel, y, x]. change: of OTFs [node,
+        group, y, x]; light: [channel, group], of the whole view.
+
+        On a slanted surface its blur changes from place to place. Where surfaces hide others, light that is
+        the same everywhere is blurred to itself, and a sum over depths would have steps that no photo has:
+        only what PSFs truncate counts. That becomes veiling glare, of all depths alike.
+        """
+        rows, columns = self.view.padded_shape
+        level = (light / (rows * columns)).to(change)
+        change = torch.einsum("cb,nbyx->ncyx", level, change)
+        total = change[..., :1, :1]
+        changed = change if self.full.occlusion == "none" else total
+        if float(changed.abs().max()) < 1e-6:
+            return torch.zeros((), dtype=change.dtype)
+        there = self._light("cover", self.view.coverage[self.which][None], nodes, shared=True)
+        node = _nearest(self.view.inverse_depth[self.which].double(), nodes)
+        share = torch.bincount(node, minlength=len(nodes)).to(change) / node.numel()
+        glare = torch.einsum("n,ncyx->cyx", share, total)
+        of_all = torch.einsum("tnyx,ncyx->tcyx", there[:, :, 0], changed - glare)
+        return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * _taper(self.side))
+
+    def _vector(self, spectrum: Tensor) -> Tensor:
+        """Spectra [tile, channel, y, x] of a change as a vector [channel, n]: its sum of squares over n is
+        the mean square of the change over the frame."""
+        weight = (
+            _twice(self.side)[None] * self.shares.to(torch.float32)[:, None, None]
+        ).sqrt() / self.side**2
+        weighted = torch.view_as_real(spectrum * weight[:, None])
+        return weighted.transpose(0, 1).flatten(1)
+
+
+def spectra_of(
+    view: View,
+    camera: Camera,
+    full: Fidelity,
+    ideal: Tensor,
+    light: Mapping[str, Tensor],
+    ends: tuple[float, float],
+    depths: Tensor | None,
+    seed: int = 0,
+) -> Spectra:
+    """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum."""
+    side = min(max(camera.recipe.psf.window_px, SIDES_PX[0]), SIDES_PX[1])
+    places = [(y, x) for y in _starts(view.height, side) for x in _starts(view.width, side)]
+    chance = _chances(view, ideal, camera, places, side)
+    count = min(len(places), max(1, PIXELS // side**2))
+    ticks = (np.arange(count) + np.random.default_rng(seed).random()) / count
+    picked = np.searchsorted(np.cumsum(chance), ticks * chance.sum()) if count < len(places) else range(count)
+    chosen, times = np.unique(np.fromiter(picked, int), return_counts=True)
+    shares = times / chance[chosen] if count < len(places) else np.ones(count)
+    which, place = [], []
+    seen = torch.nonzero(~view.hidden).squeeze(1)
+    rows, columns = view.padded_shape
+    y, x = view.pixel[seen] // columns - view.margin, view.pixel[seen] % columns - view.margin
+    for number, (top, left) in enumerate(places[tile] for tile in chosen):
+        inside = (y >= top) & (y < top + side) & (x >= left) & (x < left + side)
+        which.append(seen[inside])
+        place.append((number * side + y[inside] - top) * side + x[inside] - left)
+    return Spectra(
+        view,
+        camera,
+        full,
+        light["response"],
+        light["spectrum"],
+        ends,
+        depths,
+        side,
+        torch.cat(which),
+        torch.cat(place),
+        torch.from_numpy(shares / shares.sum()),
+    )
+
+
+def _starts(length: int, side: int) -> list[int]:
+    if length <= side:
+        return [(length - side) // 2]
+    count = -(-length // side)
+    return [round(k * (length - side) / (count - 1)) for k in range(count)]
+
+
+def _chances(
+    view: View, ideal: Tensor, camera: Camera, places: Sequence[tuple[int, int]], side: int
+) -> np.ndarray:
+    """How likely each tile is to be chosen: a third evenly, the rest by detail and edges."""
+    green = ideal.mean(0)
+    detail = torch.zeros_like(green)
+    detail[1:] += (green[1:] - green[:-1]).square()
+    detail[:, 1:] += (green[:, 1:] - green[:, :-1]).square()
+    depth = view.crop_margin(view.mean_inverse_depth()) * blur_per_dioptre(camera)
+    edges = torch.zeros_like(green)
+    edges[1:] += ((depth[1:] - depth[:-1]).abs() > 1).float()
+    edges[:, 1:] += ((depth[:, 1:] - depth[:, :-1]).abs() > 1).float()
+    found = np.full(len(places), 1 / len(places))
+    for amount in (detail, edges):
+        sums = np.array(
+            [
+                float(amount[max(0, y) : max(0, y + side), max(0, x) : max(0, x + side)].sum())
+                for y, x in places
+            ]
+        )
+        found += sums / sums.sum() if sums.sum() > 0 else 1 / len(places)
+    return found / 3
+
+
+def _nearest(depth: Tensor, nodes: Tensor) -> Tensor:
+    """The nearest node to each depth, as its number."""
+    return torch.searchsorted((nodes[1:] + nodes[:-1]) / 2, depth)
+
+
+def _cells(depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
+    """The node below each depth, as its number, and the share of the next."""
+    cell = (torch.searchsorted(nodes, depth, right=True) - 1).clamp(0, nodes.numel() - 2)
+    return cell, ((depth - nodes[cell]) / (nodes[cell + 1] - nodes[cell])).clamp(0, 1)
+
+
+def _hat(fine: Tensor, nodes: Tensor, nearest: bool) -> Tensor:
+    """How each fine depth is made of nodes, [fine, node]: by linear interpolation, or the nearest alone."""
+    if nodes.numel() == 1:
+        return torch.ones(fine.numel(), 1)
+    cell, share = _cells(fine, nodes)
+    share = share.round() if nearest else share
+    found = torch.zeros(fine.numel(), nodes.numel(), dtype=torch.float64)
+    here = torch.arange(fine.numel())
+    found[here, cell] += 1 - share
+    found[here, cell + 1] += share
+    return found
+
+
+def _resized(values: Tensor, side: int) -> Tensor:
+    """PSFs [..., y, x] cut, or with zeros around, so that their middle stays at side // 2."""
+    now = values.shape[-1]
+    if side <= now:
+        begin = now // 2 - side // 2
+        return values[..., begin : begin + side, begin : begin + side]
+    before = side // 2 - now // 2
+    after = side - now - before
+    return torch.nn.functional.pad(values, (before, after, before, after))
+
+
+def _taper(side: int) -> Tensor:
+    """A window [y, x] whose mean square is 1: flat over half of each side, a cosine beyond (Tukey)."""
+    distance = (torch.arange(side) + 0.5 - side / 2).abs() / side
+    window = 0.5 + 0.5 * torch.cos(4 * torch.pi * (distance - 0.25).clamp_min(0))
+    both = window[:, None] * window
+    return both / both.square().mean().sqrt()
+
+
+def _twice(side: int) -> Tensor:
+    """How often each entry of a real image's half spectrum counts in the whole, [y, x]."""
+    counts = torch.full((side // 2 + 1,), 2.0)
+    counts[0] = 1.0
+    if side % 2 == 0:
+        counts[-1] = 1.0
+    return counts.expand(side, -1)
