@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import torch
 from pydantic import Field
 
 from ..capture.planes import surroundings
+from ..core.json_values import Json
 from ..errors import InputError
 from ..recipe.train import TrainRecipe
 from .edges import Edges, draw_covers
@@ -67,7 +68,7 @@ class PlaneSource:
     patch: int
     window: int
     depths: tuple[float, float]
-    described: dict[str, Any]
+    described: Json
     sha256: str
     edges: float = 0.0
     lamps: float = 0.0

@@ -6,11 +6,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import nn
 
+from ..core.json_values import Json
 from ..errors import InputError
 from ..restore.checkpoint import load_arrays, save_arrays
 
@@ -31,7 +31,7 @@ def save_state(
     system: nn.Module,
     optimiser: torch.optim.Optimizer,
     position: Position,
-    recipe: Mapping[str, Any],
+    recipe: Json,
     data_sha256: str,
 ) -> None:
     """Write weights, the optimiser's moments and the position in one piece (safetensors, no pickle).
@@ -55,7 +55,7 @@ def load_state(
     path: Path,
     system: nn.Module,
     optimiser: torch.optim.Optimizer,
-    recipe: Mapping[str, Any],
+    recipe: Json,
     data_sha256: str,
 ) -> Position:
     """Put a saved state back. Raises InputError for a damaged file, and for a recipe or data that differ
@@ -99,5 +99,5 @@ def _under(arrays: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.T
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
 
-def _bound(recipe: Mapping[str, Any]) -> dict[str, Any]:
+def _bound(recipe: Json) -> Json:
     return {key: value for key, value in recipe.items() if key not in FREE}

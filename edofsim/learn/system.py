@@ -191,7 +191,7 @@ class System(nn.Module):
         super().__init__()
         self.depth_range, self.stray = depth_range, stray
         self.optics, self.loss_weights = optics, loss
-        self.height_noise, self.bfloat16, self.light_kept = height_noise, bfloat16, light_kept
+        self.height_noise, self.in_bfloat16, self.light_kept = height_noise, bfloat16, light_kept
         self.mask, self.network = mask, network
 
     def forward(self, draw: Draw) -> Outcome:
@@ -228,7 +228,7 @@ class System(nn.Module):
             return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)
         restore = self.network.unclamped if self.light_kept else self.network
-        with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
+        with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             return restore(photo).to(torch.float32)
 
     def prime(self) -> None:

@@ -10,12 +10,13 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from types import FrameType
 
 import torch
 from torch import Tensor, nn
 
 from .. import __version__
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
@@ -274,7 +275,9 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
     system = setup.system
     was_training = system.training
     system.eval()
-    errors, losses, photos = [], [], []
+    errors: list[Tensor] = []
+    losses: list[Tensor] = []
+    photos: list[Tensor] = []
     for index, scenes in enumerate(setup.material.validation):
         generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
         outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
@@ -296,7 +299,7 @@ def save_result(
     setup: Setup, path: Path, step: int, figures: Mapping[str, float], share: float = 0.0
 ) -> Path:
     """The checkpoint with its card. share: of the weights at the start."""
-    card = {
+    card: Json = {
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
         "recipe": _told(setup.recipe),
@@ -320,7 +323,7 @@ def save_result(
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:
     """Adam with a rate for the network and one for a mask that learns; its values do not decay."""
     settings, doe = setup.recipe.optimiser, setup.recipe.doe
-    groups: list[dict[str, Any]] = []
+    groups: list[Json] = []
     network, mask = (list(module.parameters()) for module in (setup.system.network, setup.system.mask))
     groups.append(
         {"params": network, "full_rate": settings.learning_rate, "weight_decay": settings.weight_decay}
@@ -352,11 +355,11 @@ def _save(loop: _Loop) -> None:
     )
 
 
-def _plain(recipe: TrainRecipe) -> dict[str, Any]:
+def _plain(recipe: TrainRecipe) -> Json:
     return recipe.model_dump(mode="json", by_alias=True)
 
 
-def _told(recipe: TrainRecipe) -> dict[str, Any]:
+def _told(recipe: TrainRecipe) -> Json:
     """The recipe for a card: of a file that something started from, its name, not its folder on this disk."""
     plain = _plain(recipe)
     for table in (plain["network"], plain["doe"]):
@@ -381,7 +384,7 @@ def _stoppable() -> Generator[list[int]]:
     """Ctrl-C and SIGTERM ask for an end after the step; a second Ctrl-C ends at once."""
     asked: list[int] = []
 
-    def ask(number: int, frame: Any) -> None:
+    def ask(number: int, frame: FrameType | None) -> None:
         if asked and number == signal.SIGINT:
             raise KeyboardInterrupt
         asked.append(number)
