@@ -10,7 +10,7 @@ reported. The exposure is automatic: the 99.5th percentile of the truth is 0.9 o
 height error are those of the paper's table.
 
 Trained weights know three wavelengths. Filters, of a Wiener deconvolution and of a filter bank, follow from
-the PSFs, and are told those of the response (`restore.telling`).
+the PSFs, and get those of the response (`restore.conditioning`).
 """
 
 from __future__ import annotations

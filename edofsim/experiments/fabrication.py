@@ -75,7 +75,7 @@ STUDY = Study(
     said="σd = {} nm",
     setting="an object at the green focus, read noise 0.005; one draw of height errors at every strength; "
     "the device has 98 levels, a mean error of 44 nm and σd = 49.5 nm, as the paper measured on the one "
-    "that was made. A network that was trained with height errors expects the haze that they make: with a "
-    "smoother mask than it knows it may score lower",
+    "that was made. A network that was trained with height errors expects the veiling glare that they make: "
+    "with a smoother mask than it knows it may score lower",
     source="Figure “Reconstruction results for increasing height-map noise”",
 )

@@ -74,7 +74,7 @@ def prepare(
         mask,
         network,
         LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
-        recipe.loss.stray,
+        recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
         bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),

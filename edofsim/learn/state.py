@@ -12,6 +12,8 @@ from torch import nn
 
 from ..core.json_values import Json
 from ..errors import InputError
+from ..recipe.base import in_new_names
+from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import load_arrays, save_arrays
 
 # settings that may change between the parts of a training
@@ -64,8 +66,9 @@ def load_state(
     try:
         about = json.loads(metadata["state"])
         position = Position(int(about["step"]), float(about["seconds"]))
-        saved_recipe, saved_data = about["recipe"], about["data"]
-    except (KeyError, TypeError, ValueError, RecursionError):
+        saved_recipe = _bound(in_new_names(TrainRecipe, about["recipe"]))
+        saved_data = about["data"]
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         raise InputError(f"{path}: not the state of an edofsim training; remove it to start anew") from None
     wanted = json.loads(json.dumps(_bound(recipe)))
     keys = sorted(wanted.keys() | saved_recipe.keys())

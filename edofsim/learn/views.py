@@ -68,8 +68,8 @@ class ViewParts:
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
         clean = torch.stack([photo.clean for photo in photos]) * factors
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
-        lost = torch.stack([photo.truncated for photo in photos]).mean()
-        return captured(clean, ideal, lost, saturates=True)
+        truncated = torch.stack([photo.truncated for photo in photos]).mean()
+        return captured(clean, ideal, truncated, saturates=True)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return self

@@ -30,7 +30,7 @@ from ..errors import InputError, first_line
 from ..optics import Camera
 from ..optics.masks import PhaseMask
 from ..optics.masks.height_map import HeightMapMask
-from ..recipe.base import RecipeModel
+from ..recipe.base import RecipeModel, in_new_names
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
 from .network import build_network
@@ -135,7 +135,8 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
             f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
         )
     if camera_recipe is not None:
-        _check_camera(path, _in_new_names(card.get("camera", {})), camera_recipe.model_dump(mode="json"))
+        trained = in_new_names(CameraRecipe, card.get("camera", {}))
+        _check_camera(path, trained, camera_recipe.model_dump(mode="json"))
     network = build_network(kind, settings)
     prefix = "network."
     weights = {
@@ -166,8 +167,8 @@ def without_denormals(values: Tensor) -> Tensor:
 def history_of(checkpoint: Checkpoint) -> list[Json]:
     """The trainings that made a checkpoint's weights, the first first, as its successor's card names them."""
     card = checkpoint.card
-    told = ("name", "seed", "step", "data", "versions", "figures", "weights")
-    own = {key: card[key] for key in told if key in card}
+    said = ("name", "seed", "step", "data", "versions", "figures", "weights")
+    own = {key: card[key] for key in said if key in card}
     return [*card.get("history", []), own]
 
 
@@ -221,14 +222,6 @@ def _check_camera(path: Path, trained: Json, given: Json) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-def _in_new_names(camera: Json) -> Json:
-    """A card's camera as a recipe of today would say it; as it is where it is no whole recipe."""
-    try:
-        return CameraRecipe.model_validate(camera).model_dump(mode="json")
-    except ValidationError:
-        return camera
 
 
 def _differences(trained: Json, given: Json) -> Iterator[tuple[str, object, object]]:
