@@ -73,7 +73,8 @@ def step_seconds(setup: Setup) -> tuple[float, float]:
 
     def optics() -> None:
         captured = draw.scenes.photograph(system.optics.with_height(system.mask()))
-        torch.autograd.backward((captured.clean, captured.lost), (captured.ideal, captured.lost.detach()))
+        outputs = captured.clean, captured.truncated
+        torch.autograd.backward(outputs, (captured.ideal, captured.truncated.detach()))
 
     return _median_seconds(whole, setup.device), _median_seconds(optics, setup.device)
 

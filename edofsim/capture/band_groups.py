@@ -50,7 +50,11 @@ def gathered(
     leave the least variance of it. With all of its wavelengths a group's PSF is exact for light of the
     view's own spectrum.
     """
-    light, channels, share, where, weight = [], [], [], [], []
+    light: list[Tensor] = []
+    channels: list[int] = []
+    share: list[float] = []
+    where: list[np.ndarray] = []
+    weight: list[np.ndarray] = []
     for channel, row in enumerate(response.double()):
         seen = torch.nonzero(row > 0).squeeze(1)
         amount = (row * spectrum.double())[seen]
@@ -90,7 +94,8 @@ def _least_variance(place: np.ndarray, amount: np.ndarray, groups: int) -> list[
     for k in range(1, groups + 1):
         costs = best[k - 1][:, None] + spread
         cut[k], best[k] = costs.argmin(0), costs.min(0)
-    parts, end = [], count
+    parts: list[np.ndarray] = []
+    end = count
     for k in range(groups, 0, -1):
         parts.append(np.arange(cut[k, end], end))
         end = cut[k, end]
@@ -106,7 +111,9 @@ def _quadrature(points: np.ndarray, amount: np.ndarray, count: int) -> tuple[np.
         return points[weights > 0], weights[weights > 0]
     centre, scale = points.mean(), np.ptp(points) or 1.0
     x = (points - centre) / scale
-    basis, before, alpha, beta = np.sqrt(weights), np.zeros_like(weights), [], []
+    basis, before = np.sqrt(weights), np.zeros_like(weights)
+    alpha: list[float] = []
+    beta: list[float] = []
     for _ in range(count):
         alpha.append(float(basis @ (x * basis)))
         rest = x * basis - alpha[-1] * basis - (beta[-1] if beta else 0.0) * before

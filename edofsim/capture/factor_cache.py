@@ -58,7 +58,7 @@ def _moved(factors: Factors, device: torch.device | str) -> Factors:
 
 
 def _write(factors: Sequence[Factors], path: Path) -> None:
-    tensors = {}
+    tensors: dict[str, Tensor] = {}
     for number, each in enumerate(factors):
         # clones: groups share tensors, which the file format refuses
         tensors |= {f"{number} {name}": getattr(each, name).clone() for name in _TENSORS}

@@ -228,8 +228,11 @@ def _projected(
             coefficients.append(_products(axis, own).to(axis))
             energies.append(sums[group.bands] * group.weights)
             squares.append((root.T @ own.double()).square().sum())
-    stacked = [(torch.stack(c, 1), torch.stack(e), torch.stack(s)) for c, e, s in found]
-    return tuple(list(each) for each in zip(*stacked, strict=True))
+    return (
+        [torch.stack(coefficients, 1) for coefficients, _, _ in found],
+        [torch.stack(energies) for _, energies, _ in found],
+        [torch.stack(squares) for _, _, squares in found],
+    )
 
 
 def _truncated(

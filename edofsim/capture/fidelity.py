@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
-from typing import Any
+from typing import TypeVar, cast
 
 import torch
+from pydantic import BaseModel
 
 from ..errors import InputError
 from ..optics import Camera
@@ -31,7 +32,11 @@ FINEST = 2
 """Samples along a pixel's side in the full simulation; a recipe may ask for more."""
 
 
-def _knob(default: Any, effect: str, unit: str, meaning: str) -> Any:
+T = TypeVar("T")
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _knob(default: T, effect: str, unit: str, meaning: str) -> T:
     """A field of `Fidelity`: which effect of a plan it belongs to, its unit, what it means to leave it
     out."""
     return field(default=default, metadata={"effect": effect, "unit": unit, "meaning": meaning})
@@ -149,11 +154,12 @@ class Fidelity:
         if problems:
             raise InputError(problems)
 
-    def changed(self, change: Mapping[str, Any]) -> Fidelity:
+    def changed(self, change: Mapping[str, object]) -> Fidelity:
         """The same but for some fields; simplifications are added to those that are there."""
         change = dict(change)
         if "simplifications" in change:
-            change["simplifications"] = (*self.simplifications, *change["simplifications"])
+            added = cast(tuple[Simplification, ...], change["simplifications"])
+            change["simplifications"] = (*self.simplifications, *added)
         return replace(self, **change)
 
 
@@ -164,7 +170,7 @@ class Knob:
     name: str
     effect: str
     unit: str
-    default: Any
+    default: object
     meaning: str
 
 
@@ -293,11 +299,11 @@ def simpler_recipe(recipe: SceneRecipe, fidelity: Fidelity) -> SceneRecipe:
 
 
 def disperses(recipe: SceneRecipe) -> tuple[str, ...]:
-    """Names of the objects whose glass bends each wavelength differently."""
-    return tuple(thing.name for thing in recipe.objects if _of_plain_glass(thing) is not thing)
+    """Names, or kinds where they have none, of the objects whose glass bends each wavelength differently."""
+    return tuple(thing.name or thing.kind for thing in recipe.objects if _of_plain_glass(thing) is not thing)
 
 
-def _of_plain_glass(thing: Any) -> Any:
+def _of_plain_glass(thing: Model) -> Model:
     surfaces = {
         name: value.model_copy(update={"dispersion": False})
         for name, value in thing

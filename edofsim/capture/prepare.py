@@ -72,7 +72,7 @@ def kernels_of(
         ).values
 
     trained = camera.height_map is not None and camera.height_map.requires_grad
-    key = None if trained else bank_key(camera, *_on_cpu(wavelengths, nodes), window, None, dtype)
+    key = None if trained else bank_key(camera, _on_cpu(wavelengths), _on_cpu(nodes), window, None, dtype)
     size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
     if size <= HELD_BYTES or trained:
         return HeldKernels(compute(nodes), nodes, wavelengths, key, cache)
@@ -97,8 +97,8 @@ def kernels_of_sub_apertures(
         yield HeldKernels(values, nodes, wavelengths)
 
 
-def _on_cpu(*tensors: Tensor) -> tuple[Tensor, ...]:
-    return tuple(each.detach().double().cpu().contiguous() for each in tensors)
+def _on_cpu(values: Tensor) -> Tensor:
+    return values.detach().double().cpu().contiguous()
 
 
 def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:

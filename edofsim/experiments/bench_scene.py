@@ -47,7 +47,7 @@ from .kept import Kept
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, systems_of
 from .scene3d import Seen
 from .scene3d_page import scene_page
-from .scene_scores import WHOLE, Measured, Outcome, write_table
+from .scene_scores import WHOLE, Measured, SceneScores, write_table
 from .systems import fabrication_seed
 
 SCENE = "bench"
@@ -112,7 +112,7 @@ def run(
                 write_page(files[system.name], page(measured, seen, system, parts))
         save_srgb(pictures / "ideal.png", taken[OURS, LENS_ALONE].truth)
         kept.put(key, asdict(measured))
-    outputs = {"scores": write_table(folder / "bench-scene.csv", Outcome((measured,)))}
+    outputs = {"scores": write_table(folder / "bench-scene.csv", SceneScores((measured,)))}
     outputs |= {"pictures": pictures, **{f"page of {name}": path for name, path in files.items()}}
     inputs = {"networks": list(sources)}
     shown = [scores_table(measured, name) for name in names]

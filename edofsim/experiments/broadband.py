@@ -10,7 +10,7 @@ reported. The exposure is automatic: the 99.5th percentile of the truth is 0.9 o
 height error are those of the paper's table.
 
 Trained weights know three wavelengths. Filters, of a Wiener deconvolution and of a filter bank, follow from
-the PSFs, and are told those of the response (`restore.telling`).
+the PSFs, and get those of the response (`restore.conditioning`).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ SHOWN_PX = 300
 
 
 @dataclass(frozen=True)
-class Row:
+class CubeScore:
     """One cube by one system at one distance. photo_db, restored_db: whole, then red, green, blue; three_db:
     of the same picture in the three wavelengths of the training; filter_db: of the photo restored by a Wiener
     filter that knows the distance and the mask as it was made, which is what a linear restoration could do;
@@ -81,7 +81,7 @@ class Row:
 class Result:
     """left_out: share of each colour's response in bands that a cube lacks, by cube; bands_nm by cube."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CubeScore, ...]
     optics: dict[str, Chromatic]
     bands_nm: dict[str, tuple[float, ...]]
     left_out: dict[str, tuple[float, ...]]
@@ -180,7 +180,7 @@ def measure(
     """Every cube by every system. Finished ones are kept in the folder."""
     names = list(systems or (*shipped_checkpoints(), *WITHOUT_TRAINING))
     kept = Kept(folder / "finished.jsonl")
-    rows: list[Row] = []
+    rows: list[CubeScore] = []
     optics: dict[str, Chromatic] = {}
     figures: dict[str, float] = {}
     jobs = [(name, cube) for name in names for cube in cubes]
@@ -215,7 +215,7 @@ def judge(
     kept: Kept,
     seed: int,
     progress: Progress,
-) -> list[Row]:
+) -> list[CubeScore]:
     """A row for each of `DEPTHS_M`. of_three: the same system for photos in three wavelengths."""
     fabrication = paper_test(seed)
     keys = [
@@ -258,7 +258,7 @@ def judge(
                 kept.put(key, _photographed(system, of_three, cube, bank[i], three[i], weights, files))
     found = [kept.get(key) or {} for key in keys]
     return [
-        Row(
+        CubeScore(
             system.name,
             cube.name,
             depth,

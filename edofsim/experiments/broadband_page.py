@@ -74,8 +74,8 @@ def _scores(result: Result) -> Table:
         rows,
         "PSNR against the response-weighted cube: of the photo; of the restored picture and its colours; "
         "of it where the same colours come as three single wavelengths, as in the training; and of the "
-        "photo through a Wiener filter that is told the distance and the mask as it was made. The filters of "
-        "a system's own, if it has any, are told the response, but neither distance nor errors of the mask.",
+        "photo through a Wiener filter that knows the distance and the mask as it was made. The filters of "
+        "a system's own, if it has any, are conditioned on the response, not on distance or errors.",
     )
 
 

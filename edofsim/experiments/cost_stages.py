@@ -28,8 +28,8 @@ from ..restore.checkpoint import (
     network_of,
     shipped_checkpoints,
 )
+from ..restore.conditioning import forget as forget_conditioned
 from ..restore.scores import psnr, within_scale
-from ..restore.telling import forget as forget_told
 from .kept import Kept, key_of
 
 FEWEST_SAMPLES = 4
@@ -166,7 +166,7 @@ def _restored(view: View, optics: Camera, photo: Photo, network: Checkpoint | No
     low, high = (float(end) for end in view.inverse_depth.aminmax())
     depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
     psf_memory.forget()
-    forget_told()
+    forget_conditioned()
     started = time.perf_counter()
     image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network)
     return {

@@ -8,10 +8,10 @@ from pathlib import Path
 from ..core.progress import Progress
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..recipe.fabrication import Fabrication
-from .experiment import Findings, in_paper
+from .experiment import Findings
 from .paper_figures import FABRICATION
 from .planes import Condition
-from .robustness import Study, green_focus, measured
+from .robustness import Study, green_focus, in_paper_too, measured
 from .systems import READ_NOISE, Contestant, fabrication_seed
 
 SIGMAS_D_NM = (20.0, 30.0, 40.0, 50.0)
@@ -19,9 +19,7 @@ DEVICE = "device"
 PITCH_UM = 3.0
 
 
-@in_paper(
-    lambda paper: {"data": paper.photos, "systems": paper.systems, "limit": paper.limit, "seed": paper.seed}
-)
+@in_paper_too
 def run(
     folder: Path,
     progress: Progress,
@@ -75,7 +73,7 @@ STUDY = Study(
     said="σd = {} nm",
     setting="an object at the green focus, read noise 0.005; one draw of height errors at every strength; "
     "the device has 98 levels, a mean error of 44 nm and σd = 49.5 nm, as the paper measured on the one "
-    "that was made. A network that was trained with height errors expects the haze that they make: with a "
-    "smoother mask than it knows it may score lower",
+    "that was made. A network that was trained with height errors expects the veiling glare that they make: "
+    "with a smoother mask than it knows it may score lower",
     source="Figure “Reconstruction results for increasing height-map noise”",
 )

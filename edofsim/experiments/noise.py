@@ -6,18 +6,16 @@ from pathlib import Path
 
 from ..core.progress import Progress
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
-from .experiment import Findings, in_paper
+from .experiment import Findings
 from .paper_figures import NOISE
 from .planes import Condition
-from .robustness import Study, green_focus, measured
+from .robustness import Study, green_focus, in_paper_too, measured
 from .systems import Contestant, paper_test
 
 SIGMAS_S = (0.005, 0.009, 0.015, 0.020)
 
 
-@in_paper(
-    lambda paper: {"data": paper.photos, "systems": paper.systems, "limit": paper.limit, "seed": paper.seed}
-)
+@in_paper_too
 def run(
     folder: Path,
     progress: Progress,

@@ -16,12 +16,17 @@ from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text, line_p
 from ..report.page import Block
 from ..report.plot import WIDE_IN
 from ..report.words import decibels, number
-from .experiment import Findings
+from .experiment import Findings, in_paper
 from .photographs import Photographs, chosen, photographs
 from .planes import ABOUT, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows
 from .systems import Contestant, contestants
 
 GREEN = 543e-9
+
+in_paper_too = in_paper(
+    lambda paper: {"data": paper.photos, "systems": paper.systems, "limit": paper.limit, "seed": paper.seed}
+)
+"""Makes a study part of `edofsim evaluate paper`, with the photographs, systems and seed of that."""
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
-from .scene_scores import WHOLE, Measured, Outcome, Row, figures, worst, write_table
+from .scene_scores import WHOLE, Measured, SceneScore, SceneScores, figures, worst, write_table
 
 NEAR_EDGES, AWAY = "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
@@ -125,7 +125,7 @@ def run(
         show=show,
         progress=progress,
     )
-    outcome = Outcome(outcome.measured, {**broken, **outcome.failed})
+    outcome = SceneScores(outcome.measured, {**broken, **outcome.failed})
     every = outcome.measured
     links = []
     for m in every:
@@ -194,7 +194,7 @@ def measured_scenes(
     seed: int = 0,
     cache: Path | None = None,
     show: Callable[[Measured, Seen], None] | None = None,
-) -> Outcome:
+) -> SceneScores:
     """Measure every scene. folder: keeps each that is finished, which is not measured again.
 
     networks: checkpoints, files or shipped names; camera: in place of what the scene names; quick: the
@@ -222,7 +222,7 @@ def measured_scenes(
             done.append(known)
         except EdofsimError as error:
             failed[name] = getattr(error, "problems", (str(error),))
-    return Outcome(tuple(done), failed)
+    return SceneScores(tuple(done), failed)
 
 
 def measure(
@@ -243,7 +243,7 @@ def measure(
     edges = near_edges(view, systems[0].camera)
     regions = _regions(view, {NEAR_EDGES: edges, AWAY: ~edges, **(parts or {})})
     views = views_of(view, systems[0].camera)
-    rows: list[Row] = []
+    rows: list[SceneScore] = []
     kept: dict[tuple[str, str], Taken] = {}
     jobs = [(way, system) for way in ways for system in systems]
     for number, (way, system) in enumerate(jobs):
@@ -252,7 +252,8 @@ def measure(
         taken = take(views[way.name], way, system, seed)
         for image, values in taken.images.items():
             about = (name, way.name, system.name, image)
-            rows += [Row(*about, *place, *each) for place, each in _scores(values, taken.truth, regions)]
+            scores = _scores(values, taken.truth, regions)
+            rows += [SceneScore(*about, *place, *each) for place, each in scores]
         if way.name in SHOWN:
             kept[way.name, system.name] = taken
     facts = _facts(view, edges, kept[OURS, systems[0].name])
@@ -307,7 +308,7 @@ def remembered(kept: Kept, key: str) -> Measured | None:
     found = kept.get(key)
     if found is None:
         return None
-    return Measured(found["scene"], tuple(Row(**row) for row in found["rows"]), found["facts"])
+    return Measured(found["scene"], tuple(SceneScore(**row) for row in found["rows"]), found["facts"])
 
 
 def key_of(

@@ -35,7 +35,7 @@ from ..report.words import DASH, decibels, distance, number, percent
 from ..restore.scores import DepthScore, Score
 from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
 from .scene3d import AWAY, NEAR_EDGES, Seen
-from .scene_scores import WHOLE, Measured, Outcome, Row, mean, worst
+from .scene_scores import WHOLE, Measured, SceneScore, SceneScores, mean, worst
 
 IMAGES = ("photo", "restored", "wiener")
 LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALONE: "Lens alone"}
@@ -101,7 +101,7 @@ def scene_page(
 
 
 def overview_page(
-    outcome: Outcome, networks: Sequence[str], links: Sequence[Link], command: str = ""
+    outcome: SceneScores, networks: Sequence[str], links: Sequence[Link], command: str = ""
 ) -> Page:
     """All scenes: scores, what a cheaper simulation would have concluded, scores by depth and near edges."""
     head: list[Block] = [Keys(tuple(key for network in networks for key in _keys(outcome, network)))]
@@ -153,7 +153,7 @@ def card(measured: Measured, network: str, href: str, title: str, png: Path) -> 
     return Link(href, title, text, Picture(content, width, height, title, alt))
 
 
-def _keys(outcome: Outcome, network: str) -> list[Key]:
+def _keys(outcome: SceneScores, network: str) -> list[Key]:
     every = outcome.measured
     low = worst(outcome, network)
     keys = [
@@ -183,7 +183,7 @@ def scores_table(every: Sequence[Measured], network: str) -> Table:
     columns = [Column(name) for name in (*names, "Photo", "Wiener", "Mean level", "Render noise")]
 
     def line(
-        name: str, cells: Sequence[Row | Score | None], gain: float, mean_level: float, noise: float
+        name: str, cells: Sequence[SceneScore | Score | None], gain: float, mean_level: float, noise: float
     ) -> tuple[str, ...]:
         shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
         return (name, *shown[:2], number(gain), *shown[2:], number(mean_level, 2), number(noise, 0))
@@ -259,7 +259,7 @@ def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
         columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
     rows = []
     for way in _ways([measured], network):
-        cells: list[Row | None] = []
+        cells: list[SceneScore | None] = []
         for region in (NEAR_EDGES, AWAY):
             cells += [measured.score(way.name, LENS_ALONE, "photo", region)]
             cells += [measured.score(way.name, network, "restored", region)]
@@ -307,7 +307,7 @@ def _image_scores(every: Sequence[Measured], network: str) -> dict[str, ImageSco
     found = {}
     for name, (system, image) in places.items():
         whole = _mean_row(every, OURS, system, image)
-        ranges: dict[tuple[float, float], list[Row]] = {}
+        ranges: dict[tuple[float, float], list[SceneScore]] = {}
         for m in every:
             for row in m.rows:
                 if (row.way, row.system, row.image, row.region) == (OURS, system, image, "depth"):
@@ -364,11 +364,11 @@ def _mean_row(every: Sequence[Measured], way: str, system: str, image: str) -> S
     return _average(rows) if rows else None
 
 
-def _average(rows: Sequence[Row]) -> Score:
+def _average(rows: Sequence[SceneScore]) -> Score:
     return Score(mean(r.psnr_db for r in rows), mean(r.ssim for r in rows), sum(r.pixels for r in rows))
 
 
-def _cell(row: Row | None) -> str:
+def _cell(row: SceneScore | None) -> str:
     return DASH if row is None else f"{number(row.psnr_db)}\n{number(row.ssim, 3)}"
 
 

@@ -14,7 +14,7 @@ WHOLE = "whole"
 
 
 @dataclass(frozen=True)
-class Row:
+class SceneScore:
     """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
     with near_m <= depth < far_m, or another part by its name."""
 
@@ -35,10 +35,10 @@ class Measured:
     """A finished scene: its scores, and facts (sizes, shares, noise, seconds)."""
 
     scene: str
-    rows: tuple[Row, ...]
+    rows: tuple[SceneScore, ...]
     facts: Mapping[str, float]
 
-    def score(self, way: str, system: str, image: str, region: str = WHOLE) -> Row | None:
+    def score(self, way: str, system: str, image: str, region: str = WHOLE) -> SceneScore | None:
         """The row of that name; None where the scene has none, such as a scene without edges."""
         wanted = (way, system, image, region)
         found = (row for row in self.rows if (row.way, row.system, row.image, row.region) == wanted)
@@ -52,14 +52,14 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SceneScores:
     """All finished scenes in order, and what was wrong with those that could not be finished, by name."""
 
     measured: tuple[Measured, ...]
     failed: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
-def figures(outcome: Outcome, networks: Sequence[str]) -> dict[str, float]:
+def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
     """Flat: psnr_db and ssim .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK, SCENE also `mean`; IMAGE is
     lens_alone, NETWORK, NETWORK.photo or NETWORK.wiener. networks: names of the systems."""
     found: dict[str, float] = {}
@@ -89,15 +89,15 @@ def mean(values: Iterable[float]) -> float:
     return sum(finite) / len(finite) if finite else math.nan
 
 
-def worst(outcome: Outcome, network: str, way: str = OURS) -> Measured | None:
+def worst(outcome: SceneScores, network: str, way: str = OURS) -> Measured | None:
     """The scene whose restored picture scores least."""
     scored = [(m, row) for m in outcome.measured if (row := m.score(way, network, "restored")) is not None]
     return min(scored, key=lambda each: each[1].psnr_db, default=(None, None))[0]
 
 
-def write_table(path: Path, outcome: Outcome) -> Path:
+def write_table(path: Path, outcome: SceneScores) -> Path:
     """All rows as CSV."""
-    names = tuple(Row.__dataclass_fields__)
+    names = tuple(SceneScore.__dataclass_fields__)
     return write_csv(
         path, names, [[getattr(row, n) for n in names] for m in outcome.measured for row in m.rows]
     )

@@ -24,10 +24,10 @@ from ..restore.checkpoint import (
     shipped_checkpoints,
     trained_camera,
 )
+from ..restore.conditioning import conditioned_on
 from ..restore.light import without_glare
 from ..restore.network import apply_network
 from ..restore.restore import channel_psfs
-from ..restore.telling import told_network
 from ..restore.wiener import wiener
 
 READ_NOISE = 0.005
@@ -82,7 +82,7 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
     digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()
     network = checkpoint.network
     if wavelengths is not None:
-        network = told_network(checkpoint, camera, wavelengths)
+        network = conditioned_on(checkpoint, camera, wavelengths)
     network = network.in_mirrored_world()  # see `planes`
     return Contestant(
         checkpoint.name, camera, lambda photo, glare: apply_network(network, photo, glare=glare), digest

@@ -34,7 +34,7 @@ def design(
     error: Callable[[Tensor, int], Tensor],
     groups: int = 1,
     height_noise: float,
-    stray: float,
+    truncated_energy: float,
     seed: int,
     evenness: float = 0.0,
     response: bool = False,
@@ -46,10 +46,10 @@ def design(
     channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth, and
     `evenness` times the logarithm of its mean over depth, which the worst depths decide. groups: so many
     filters restore, each for a part of the depth range; 1 for one filter for all. height_noise: standard
-    deviation of the mask's samples in metres; what such errors do to the PSFs is taken in its mean. stray:
-    weight of the light that leaves the PSFs' window. response: whether half of what counts is light of all
-    wavelengths through the sensor's response, beside the three colours. Returns the error's PSNR in dB at the
-    end, mean of depths. In place; deterministic for a seed.
+    deviation of the mask's samples in metres; what such errors do to the PSFs is taken in its mean.
+    truncated_energy: weight of the light that leaves the PSFs' window. response: whether half of what counts
+    is light of all wavelengths through the sensor's response, beside the three colours. Returns the error's
+    PSNR in dB at the end, mean of depths. In place; deterministic for a seed.
     """
     low, high = depth_range
     parameters = list(mask.parameters())
@@ -70,9 +70,9 @@ def design(
             filters *= 2
         left = error(psf, filters).mean(1)
         relative = left.log().mean()
-        lost = 1 - psf.sum((-1, -2)).mean()
+        truncated = 1 - psf.sum((-1, -2)).mean()
         optimiser.zero_grad(set_to_none=True)
-        (relative + evenness * left.mean().log() + stray * lost).backward()
+        (relative + evenness * left.mean().log() + truncated_energy * truncated).backward()
         optimiser.step()
         quality = -10 / math.log(10) * float(relative.detach())
         if progress and step % 10 == 0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -13,6 +13,9 @@ from torch import Tensor
 from ..core.files import write_text
 from ..core.images import write_png
 from ..errors import EdofsimError, InputError
+
+if TYPE_CHECKING:
+    from torch.utils.tensorboard import SummaryWriter
 
 
 class Journal:
@@ -29,7 +32,7 @@ class Journal:
             raise EdofsimError(problem) from None
         self._board = _board(folder) if tensorboard else None
 
-    def write(self, **entry: Any) -> None:
+    def write(self, **entry: float) -> None:
         """One line of the log: flat, JSON values; numbers also go to TensorBoard."""
         try:
             self._file.write(json.dumps(entry) + "\n")
@@ -84,7 +87,7 @@ def _step_of(line: str) -> float:
         return float("inf")  # a line cut short by a crash
 
 
-def _board(folder: Path) -> Any:
+def _board(folder: Path) -> SummaryWriter:
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:

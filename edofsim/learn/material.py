@@ -6,10 +6,10 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..recipe.train import TrainRecipe
 from .reader import Source, TrainingReader, Wanted
@@ -23,7 +23,7 @@ class Material:
     sources: tuple[Source, ...]
     weights: tuple[float, ...]
     validation: tuple[Scenes, ...]
-    described: tuple[dict[str, Any], ...]
+    described: tuple[Json, ...]
     sha256: str
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
@@ -59,5 +59,5 @@ def gather(
     return Material(tuple(sources), weights, tuple(validation), _descriptions(sources), digest)
 
 
-def _descriptions(sources: Sequence[Source]) -> tuple[dict[str, Any], ...]:
+def _descriptions(sources: Sequence[Source]) -> tuple[Json, ...]:
     return tuple(source.described for source in sources)

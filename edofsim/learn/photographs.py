@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import torch
-from pydantic import Field
+from pydantic import Field, ValidationInfo, model_validator
 
 from ..capture.planes import surroundings
+from ..core.json_values import Json
 from ..errors import InputError
+from ..recipe.base import renamed
 from ..recipe.train import TrainRecipe
 from .edges import Edges, draw_covers
-from .lamps import with_lamps
+from .highlights import with_highlights
 from .reader import TrainingReader, Wanted
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Planes, Scenes
@@ -21,18 +24,28 @@ from .variation import Variation, evenly, varied
 VALIDATION_BATCH = 4
 
 
-class NaturalImages(TrainingReader):
+class Photographs(TrainingReader):
+    """What all sources of photographs have; `NaturalImages` says what each key means."""
+
+    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    saturated_highlights: Annotated[float, Field(ge=0, le=1)] = 0.0
+    vary: Variation = Variation()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _old_names(cls, data: object, info: ValidationInfo) -> object:
+        return renamed(data, "lamps", "saturated_highlights", {}, info) if isinstance(data, Mapping) else data
+
+
+class NaturalImages(Photographs):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
-    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of the
-    steps whose photographs stand one in front of another, with an edge of depth in each patch. lamps: share
-    of the patches with lamps, many times brighter than full scale; in half of the steps the photo is clipped
-    there. vary: of exposure and colours."""
+    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of
+    the steps whose photographs stand one in front of another, with an edge of depth in each patch.
+    saturated_highlights: share of the patches with highlights many times brighter than full scale; in half of
+    the steps the photo is clipped there. vary: of exposure and colours."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
-    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
-    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
-    vary: Variation = Variation()
 
     def open(self, wanted: Wanted) -> PlaneSource:
         folder = wanted.data if self.folder is None else wanted.base / self.folder
@@ -42,14 +55,11 @@ class NaturalImages(TrainingReader):
         return _planes(self, images, folder.name, wanted.recipe, wanted.optics.window)
 
 
-class PackagedImages(TrainingReader):
+class PackagedImages(Photographs):
     """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
-    lamps, vary: as of `natural`."""
+    saturated_highlights, vary: as of `natural`."""
 
     kind: Literal["packaged"] = "packaged"
-    edges: Annotated[float, Field(ge=0, le=1)] = 0.0
-    lamps: Annotated[float, Field(ge=0, le=1)] = 0.0
-    vary: Variation = Variation()
 
     def open(self, wanted: Wanted) -> PlaneSource:
         images = packaged_images(wanted.recipe.data.patch_px)
@@ -59,18 +69,18 @@ class PackagedImages(TrainingReader):
 @dataclass(frozen=True)
 class PlaneSource:
     """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
-    of the steps each one is in front of another, and a share `lamps` of them has lamps; vary: of exposure and
-    colours, of which validation has the exposures beside the pictures as they are."""
+    of the steps each one is in front of another, and a share of them has saturated highlights; vary: of
+    exposure and colours, of which validation has the exposures beside the pictures as they are."""
 
     training: Images
     held_back: Images
     patch: int
     window: int
     depths: tuple[float, float]
-    described: dict[str, Any]
+    described: Json
     sha256: str
     edges: float = 0.0
-    lamps: float = 0.0
+    saturated_highlights: float = 0.0
     vary: Variation = Variation()
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
@@ -80,8 +90,8 @@ class PlaneSource:
         if self.vary.changes:
             sharp, means = varied(sharp, means, self.vary, generator)
         saturates = False
-        if self.lamps > 0:
-            sharp = with_lamps(sharp, self.lamps, generator)
+        if self.saturated_highlights > 0:
+            sharp = with_highlights(sharp, self.saturated_highlights, generator)
             saturates = float(torch.rand((), generator=generator)) < 0.5
         if self.edges == 0:
             return Planes(sharp, depths, mean=means, saturates=saturates)
@@ -114,7 +124,7 @@ def _stride(count: int) -> int:
 
 
 def _planes(
-    table: NaturalImages | PackagedImages, images: Images, name: str, recipe: TrainRecipe, window: int
+    table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int
 ) -> PlaneSource:
     training, held_back = split(images, recipe.data.validation, recipe.seed)
     described = {
@@ -133,6 +143,6 @@ def _planes(
         described,
         images.sha256,
         table.edges,
-        table.lamps,
+        table.saturated_highlights,
         table.vary,
     )

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import torch
 
+from ..core.json_values import Json
 from ..recipe.train import TrainingSource, TrainRecipe
 from .system import Optics, Scenes
 
@@ -16,8 +17,11 @@ from .system import Optics, Scenes
 class Source(Protocol):
     """One kind of data. `described` goes into the card; `sha256` names its bytes."""
 
-    described: dict[str, Any]
-    sha256: str
+    @property
+    def described(self) -> Json: ...
+
+    @property
+    def sha256(self) -> str: ...
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         """`count` random scenes."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
@@ -45,7 +45,7 @@ class Setup:
     material: Material
     sampling: float | None
     device: torch.device
-    history: tuple[dict[str, Any], ...] = ()
+    history: tuple[Json, ...] = ()
     start: Mapping[str, Tensor] = field(default_factory=dict)
 
     def height(self) -> Tensor | None:
@@ -74,13 +74,14 @@ def prepare(
         mask,
         network,
         LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
-        recipe.loss.stray,
+        recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
         bfloat16=use_bfloat16(recipe.optimiser.precision, workers.device),
         light_kept=recipe.loss.light_kept,
     )
     system.to(workers.device)
+    # pyrefly: ignore[no-matching-overload] - torch's stubs leave this one out
     system.network.to(memory_format=torch.channels_last)
     start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
     return Setup(recipe, camera, system, material, sampling, workers.device, history, start)
@@ -131,14 +132,15 @@ def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, r
     if doe.start is not None:
         return _started(doe.start, recipe, optics, grid, limit, radian)
     if isinstance(mask, HeightMapMask):
-        start = torch.full((grid.samples, grid.samples), limit / 2)
-        if mask.file is not None:
-            start, _ = designed_map(optics)
+        given = None if mask.file is None else designed_map(optics)
+        start = torch.full((grid.samples, grid.samples), limit / 2) if given is None else given[0]
         return FreeHeight(start, limit, radian) if doe.learn else FixedHeight(start)
     learner = mask.learner(grid, radian) if doe.learn else None
     if learner is not None:
         return learner
     phase = mask.phase(grid)
+    if phase is None:
+        raise InputError(f"mask.kind = {mask.kind!r} has no phase to train with; choose another mask")
     return FixedHeight((phase - phase.min()) * radian)
 
 
@@ -155,7 +157,7 @@ def _started(
     return FreeHeight(height, limit, radian) if recipe.doe.learn else FixedHeight(height)
 
 
-def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[dict[str, Any], ...]]:
+def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[Json, ...]]:
     """The network with weights that only the seed decides, or those of a checkpoint, and its history."""
     table = recipe.network
     if table.start is not None:
@@ -173,7 +175,7 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:
     """The camera with what the training recipe replaces, and the folder its own files are relative to."""
     loaded = load_camera(recipe.camera, base)
-    changes: dict[str, Any] = {"mask": recipe.mask, "psf": recipe.psf}
+    changes: dict[str, object] = {"mask": recipe.mask, "psf": recipe.psf}
     given = {key: value for key, value in changes.items() if value is not None}
     camera = loaded.recipe.model_copy(update=given)
     return camera, base if recipe.mask is not None else loaded.base

@@ -60,7 +60,10 @@ def usable_pictures(
     if not paths:
         kinds = ", ".join(SUFFIXES)
         raise InputError(f"{folder}: holds no pictures ({kinds}); name a folder with photographs")
-    digest, pictures, names, problems = hashlib.sha256(), [], [], []
+    digest = hashlib.sha256()
+    pictures: list[Tensor] = []
+    names: list[str] = []
+    problems: list[str] = []
     for path in [path for path in paths if only in (None, path.name)][:limit]:
         try:
             data = path.read_bytes()
@@ -88,7 +91,9 @@ def packaged_images(smallest: int) -> Images:
     """
     from skimage import data
 
-    digest, pictures, names = hashlib.sha256(), [], []
+    digest = hashlib.sha256()
+    pictures: list[Tensor] = []
+    names: list[str] = []
     for name in ("astronaut", "chelsea", "coffee", "rocket", "brick", "grass", "gravel", "page", "text"):
         array = np.ascontiguousarray(getattr(data, name)())
         array = np.repeat(array[..., None], 3, axis=-1) if array.ndim == 2 else array[..., :3]

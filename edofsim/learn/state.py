@@ -6,12 +6,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import nn
 
+from ..core.json_values import Json
 from ..errors import InputError
+from ..recipe.base import in_new_names
+from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import load_arrays, save_arrays
 
 # settings that may change between the parts of a training
@@ -31,7 +33,7 @@ def save_state(
     system: nn.Module,
     optimiser: torch.optim.Optimizer,
     position: Position,
-    recipe: Mapping[str, Any],
+    recipe: Json,
     data_sha256: str,
 ) -> None:
     """Write weights, the optimiser's moments and the position in one piece (safetensors, no pickle).
@@ -55,7 +57,7 @@ def load_state(
     path: Path,
     system: nn.Module,
     optimiser: torch.optim.Optimizer,
-    recipe: Mapping[str, Any],
+    recipe: Json,
     data_sha256: str,
 ) -> Position:
     """Put a saved state back. Raises InputError for a damaged file, and for a recipe or data that differ
@@ -64,8 +66,9 @@ def load_state(
     try:
         about = json.loads(metadata["state"])
         position = Position(int(about["step"]), float(about["seconds"]))
-        saved_recipe, saved_data = about["recipe"], about["data"]
-    except (KeyError, TypeError, ValueError, RecursionError):
+        saved_recipe = _bound(in_new_names(TrainRecipe, about["recipe"]))
+        saved_data = about["data"]
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         raise InputError(f"{path}: not the state of an edofsim training; remove it to start anew") from None
     wanted = json.loads(json.dumps(_bound(recipe)))
     keys = sorted(wanted.keys() | saved_recipe.keys())
@@ -99,5 +102,5 @@ def _under(arrays: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.T
     return {name.removeprefix(prefix): value for name, value in arrays.items() if name.startswith(prefix)}
 
 
-def _bound(recipe: Mapping[str, Any]) -> dict[str, Any]:
+def _bound(recipe: Json) -> Json:
     return {key: value for key, value in recipe.items() if key not in FREE}

@@ -93,20 +93,20 @@ class Optics:
 
 @dataclass(frozen=True)
 class Captured:
-    """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; lost: scalar, the
+    """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; truncated: scalar, the
     fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one."""
 
     clean: Tensor
     ideal: Tensor
-    lost: Tensor
+    truncated: Tensor
     psf: Tensor | None = None
 
 
 def captured(
-    clean: Tensor, ideal: Tensor, lost: Tensor, psf: Tensor | None = None, *, saturates: bool
+    clean: Tensor, ideal: Tensor, truncated: Tensor, psf: Tensor | None = None, *, saturates: bool
 ) -> Captured:
     """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates."""
-    return Captured(clean.clamp_max(1) if saturates else clean, ideal.clamp_max(1), lost, psf)
+    return Captured(clean.clamp_max(1) if saturates else clean, ideal.clamp_max(1), truncated, psf)
 
 
 class Scenes(Protocol):
@@ -139,8 +139,8 @@ class Planes:
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
-        lost = 1 - psf.sum((-1, -2)).mean()
-        return captured(photograph(sharp, psf, mean), ideal, lost, psf, saturates=self.saturates)
+        truncated = 1 - psf.sum((-1, -2)).mean()
+        return captured(photograph(sharp, psf, mean), ideal, truncated, psf, saturates=self.saturates)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return replace(self, psf=psf)
@@ -157,7 +157,7 @@ class Draw:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class JudgedPhotos:
     """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]; psf: see `Captured`."""
 
     loss: Tensor
@@ -170,10 +170,10 @@ class Outcome:
 class System(nn.Module):
     """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores.
 
-    stray: weight of the light that leaves the PSFs' window. height_noise: standard deviation in metres, added
-    anew to each sample of the height map in every step, for the errors of fabrication. depth_range: least and
-    largest inverse depth in 1/m. bfloat16 applies to the network alone: the optics stay in float32.
-    light_kept: see `recipe.train.LossTable`.
+    truncated_energy: weight of the light that leaves the PSFs' window. height_noise: standard deviation in
+    metres, added anew to each sample of the height map in every step, for the errors of fabrication.
+    depth_range: least and largest inverse depth in 1/m. bfloat16 applies to the network alone: the
+    optics stay in float32. light_kept: see `recipe.train.LossTable`.
     """
 
     def __init__(
@@ -182,19 +182,19 @@ class System(nn.Module):
         mask: nn.Module,
         network: Restorer,
         loss: LossWeights,
-        stray: float,
+        truncated_energy: float,
         height_noise: float,
         depth_range: tuple[float, float],
         bfloat16: bool = False,
         light_kept: bool = False,
     ) -> None:
         super().__init__()
-        self.depth_range, self.stray = depth_range, stray
+        self.depth_range, self.truncated_energy = depth_range, truncated_energy
         self.optics, self.loss_weights = optics, loss
-        self.height_noise, self.bfloat16, self.light_kept = height_noise, bfloat16, light_kept
+        self.height_noise, self.in_bfloat16, self.light_kept = height_noise, bfloat16, light_kept
         self.mask, self.network = mask, network
 
-    def forward(self, draw: Draw) -> Outcome:
+    def forward(self, draw: Draw) -> JudgedPhotos:
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
         captured = self.capture(draw, height)
@@ -205,9 +205,10 @@ class System(nn.Module):
         if self.light_kept:
             restored = keep_light(captured.ideal, restored)
         photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
-        loss = restoration_loss(restored, ideal, self.loss_weights) + self.stray * captured.lost
+        loss = restoration_loss(restored, ideal, self.loss_weights)
+        loss = loss + self.truncated_energy * captured.truncated
         psf = None if captured.psf is None else captured.psf.detach()
-        return Outcome(loss, photo, restored, ideal, psf)
+        return JudgedPhotos(loss, photo, restored, ideal, psf)
 
     def _inside(self, image: Tensor) -> Tensor:
         """Without the border that the network cannot know, where a patch is wide enough."""
@@ -228,12 +229,12 @@ class System(nn.Module):
             return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)
         restore = self.network.unclamped if self.light_kept else self.network
-        with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.bfloat16):
+        with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             return restore(photo).to(torch.float32)
 
     def prime(self) -> None:
-        """Tell a network that asks for it how the mask blurs as it is, made with the mean error of
-        fabrication."""
+        """Give a network that is conditioned on the optics the PSFs of the mask as it is, made with the mean
+        error of fabrication."""
         if self.network.psfs == "mean":
             depths = self.network.psf_depths(self.depth_range)
             with torch.no_grad():
@@ -243,7 +244,7 @@ class System(nn.Module):
                 self.network.set_psfs(psf)
 
     def settle(self) -> None:
-        """Tell a network the PSFs of the mask as it is now, where those of each step restored, for its
+        """Give a network that restores by the PSFs of each step those of the mask as it is now, for its
         checkpoint."""
         if self.network.psfs == "designed":
             with torch.no_grad():

@@ -10,12 +10,13 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from types import FrameType
 
 import torch
 from torch import Tensor, nn
 
 from .. import __version__
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
 from ..recipe.load import Loaded
@@ -26,11 +27,11 @@ from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
 from .setup import Setup, prepare, trained
 from .state import Position, load_state, save_state
-from .system import Draw, Outcome
+from .system import Draw, JudgedPhotos
 from .workers import Workers, join_workers
 
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
-DESIGN_STRAY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
+DESIGN_TRUNCATED_ENERGY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
 SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the weights at the start, from which validation chooses
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
@@ -156,7 +157,7 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         evenness=recipe.doe.design_evenness,
         response=recipe.doe.design_response,
         height_noise=recipe.doe.height_noise_nm * 1e-9,
-        stray=DESIGN_STRAY,
+        truncated_energy=DESIGN_TRUNCATED_ENERGY,
         seed=recipe.seed,
         progress=progress,
     )
@@ -194,7 +195,7 @@ def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Prog
     return True
 
 
-def _step(loop: _Loop, fraction: float) -> Outcome:
+def _step(loop: _Loop, fraction: float) -> JudgedPhotos:
     """One update of the mask, and as many of the network as the recipe says."""
     settings = loop.setup.recipe.optimiser
     factor = rate_factor(fraction, settings.decay, settings.warmup, settings.final_rate)
@@ -210,7 +211,7 @@ def _step(loop: _Loop, fraction: float) -> Outcome:
     return first
 
 
-def _update(loop: _Loop, draw: Draw, frozen: bool) -> Outcome:
+def _update(loop: _Loop, draw: Draw, frozen: bool) -> JudgedPhotos:
     """One step of the optimiser for all that the loss depends on. frozen: the running means stay."""
     setup = loop.setup
     loop.wrapped.train()
@@ -274,7 +275,9 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
     system = setup.system
     was_training = system.training
     system.eval()
-    errors, losses, photos = [], [], []
+    errors: list[Tensor] = []
+    losses: list[Tensor] = []
+    photos: list[Tensor] = []
     for index, scenes in enumerate(setup.material.validation):
         generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
         outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
@@ -296,10 +299,10 @@ def save_result(
     setup: Setup, path: Path, step: int, figures: Mapping[str, float], share: float = 0.0
 ) -> Path:
     """The checkpoint with its card. share: of the weights at the start."""
-    card = {
+    card: Json = {
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
-        "recipe": _told(setup.recipe),
+        "recipe": _for_card(setup.recipe),
         "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
         "versions": {"edofsim": __version__, "torch": torch.__version__},
         "seed": setup.recipe.seed,
@@ -320,7 +323,7 @@ def save_result(
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:
     """Adam with a rate for the network and one for a mask that learns; its values do not decay."""
     settings, doe = setup.recipe.optimiser, setup.recipe.doe
-    groups: list[dict[str, Any]] = []
+    groups: list[Json] = []
     network, mask = (list(module.parameters()) for module in (setup.system.network, setup.system.mask))
     groups.append(
         {"params": network, "full_rate": settings.learning_rate, "weight_decay": settings.weight_decay}
@@ -330,7 +333,7 @@ def _optimiser(setup: Setup) -> torch.optim.Optimizer:
     return torch.optim.Adam(groups, lr=settings.learning_rate, betas=settings.betas)
 
 
-def _give_up(loop: _Loop, outcome: Outcome) -> None:
+def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
     """Keep what a person needs to find out why the loss is no longer finite, and say where."""
     state, batch = loop.out / "nan-state.safetensors", loop.out / "nan-batch.safetensors"
     if loop.workers.first:
@@ -352,11 +355,11 @@ def _save(loop: _Loop) -> None:
     )
 
 
-def _plain(recipe: TrainRecipe) -> dict[str, Any]:
+def _plain(recipe: TrainRecipe) -> Json:
     return recipe.model_dump(mode="json", by_alias=True)
 
 
-def _told(recipe: TrainRecipe) -> dict[str, Any]:
+def _for_card(recipe: TrainRecipe) -> Json:
     """The recipe for a card: of a file that something started from, its name, not its folder on this disk."""
     plain = _plain(recipe)
     for table in (plain["network"], plain["doe"]):
@@ -381,7 +384,7 @@ def _stoppable() -> Generator[list[int]]:
     """Ctrl-C and SIGTERM ask for an end after the step; a second Ctrl-C ends at once."""
     asked: list[int] = []
 
-    def ask(number: int, frame: Any) -> None:
+    def ask(number: int, frame: FrameType | None) -> None:
         if asked and number == signal.SIGINT:
             raise KeyboardInterrupt
         asked.append(number)

@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import torch
 from pydantic import Field
@@ -14,6 +14,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
@@ -67,8 +68,8 @@ class ViewParts:
         factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
         clean = torch.stack([photo.clean for photo in photos]) * factors
         ideal = torch.stack([photo.ideal for photo in photos]) * factors
-        lost = torch.stack([photo.truncated for photo in photos]).mean()
-        return captured(clean, ideal, lost, saturates=True)
+        truncated = torch.stack([photo.truncated for photo in photos]).mean()
+        return captured(clean, ideal, truncated, saturates=True)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return self
@@ -83,11 +84,12 @@ class ViewSource:
     patch: int
     margin: int
     held_back: float
-    described: dict[str, Any]
+    described: Json
     sha256: str
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
-        parts, exposures = [], []
+        parts: list[View] = []
+        exposures: list[float] = []
         low, high = self.table.exposure
         for _ in range(count):
             view = self.views[int(torch.randint(len(self.views), (), generator=generator))]
@@ -130,7 +132,8 @@ def open_views(
     """
     from ..render import render
 
-    views, digest = [], hashlib.sha256()
+    views: list[View] = []
+    digest = hashlib.sha256()
     wanted = scenes_of(table, patch, held_back, base)
     for index, (recipe, folder) in enumerate(wanted):
         if progress:
@@ -156,7 +159,8 @@ def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tu
     Raises InputError, all problems together, for frames that hold no patch for training above one for
     validation.
     """
-    found, problems = [], []
+    found: list[tuple[SceneRecipe, Path]] = []
+    problems: list[str] = []
     for name in table.scenes:
         loaded = load_scene(base / name if (base / name).is_file() else name)
         recipes = members(loaded.recipe, table.members, table.seed) if table.members else [loaded.recipe]

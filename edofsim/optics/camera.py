@@ -61,7 +61,7 @@ class Camera:
                 f"mask.pitch_um = {recipe.mask.pitch_um:g} is larger than the pupil ({across:g} um across);"
                 " choose a finer pitch"
             )
-        if problems:
+        if problems or mask_material is None:
             raise InputError(problems)
         return cls(
             recipe=recipe,

@@ -51,9 +51,10 @@ def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int
     if fabrication.height_limit_um is not None or fabrication.levels is not None:
         surface = surface - surface.detach().min()
     if fabrication.height_limit_um is not None:
-        surface = _limit(surface, fabrication, relief, trainable=designed.requires_grad)
+        limit = fabrication.height_limit_um * 1e-6
+        surface = _limit(surface, limit, fabrication, relief, trainable=designed.requires_grad)
     if fabrication.levels is not None:
-        surface = _quantise(surface, fabrication)
+        surface = _quantise(surface, fabrication.levels, fabrication)
     if fabrication.height_noise_nm or fabrication.height_bias_nm:
         generator = torch.Generator().manual_seed(seed)
         error = torch.randn(surface.shape, generator=generator, dtype=torch.float64)
@@ -62,8 +63,9 @@ def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int
     return surface
 
 
-def _limit(surface: Tensor, fabrication: Fabrication, relief: Material, trainable: bool) -> Tensor:
-    limit = fabrication.height_limit_um * 1e-6
+def _limit(
+    surface: Tensor, limit: float, fabrication: Fabrication, relief: Material, trainable: bool
+) -> Tensor:
     depth = float(surface.detach().max())
     if depth <= limit * (1 + 1e-9):
         return surface
@@ -86,10 +88,11 @@ def _limit(surface: Tensor, fabrication: Fabrication, relief: Material, trainabl
     return straight_through(surface, torch.remainder(surface, waves * wave))
 
 
-def _quantise(surface: Tensor, fabrication: Fabrication) -> Tensor:
-    steps = fabrication.levels - 1
+def _quantise(surface: Tensor, levels: int, fabrication: Fabrication) -> Tensor:
+    steps = levels - 1
     if fabrication.level_nm is not None:
         level = fabrication.level_nm * 1e-9
     else:
+        assert fabrication.height_limit_um is not None  # the recipe asks for one of the two
         level = fabrication.height_limit_um * 1e-6 / steps
     return straight_through(surface, (surface / level).round().clamp(0, steps) * level)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -21,6 +22,8 @@ from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
 
 KEY = "height_m"
+Phase = TypeVar("Phase", Tensor, float)
+
 TRAINED, TRAINED_SAMPLING = "mask.height_m", "mask.sampling_m"
 """Keys of the map, and of its sampling in metres, in the checkpoint of a training."""
 
@@ -74,7 +77,7 @@ def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
     Raises InputError for a map that is larger than the pupil, does not cover it, or states another pitch.
     """
     if camera.height_map is not None:
-        return camera.height_map, given_pitch(camera)
+        return camera.height_map, _pitch_of(camera, camera.height_map)
     mask = camera.mask
     if not isinstance(mask, HeightMapMask):
         return None
@@ -118,16 +121,18 @@ def given_pitch(camera: Camera) -> float | None:
 
     That of the recipe's own map if it has one, else the one at which the samples just cover the pupil.
     """
-    if camera.height_map is None:
-        return None
-    mask, samples = camera.mask, camera.height_map.shape[-1]
+    return None if camera.height_map is None else _pitch_of(camera, camera.height_map)
+
+
+def _pitch_of(camera: Camera, height: Tensor) -> float:
+    mask, samples = camera.mask, height.shape[-1]
     if not isinstance(mask, HeightMapMask):
         return 2 * camera.aperture_radius / samples
     check_size(camera, samples, mask.pitch_um * 1e-6)
     return mask.pitch_um * 1e-6
 
 
-def design_phase_to_height(camera: Camera, phase: Tensor | float) -> Tensor | float:
+def design_phase_to_height(camera: Camera, phase: Phase) -> Phase:
     """Height [m] that delays the mask's design wavelength by `phase` [rad]: Akpinar et al., Eq. `dtophi`."""
     wavelength = design_wavelength(camera)
     return phase * (wavelength / (2 * math.pi * (float(camera.mask_material.index(wavelength)) - 1)))

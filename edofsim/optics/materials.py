@@ -10,12 +10,14 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TypeVar
 
 import torch
 from torch import Tensor
 
 from ..errors import InputError
+
+Metres = TypeVar("Metres", Tensor, float)
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Material:
             )
         return self._index(wavelengths)
 
-    def _index(self, wavelengths: Any) -> Any:
+    def _index(self, wavelengths: Metres) -> Metres:
         square = (wavelengths * 1e6) ** 2
         if self.sellmeier:
             return (1 + sum(b * square / (square - c) for b, c in self.sellmeier)) ** 0.5

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import torch
 from scipy.fft import next_fast_len
@@ -80,17 +81,11 @@ def mtf(
     wavelength: float,
     inverse_depths: Tensor | Sequence[float],
     frequencies: Tensor | Sequence[float],
-    **options,
+    *,
+    angle_deg: float = 0.0,
 ) -> Tensor:
-    """Modulation transfer function |`otf`|, float64 [depth, frequency]; options as for `otf`."""
-    return otf(camera, wavelength, inverse_depths, frequencies, **options).abs()
-
-
-def through_focus_mtf(
-    camera: Camera, wavelength: float, inverse_depths: Tensor | Sequence[float], frequency: float, **options
-) -> Tensor:
-    """MTF of one frequency [1/m] at each depth, float64 [depth]; options as for `otf`."""
-    return mtf(camera, wavelength, inverse_depths, [frequency], **options)[:, 0]
+    """Modulation transfer function |`otf`|, float64 [depth, frequency]; arguments as for `otf`."""
+    return otf(camera, wavelength, inverse_depths, frequencies, angle_deg=angle_deg).abs()
 
 
 def strehl(
@@ -219,7 +214,7 @@ def _focal_plane(
         pitch = 2 * camera.aperture_radius / (FEWEST_SAMPLES - 2)
         grid = PupilGrid(FEWEST_SAMPLES, pitch, camera.aperture_radius)
     opening = aperture(camera, grid, seed)
-    amplitude = float(sum(part for part, _ in opening.regions).sum())
+    amplitude = float(reduce(torch.add, (part for part, _ in opening.regions)).sum())
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
     chirps = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)

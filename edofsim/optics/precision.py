@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 import torch
 
@@ -21,7 +21,7 @@ def own_precision(work: Callable[Given, Made]) -> Callable[Given, Made]:
 
     @wraps(work)
     def alone(*args: Given.args, **options: Given.kwargs) -> Made:
-        kind = torch.device(options.get("device", "cpu")).type
+        kind = torch.device(cast(torch.device | str, options.get("device", "cpu"))).type
         with torch.autocast("cpu", enabled=False):
             if kind == "cpu":
                 return work(*args, **options)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import torch
 from torch import Tensor
+from torch.autograd.function import FunctionCtx
 
 from .threads import in_threads
 from .transform import (
@@ -77,15 +79,20 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     for start in range(0, len(wave.chirps), at_once):
         block = wave.chirps[start : start + at_once]
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
-        whole = across((sum(even for even, _ in half), sum(odd for _, odd in half)), wave.bases.fourier)
+        whole = across(_summed(half), wave.bases.fourier)
         for out, part in zip(energy, parts, strict=True):
             mine = [
                 windowed(half[row], along[[x for y, x in part if y == row]].sum(0))
                 for row in sorted({y for y, _ in part})
             ]
-            own = across((sum(even for even, _ in mine), sum(odd for _, odd in mine)), wave.bases.fourier)
+            own = across(_summed(mine), wave.bases.fourier)
             out[start : start + at_once] = shared_intensity(whole, own, wave.bases)
     return energy
+
+
+def _summed(pairs: Sequence[Fields]) -> Fields:
+    even, odd = zip(*pairs, strict=True)
+    return reduce(torch.add, even), reduce(torch.add, odd)
 
 
 def _lit(window: Tensor) -> slice:
@@ -119,9 +126,20 @@ def propagate(wave_of_band: Sequence[Wave]) -> Tensor:
     return _Propagation.apply(list(wave_of_band), *(wave.pupil for wave in wave_of_band))
 
 
+class _Between(FunctionCtx):
+    """What the forward pass leaves for the backward pass."""
+
+    bands: list[Wave]
+    blocks: list[int]
+    needs_input_grad: tuple[bool, ...]
+    saved_tensors: tuple[Tensor, ...]
+
+
 class _Propagation(torch.autograd.Function):
+    # torch calls both with what it kept and what `apply` was given, whatever that is
     @staticmethod
-    def forward(ctx, wave_of_band: list[Wave], *pupils: Tensor) -> Tensor:
+    # pyrefly: ignore[bad-override]
+    def forward(ctx: _Between, wave_of_band: list[Wave], *pupils: Tensor) -> Tensor:
         size = sum(_field_bytes(wave) for wave in wave_of_band)
         keep = any(ctx.needs_input_grad) and size <= KEPT_BYTES
         kept: list[list[Fields]] = [[] for _ in wave_of_band]
@@ -133,7 +151,8 @@ class _Propagation(torch.autograd.Function):
 
     @staticmethod
     @torch.autograd.function.once_differentiable
-    def backward(ctx, upstream: Tensor) -> tuple[Tensor | None, ...]:
+    # pyrefly: ignore[bad-override]
+    def backward(ctx: _Between, upstream: Tensor) -> tuple[Tensor | None, ...]:
         saved = iter(ctx.saved_tensors)
         kept = [[(next(saved), next(saved)) for _ in range(count)] for count in ctx.blocks]
         work = list(zip(ctx.bands, upstream.unbind(1), kept, strict=True))

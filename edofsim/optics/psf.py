@@ -16,6 +16,7 @@ from .bank import PsfBank
 from .camera import Camera, defocus
 from .fabrication import direct_part
 from .masks import PhaseMask
+from .masks.height_map import HeightMapMask
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
@@ -108,7 +109,9 @@ def mean_psfs(
     """
     bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device)
     direct = direct_part(wavelengths, height_noise, camera.mask_material)
-    pitch = camera.recipe.mask.pitch_um * 1e-6
+    mask = camera.mask
+    assert isinstance(mask, HeightMapMask)
+    pitch = mask.pitch_um * 1e-6
     period = wavelengths * camera.sensor_distance / pitch / camera.pixel
     glare = (1 - direct) / period.square()
     psf = bank.values.to(torch.float32)

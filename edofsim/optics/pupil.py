@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import torch
 from torch import Tensor
@@ -86,7 +86,7 @@ def pupil_function(
     trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
     """
     lens = opening.lens(wavelength)
-    total = None
+    waves = []
     for amplitude, relief in opening.regions:
         if isinstance(relief, Tensor) and relief.requires_grad:
             phase = _reduced(lens).to(device=device, dtype=dtype)
@@ -95,9 +95,8 @@ def pupil_function(
             phase = _reduced(lens + _fixed_phase(camera, wavelength, relief)).to(device=device, dtype=dtype)
         # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
         amplitude = amplitude.to(device=device, dtype=dtype)
-        wave = torch.complex(amplitude * torch.cos(phase), amplitude * torch.sin(phase))
-        total = wave if total is None else total + wave
-    return total
+        waves.append(torch.complex(amplitude * torch.cos(phase), amplitude * torch.sin(phase)))
+    return reduce(torch.add, waves)
 
 
 def mask_delay(camera: Camera, wavelength: float) -> float:

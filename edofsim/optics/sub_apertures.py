@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 
 import torch
 from torch import Tensor
@@ -66,7 +66,7 @@ def sub_aperture_psfs(
     waves = [
         wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
     ]
-    intensity = sum(wave.pupil.detach().abs().square() for wave in waves).double().cpu()
+    intensity = reduce(torch.add, (wave.pupil.detach().abs().square() for wave in waves)).double().cpu()
     along, parts = partition(sampling.grid, across, intensity)
     along = along.to(where, dtype)
     if any(wave.pupil.requires_grad for wave in waves):
@@ -112,7 +112,7 @@ def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
 
 
 def _window(along: Tensor, part: Part) -> Tensor:
-    return sum(torch.outer(along[y], along[x]) for y, x in part)
+    return reduce(torch.add, (torch.outer(along[y], along[x]) for y, x in part))
 
 
 def _part(waves: Sequence[Wave], window: Tensor) -> Tensor:

@@ -6,8 +6,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeAlias, cast
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationInfo
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
+
+from ..core.json_values import Json
 
 LOG = logging.getLogger(__name__)
 
@@ -73,3 +75,12 @@ def renamed(
         if info.context:
             LOG.warning("%s: %s = %r is now %s = %r", info.context["path"], old, given, new, table[new])
     return table
+
+
+def in_new_names(model: type[BaseModel], table: Json) -> Json:
+    """A whole recipe that an earlier version wrote into a file of its own, as this version writes it; what is
+    no whole recipe is given back as it is."""
+    try:
+        return model.model_validate(table).model_dump(mode="json", by_alias=True)
+    except ValidationError:
+        return table

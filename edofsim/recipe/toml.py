@@ -7,15 +7,19 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import Annotated, TypeAlias, TypeVar, cast, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
+from ..core.json_values import Json
 from ..errors import InputError
 from .kinds import OfKind
 
 Model = TypeVar("Model", bound=BaseModel)
-Location = tuple[str | int, ...]
+Location: TypeAlias = tuple[str | int, ...]
+
+_ABSENT = object()
 
 _HEADER = re.compile(r"^\s*(\[\[|\[)\s*([^\]]+?)\s*\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_\-]+|\"[^\"]*\"|'[^']*')\s*(?:\.[^=]*)?=")
@@ -23,7 +27,7 @@ MAX_RECIPE_BYTES = 1 << 20
 SHOWN_DIGITS = 30
 
 
-def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+def read_toml(path: Path) -> tuple[Json, str]:
     """The parsed TOML file and its text.
 
     Raises InputError for a missing, unreadable, oversized or malformed file.
@@ -55,7 +59,7 @@ def read_toml(path: Path) -> tuple[dict[str, Any], str]:
         raise InputError(f"{path}: holds a number that cannot be read ({error})") from None
 
 
-def validate(model: type[Model], data: Mapping[str, Any], text: str, path: Path) -> Model:
+def validate(model: type[Model], data: Json, text: str, path: Path) -> Model:
     """`data` as a `model`; raises InputError that lists every problem with its line in `text`."""
     try:
         return model.model_validate(data, context={"path": path})
@@ -108,7 +112,7 @@ def nearest_line(location: Location, lines: Mapping[Location, int]) -> int | Non
 
 
 def _sentence(
-    item: Mapping[str, Any], model: type[BaseModel], data: Any, lines: Mapping[Location, int], path: Path
+    item: ErrorDetails, model: type[BaseModel], data: Json, lines: Mapping[Location, int], path: Path
 ) -> str:
     location = _location_in_file(item["loc"], data)
     line = nearest_line(location, lines)
@@ -141,39 +145,46 @@ def _shorten(message: str) -> str:
     return message[0].lower() + message[1:] if message else message
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 10**SHOWN_DIGITS:
         return f"a number of more than {SHOWN_DIGITS} digits"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _location_in_file(loc: Location, data: Any) -> Location:
+def _entry(data: object, part: str | int) -> object:
+    """What a table or a list holds at `part`; _ABSENT where it holds nothing there."""
+    if isinstance(data, Mapping):
+        return cast(Mapping[object, object], data).get(part, _ABSENT)
+    if isinstance(data, list) and isinstance(part, int) and part < len(data):
+        return cast(list[object], data)[part]
+    return _ABSENT
+
+
+def _location_in_file(loc: Location, data: object) -> Location:
     """pydantic puts the tag or type of a tried union member into the location; the file has no such level."""
     location: list[str | int] = []
     for position, part in enumerate(loc):
-        inside = isinstance(data, Mapping) and part in data
-        indexed = isinstance(data, list) and isinstance(part, int) and part < len(data)
-        last = position == len(loc) - 1
-        if inside or indexed:
-            data = data[part]
+        entry = _entry(data, part)
+        if entry is not _ABSENT:
+            data = entry
             location.append(part)
         elif (
-            last
-            and isinstance(data, Mapping | list)
-            and not (isinstance(data, Mapping) and data.get("kind") == part)
+            position == len(loc) - 1
+            and isinstance(data, (Mapping, list))
+            and _entry(data, "kind") != part
         ):
             location.append(part)
     return tuple(location)
 
 
-def _known_keys(model: type[BaseModel], loc: Location, data: Any) -> list[str]:
+def _known_keys(model: type[BaseModel], loc: Location, data: object) -> list[str]:
     """Keys of the table at `loc` of `data`, following the models' annotations."""
     candidates = [model]
     kinds: list[OfKind] = []  # of the tables that are to come
     for part in loc:
-        inside = isinstance(data, Mapping) and part in data
-        data = data[part] if inside or isinstance(part, int) else data
+        entry = _entry(data, part)
+        data = data if entry is _ABSENT else entry
         if isinstance(part, int):
             candidates += [found.model(kind) for found in kinds if (kind := found.kind_of(data))]
             continue
@@ -191,13 +202,14 @@ def _known_keys(model: type[BaseModel], loc: Location, data: Any) -> list[str]:
     return sorted({info.alias or name for model in candidates for name, info in model.model_fields.items()})
 
 
-def _models_in(annotation: Any, kinds: list[OfKind]) -> list[type[BaseModel]]:
+def _models_in(annotation: object, kinds: list[OfKind]) -> list[type[BaseModel]]:
     """Models that an annotation names; where it leaves the model to the kind of a table, that goes to
     `kinds`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     if get_origin(annotation) is Annotated:
-        found = [extra for extra in annotation.__metadata__ if isinstance(extra, OfKind)]
+        inner, *extras = get_args(annotation)
+        found = [extra for extra in extras if isinstance(extra, OfKind)]
         kinds += found
-        return [] if found else _models_in(annotation.__origin__, kinds)
+        return [] if found else _models_in(inner, kinds)
     return [model for argument in get_args(annotation) for model in _models_in(argument, kinds)]

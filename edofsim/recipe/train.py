@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from ..core.json_values import Json
-from .base import Fraction, NotNegative, Positive, RecipeModel
+from .base import Fraction, NotNegative, Positive, RecipeModel, renamed
 from .camera import PsfSettings
 from .kinds import NETWORKS, TRAINING_DATA, AnyMask, KindModel, NameOf, OfKind, named
 
@@ -56,16 +57,22 @@ class DoeTable(RecipeModel):
 
 
 class LossTable(RecipeModel):
-    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. stray: weight of the fraction
-    of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it, where a real
-    camera would show it as haze. light_kept: what is judged has the lowest spatial frequencies of the truth,
-    as in use it gets those of the photo (see `restore.light`), and is made as in use, at borders too."""
+    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. truncated_energy: weight of
+    the fraction of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it,
+    which a real camera would show as veiling glare. light_kept: what is judged has the lowest spatial
+    frequencies of the truth, as in use it gets those of the photo (see `restore.light`), and is made as in
+    use, at borders too."""
 
     alpha: NotNegative = 0.01
     beta: NotNegative = 10.0
     gamma: Annotated[float, Field(gt=0, le=2)] = 0.8
-    stray: NotNegative = 0.2
+    truncated_energy: NotNegative = 0.2
     light_kept: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _old_names(cls, data: object, info: ValidationInfo) -> object:
+        return renamed(data, "stray", "truncated_energy", {}, info) if isinstance(data, Mapping) else data
 
 
 class TrainingSource(KindModel):

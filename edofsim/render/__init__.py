@@ -8,13 +8,13 @@ from ..core.progress import Progress
 from ..recipe.scene import SceneRecipe
 from . import cache as store
 from .fetch import fetch, is_picture, place_of
-from .jobs import Forecast, Outcome, Task, forecast, render_many
+from .jobs import Forecast, RenderOutcome, Task, forecast, render_many
 from .keys import view_key
 from .view import View
 
 __all__ = [
     "Forecast",
-    "Outcome",
+    "RenderOutcome",
     "Task",
     "View",
     "cached",

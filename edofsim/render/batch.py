@@ -44,7 +44,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RenderOutcome:
     """What became of a task. seconds: of rendering, 0 if it was in the cache; error: empty if all went
     well; origin: of a view that is not fresh, `cache`, or `file` where it is read from the scene's own."""
 
@@ -66,7 +66,7 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
-def note(manifest: Path, outcome: Outcome) -> None:
+def note(manifest: Path, outcome: RenderOutcome) -> None:
     """A line of the manifest. One on a view that was there already may be missing: its folder may be such
     that it can only be read."""
     line = json.dumps({"time": time.time(), **asdict(outcome)}, sort_keys=True)
@@ -91,7 +91,7 @@ class Batch:
             manifest,
         )
         self.say = say
-        self.outcomes: dict[int, Outcome] = {}
+        self.outcomes: dict[int, RenderOutcome] = {}
         self.parts: dict[int, float] = {}
         self.messages: Messages | None = None
         self.started = time.perf_counter()
@@ -123,7 +123,7 @@ class Batch:
         ones stops for ever (CPython, issue 115634).
         """
         todo = deque(numbers)
-        waiting: dict[Future[Outcome], int] = {}
+        waiting: dict[Future[RenderOutcome], int] = {}
         suspects: list[int] = []
         try:
             while todo or waiting:
@@ -150,7 +150,7 @@ class Batch:
             raise
         return suspects
 
-    def _outcome(self, number: int, future: Future[Outcome]) -> Outcome:
+    def _outcome(self, number: int, future: Future[RenderOutcome]) -> RenderOutcome:
         try:
             return future.result()
         except (DiskFullError, EngineError, BrokenProcessPool):
@@ -166,15 +166,15 @@ class Batch:
                 raise
             return self._failed(number, LOST)
 
-    def _keep(self, number: int, outcome: Outcome) -> None:
+    def _keep(self, number: int, outcome: RenderOutcome) -> None:
         self.outcomes[number] = outcome
         self.parts[number] = 1.0
         note(self.manifest, outcome)
 
-    def _failed(self, number: int, error: str) -> Outcome:
+    def _failed(self, number: int, error: str) -> RenderOutcome:
         task = self.tasks[number]
         key = place_of(task.recipe, task.base, self.folder, self.noise).key
-        return Outcome(task.recipe.name, key, 0.0, 0, math.nan, platform.node(), False, error)
+        return RenderOutcome(task.recipe.name, key, 0.0, 0, math.nan, platform.node(), False, error)
 
     def _tell(self) -> None:
         while self.messages is not None:
@@ -244,7 +244,7 @@ def _start_worker(threads: int, messages: Messages) -> None:
     set_threads(threads)
 
 
-def _work(number: int, task: Task, folder: Path, noise: float | None, device: str) -> Outcome:
+def _work(number: int, task: Task, folder: Path, noise: float | None, device: str) -> RenderOutcome:
     """Render one task: what every worker runs."""
     last = 0.0
 
@@ -261,11 +261,11 @@ def _work(number: int, task: Task, folder: Path, noise: float | None, device: st
 
 def rendered(
     task: Task, folder: Path | None, noise: float | None, device: str, progress: Progress | None
-) -> Outcome:
+) -> RenderOutcome:
     """One task in this process."""
     found = fetch(task.recipe, task.base, folder, noise, device, progress)
     samples = int(found.view.metadata.get("samples", 0))
-    return Outcome(
+    return RenderOutcome(
         task.recipe.name,
         found.place.key,
         found.seconds,

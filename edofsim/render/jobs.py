@@ -19,7 +19,7 @@ from ..core.progress import Progress, silent
 from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import cache as store
-from .batch import Batch, Outcome, Task, duration, note, rendered
+from .batch import Batch, RenderOutcome, Task, duration, note, rendered
 from .engine import thread_count
 from .fetch import fetch, is_picture, place_of
 from .settings import RenderSettings
@@ -165,7 +165,7 @@ def render_many(
     device: str = "auto",
     manifest: Path | None = None,
     progress: Progress | None = None,
-) -> list[Outcome]:
+) -> list[RenderOutcome]:
     """Render all tasks that are not in the cache, in any order; outcomes are in theirs.
 
     jobs: worker processes, which share the processors; cluster: address of a Dask scheduler whose workers see
@@ -196,7 +196,7 @@ def render_one(
     noise: float | None = None,
     device: str = "auto",
     progress: Progress | None = None,
-) -> Outcome:
+) -> RenderOutcome:
     """One task in this process: no worker is started. Raises what `edofsim.render.render` raises."""
     outcome = rendered(task, cache, noise, device, progress)
     note((cache or store.default_folder()) / MANIFEST, outcome)

@@ -180,14 +180,14 @@ class Links:
 
 
 @dataclass(frozen=True)
-class Row:
+class SideBySide:
     """Blocks side by side on a desktop, below each other on a phone."""
 
     kind: ClassVar[str] = "row"
     blocks: tuple[Block, ...]
 
 
-Block = Text | Notes | Keys | Gallery | Compare | Table | Pairs | Code | Links | Row | Plot
+Block = Text | Notes | Keys | Gallery | Compare | Table | Pairs | Code | Links | SideBySide | Plot
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from .page import (
     Notes,
     Page,
     Pairs,
-    Row,
     Section,
+    SideBySide,
     Table,
     Text,
     write_page,
@@ -203,7 +203,7 @@ def _depth(report: RunReport) -> tuple[Block, ...]:
         nearest = 1 / float(finite.max()) if finite.numel() and float(finite.max()) > 0 else 0.0
         plots.append(score_plot(report.scores, labels, report.focus_m, nearest))
     table = _score_table(report, ranges)
-    return (Row(tuple(plots)), *((table,) if table else ()))
+    return (SideBySide(tuple(plots)), *((table,) if table else ()))
 
 
 def _score_table(report: RunReport, ranges: list[tuple[float, float]]) -> Table | None:
@@ -279,7 +279,7 @@ def _cost(report: RunReport) -> tuple[Block, ...]:
     facts.update(_machine(report))
     table = (Pairs(facts),) if facts else ()
     if report.seconds:
-        return (Row((time_plot(report.seconds), *table)),)
+        return (SideBySide((time_plot(report.seconds), *table)),)
     return table
 
 

@@ -16,7 +16,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import torch
 from pydantic import ValidationError
@@ -25,10 +25,12 @@ from safetensors.torch import save
 from torch import Tensor
 
 from ..core.files import write_bytes
+from ..core.json_values import Json
 from ..errors import InputError, first_line
 from ..optics import Camera
+from ..optics.masks import PhaseMask
 from ..optics.masks.height_map import HeightMapMask
-from ..recipe.base import RecipeModel
+from ..recipe.base import RecipeModel, in_new_names
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
 from .network import build_network
@@ -52,7 +54,7 @@ class Checkpoint:
     network: Restorer
     height: Tensor | None
     sampling: float | None
-    card: Mapping[str, Any] = field(repr=False)
+    card: Json = field(repr=False)
     path: Path | None = None
 
     @property
@@ -89,7 +91,7 @@ def find_checkpoint(source: str | Path) -> Path:
 def save_checkpoint(
     path: Path,
     network: Restorer,
-    card: Mapping[str, Any],
+    card: Json,
     *,
     height: Tensor | None = None,
     sampling: float | None = None,
@@ -133,7 +135,8 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
             f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
         )
     if camera_recipe is not None:
-        _check_camera(path, _in_new_names(card.get("camera", {})), camera_recipe.model_dump(mode="json"))
+        trained = in_new_names(CameraRecipe, card.get("camera", {}))
+        _check_camera(path, trained, camera_recipe.model_dump(mode="json"))
     network = build_network(kind, settings)
     prefix = "network."
     weights = {
@@ -161,11 +164,11 @@ def without_denormals(values: Tensor) -> Tensor:
     return values.masked_fill(values.abs() < torch.finfo(values.dtype).tiny, 0)
 
 
-def history_of(checkpoint: Checkpoint) -> list[dict[str, Any]]:
+def history_of(checkpoint: Checkpoint) -> list[Json]:
     """The trainings that made a checkpoint's weights, the first first, as its successor's card names them."""
     card = checkpoint.card
-    told = ("name", "seed", "step", "data", "versions", "figures", "weights")
-    own = {key: card[key] for key in told if key in card}
+    said = ("name", "seed", "step", "data", "versions", "figures", "weights")
+    own = {key: card[key] for key in said if key in card}
     return [*card.get("history", []), own]
 
 
@@ -191,6 +194,7 @@ def recipe_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraReci
     """
     mask = trained_camera(checkpoint).mask
     if checkpoint.height is not None:
+        assert isinstance(mask, PhaseMask) and checkpoint.sampling is not None  # as a training writes them
         mask = HeightMapMask(
             material=mask.material,
             design_wavelength_nm=mask.design_wavelength_nm,
@@ -210,7 +214,7 @@ def network_of(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
     return load_checkpoint(path, camera.recipe) if "card" in metadata else None
 
 
-def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, Any]) -> None:
+def _check_camera(path: Path, trained: Json, given: Json) -> None:
     problems = [
         f"{path}: trained for a camera with {name} = {trained_value!r}, this one has {given_value!r}; "
         "use that camera, or train a checkpoint for this one"
@@ -220,15 +224,7 @@ def _check_camera(path: Path, trained: Mapping[str, Any], given: Mapping[str, An
         raise InputError(problems)
 
 
-def _in_new_names(camera: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A card's camera as a recipe of today would say it; as it is where it is no whole recipe."""
-    try:
-        return CameraRecipe.model_validate(camera).model_dump(mode="json")
-    except ValidationError:
-        return camera
-
-
-def _differences(trained: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
+def _differences(trained: Json, given: Json) -> Iterator[tuple[str, object, object]]:
     for wanted in CAMERA_FIELDS:
         ours, theirs = (dict(_leaves(_at(recipe, wanted), wanted)) for recipe in (trained, given))
         for name in sorted(ours.keys() | theirs.keys()):
@@ -236,15 +232,15 @@ def _differences(trained: Mapping[str, Any], given: Mapping[str, Any]) -> Iterat
                 yield name, ours.get(name), theirs.get(name)
 
 
-def _at(recipe: Any, name: str) -> Any:
+def _at(recipe: object, name: str) -> object:
     for part in name.split("."):
-        recipe = recipe.get(part) if isinstance(recipe, Mapping) else None
+        recipe = cast(Json, recipe).get(part) if isinstance(recipe, dict) else None
     return recipe
 
 
-def _leaves(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
+def _leaves(value: object, name: str) -> Iterator[tuple[str, object]]:
+    if isinstance(value, dict):
+        for key, inner in cast(Json, value).items():
             yield from _leaves(inner, f"{name}.{key}")
     else:
         yield name, value

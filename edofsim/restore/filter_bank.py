@@ -1,4 +1,4 @@
-"""A network that is told the optics: it knows how each distance blurs, and asks each place how far it is.
+"""A network conditioned on the optics: it knows how each distance blurs, and asks each place how far it is.
 
 For one distance the best linear restoration follows from the PSFs in closed form. A bank of such filters,
 each for a part of the depth range, gives as many restorations of a photo; at each place one is nearly right.
@@ -41,7 +41,7 @@ class FilterBank(Restorer):
     apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. Untaught, it returns the photo.
 
     filters: [groups * 3 out, 3 in, support, support]; transfer: real and imaginary part of the transfer
-    functions of a block, [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16; neither is trained, see `teach`.
+    functions of a block, [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16; neither is trained (`set_filters`).
     """
 
     kind = "filter-bank"
@@ -77,7 +77,7 @@ class FilterBank(Restorer):
         self.register_load_state_dict_post_hook(_loaded)
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
-        self.teach(point, torch.ones(self.depths, 3, 1, 1))
+        self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
 
     def in_mirrored_world(self) -> FilterBank:
         """The same network for photos of pictures that go on beyond the frame as their mirror images, as
@@ -96,13 +96,13 @@ class FilterBank(Restorer):
         return low + (high - low) * (torch.arange(self.depths, dtype=torch.float64) + 0.5) / self.depths
 
     def set_psfs(self, psf: Tensor) -> None:
-        self.teach(local_filters(psf, self.support, self.groups), psf)
+        self.set_filters(local_filters(psf, self.support, self.groups), psf)
 
     def linear_error(self, psf: Tensor, filters: int) -> Tensor:
         return colour_error(psf, groups=filters)
 
     @torch.no_grad()
-    def teach(self, filters: Tensor, psf: Tensor) -> None:
+    def set_filters(self, filters: Tensor, psf: Tensor) -> None:
         """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
         [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
@@ -158,7 +158,7 @@ class FilterBank(Restorer):
         rows, columns = photo.shape[-2:]
         sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]
         padding = (0, sizes[1] - columns, 0, sizes[0] - rows)
-        # a lamp outshines what else its block holds
+        # a highlight outshines what else its block holds
         padded = functional.pad(photo.detach().clamp_max(1), padding, mode="replicate")
         own = log_likelihood(padded, self._matrix.to(photo), self._constant.to(photo))
         around = functional.avg_pool2d(own, 3, 1, 1, count_include_pad=False)

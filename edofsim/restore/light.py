@@ -10,7 +10,7 @@ Light that leaves the window of the PSFs comes back evenly over the photo, as ve
 restoration are compared.
 
 Widths and bounds were chosen on photographs of scikit-image and of BSDS500's training part, at exposures from
-0.03 to 3 and with lamps, and on relatives of the shipped scenes.
+0.03 to 3 and with saturated highlights, and on relatives of the shipped scenes.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def keep_light(photo: Tensor, restored: Tensor, glare: Tensor | None = None) -> 
 
 def _not_negative(image: Tensor) -> Tensor:
     """Clamped at 0, with what that adds taken off around: noise about black would come back as grey. Deep
-    rings around a lamp are no such noise, and count as little."""
+    rings around a highlight are no such noise, and count as little."""
     level = smooth(_cells(image.clamp(-MOST, 1)), DARK_PX).clamp_min(0)
     for _ in range(ROUNDS):
         image = image - _pixels(smooth(_cells(image.clamp(0, 1)), DARK_PX) - level, image)

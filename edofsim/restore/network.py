@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -23,7 +22,7 @@ def network_class(kind: str) -> type[Restorer]:
     return found
 
 
-def build_network(kind: str, settings: Mapping[str, Any] | None = None) -> Restorer:
+def build_network(kind: str, settings: Mapping[str, object] | None = None) -> Restorer:
     """An untrained network. Raises InputError for an unknown kind or settings that it does not take."""
     found = network_class(kind)
     try:

@@ -11,9 +11,9 @@ from torch import Tensor
 from ..optics import Camera, psf_bank, response
 from .borders import continued
 from .checkpoint import Checkpoint
+from .conditioning import conditioned_on
 from .light import without_glare
 from .network import apply_network
-from .telling import told_network
 from .wiener import BEYOND_PX, wiener
 
 
@@ -30,13 +30,13 @@ def restore(
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely. A filter bank is told what the wavelengths look like, see `telling`. glare: [channel], the
+    equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`. glare: [channel], the
     part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
     that was made otherwise.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     if checkpoint is not None:
-        network = told_network(checkpoint, camera, wavelengths)
+        network = conditioned_on(checkpoint, camera, wavelengths)
         lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
         apply = partial(apply_network, network, glare=1 - (1 - glare) * lens.sum((-1, -2))[0].to(glare))
         with torch.inference_mode():

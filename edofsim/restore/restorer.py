@@ -19,9 +19,10 @@ class Restorer(nn.Module):
     photo it is given in use (see `borders`). groups: parts of the depth range that it restores each by a
     filter of its own.
 
-    psfs: which PSFs it must be told. "mean": once before a training, those of the mask with the mean error of
-    its making, and again for a camera whose response is another. "designed": in each step of a training,
-    those of the mask as it is then, so that gradients reach the mask through them; the last ones are kept.
+    psfs: which PSFs it is conditioned on (`set_psfs`). "mean": once before a training, those of the mask with
+    the mean error of its making, and again for a camera whose response is another. "designed": in each step
+    of a training, those of the mask as it is then, so that gradients reach the mask through them; the
+    last ones are kept.
     """
 
     kind: ClassVar[str]

@@ -36,7 +36,7 @@ class DepthScore:
 
 
 def within_scale(image: Tensor) -> Tensor:
-    """What full scale 1 can hold of an image. A lamp or a highlight may be many times as bright: it would
+    """What full scale 1 can hold of an image. A saturated highlight may be many times as bright: it would
     decide a score alone, by how it is clipped and not by how anything is restored."""
     return image.clamp(0, 1)
 

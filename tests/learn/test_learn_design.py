@@ -166,7 +166,8 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
         depths = torch.linspace(0, 2, 5, dtype=torch.float64)
         with torch.no_grad():
             before = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
-        design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, height_noise=40e-9, stray=0.5, seed=3)
+        settings = {"height_noise": 40e-9, "truncated_energy": 0.5, "seed": 3}
+        design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, **settings)
         with torch.no_grad():
             after = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
         assert float(after) < float(before) - 0.1
@@ -195,7 +196,7 @@ def test_a_mask_is_designed_for_filters_of_each_distance_and_light_of_all_wavele
         error=lambda psf, filters: colour_error(psf, groups=filters),
         groups=4,
         height_noise=40e-9,
-        stray=0.5,
+        truncated_energy=0.5,
         seed=3,
         evenness=0.5,
         response=True,

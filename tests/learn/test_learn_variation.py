@@ -118,7 +118,7 @@ def test_a_wrong_level_is_not_judged_where_the_light_is_kept() -> None:
         draw = Draw(flat, torch.zeros(1), _generator())
         loss = (
             setup.system(draw).loss
-            - setup.system.stray * setup.system.capture(draw, setup.system.mask()).lost
+            - setup.system.truncated_energy * setup.system.capture(draw, setup.system.mask()).truncated
         )
         losses[kept] = float(loss.detach())
     assert losses[False] == pytest.approx(0.02, rel=0.05)

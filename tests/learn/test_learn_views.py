@@ -56,7 +56,7 @@ def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> N
     plane = Planes(cut, torch.tensor([0.8]), mean=mean).photograph(optics.with_height(height))
     assert torch.allclose(found.ideal, plane.ideal, atol=1e-6)
     assert torch.allclose(found.clean, plane.clean, atol=2e-5)
-    assert float(found.lost) == pytest.approx(float(plane.lost), abs=0.02)
+    assert float(found.truncated) == pytest.approx(float(plane.truncated), abs=0.02)
 
 
 def test_gradients_of_a_scene_reach_the_mask() -> None:

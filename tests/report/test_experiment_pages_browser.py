@@ -15,8 +15,7 @@ import torch
 
 from edofsim.core.images import write_png
 from edofsim.experiments import broadband_page, fabrication, noise, robustness, table
-from edofsim.experiments.broadband import DEPTHS_M, Result
-from edofsim.experiments.broadband import Row as BroadbandRow
+from edofsim.experiments.broadband import DEPTHS_M, CubeScore, Result
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
 from edofsim.experiments.planes import RANDOM, Row, Shown, averages
@@ -81,7 +80,7 @@ def broad(folder: Path) -> Result:
     )
     db = (30.0, 29.0, 31.0, 30.0)
     found = [
-        BroadbandRow(s, c, depth, db, db, 33.0, 29.0, tuple(some(bands).tolist()), files)
+        CubeScore(s, c, depth, db, db, 33.0, 29.0, tuple(some(bands).tolist()), files)
         for s in SYSTEMS[:2]
         for c in ("toy", "a-cube-with-a-long-name-that-goes-on-and-on")
         for depth in DEPTHS_M

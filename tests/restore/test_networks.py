@@ -57,7 +57,7 @@ def test_a_bank_of_filters_is_a_convolution_that_continues_the_border() -> None:
 def test_a_lamp_hides_no_distances_from_a_bank() -> None:
     """What is likely beside a lamp does not depend on how far beyond full scale it is."""
     bank = _random_network("filter-bank")
-    bank.teach(
+    bank.set_filters(
         torch.zeros(16, 3, 3, 27, 27), torch.rand(32, 3, 9, 9, generator=torch.Generator().manual_seed(1))
     )
     photo = torch.rand(1, 3, 96, 96, generator=torch.Generator().manual_seed(2))
@@ -153,7 +153,7 @@ def _told_bank() -> torch.nn.Module:
         psf[reach, :, 4 - reach : 5 + reach, 4 - reach : 5 + reach] = 1 / (2 * reach + 1) ** 2
     filters = 0.01 * torch.randn(4, 3, 3, 9, 9, generator=torch.Generator().manual_seed(8))
     filters[:, range(3), range(3), 4, 4] += torch.linspace(0.5, 0.9, 4)[:, None]
-    bank.teach(filters, psf)
+    bank.set_filters(filters, psf)
     return bank.eval()
 
 

@@ -8,22 +8,10 @@ blur is linear in the light's radiance, and may be called many times, for frames
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Mapping
 
-from torch import Tensor
-
-from ..convolution import Grid
-from ..kernels import Kernels
-from ..light import Light
 from . import brute, constant, layered, low_rank
-
-Blur = Callable[[Light, Grid], Tensor]
-
-
-class Method(Protocol):
-    def __call__(self, kernels: Kernels, response: Tensor, *, tolerance_db: float) -> Blur: ...
-
+from .base import Blur, Method
 
 METHODS: Mapping[str, Method] = {
     "brute": brute.prepare,

@@ -12,9 +12,10 @@ from torch import Tensor
 from ..convolution import Grid, add_convolved, image_of
 from ..kernels import Kernels
 from ..light import Light
+from .base import Blur
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
     """Nothing to prepare and no tolerance: the error is that of the depth nodes alone."""
 
     def blur(light: Light, grid: Grid) -> Tensor:

@@ -6,9 +6,10 @@ from torch import Tensor
 
 from ..kernels import Kernels
 from . import layered
+from .base import Blur
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
     """The layered method with a single node, which all light is taken to lie at."""
     if kernels.nodes.numel() != 1:
         raise ValueError(f"the constant method has one depth, not {kernels.nodes.numel()}")

@@ -13,12 +13,13 @@ from torch import Tensor
 from ..convolution import Grid, add_convolved, image_of
 from ..kernels import Kernels
 from ..light import Light
+from .base import Blur
 
 BLOCK_PIXELS = 1 << 22
 """Pixels of all transforms at work at one time: bounds memory whatever the bands and the frame."""
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
     """Nothing to prepare; the tolerance is met by the choice of the nodes."""
 
     def blur(light: Light, grid: Grid) -> Tensor:

@@ -13,12 +13,13 @@ from ..factor_cache import factors_for
 from ..factors import Factors, band_groups, factorise, joint_groups
 from ..kernels import Kernels
 from ..light import Light
+from .base import Blur
 
 BLOCK_PIXELS = 1 << 23
 """Pixels of all images at work at one time: bounds memory whatever the rank and the frame."""
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
+def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
     """Factor the PSFs, jointly over depth and band or band by band, whichever needs fewer convolutions."""
 
     def compute() -> list[Factors]:
@@ -27,17 +28,18 @@ def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
     return blur_with(factors_for(kernels, response, tolerance_db, compute), response)
 
 
-def blur_with(factors: list[Factors], response: Tensor):
+def blur_with(factors: list[Factors], response: Tensor) -> Blur:
     """The blur that factors stand for. response: [channel, band]."""
     terms = _all_terms(factors, response)
 
     def blur(light: Light, grid: Grid) -> Tensor:
         block = max(1, BLOCK_PIXELS // math.prod(grid.transform))
-        total = None
+        total: Tensor | None = None
         for begin in range(0, len(terms.basis), block):
             some = slice(begin, begin + block)
             images = light.mixed(terms.coefficients[:, some])
             total = add_convolved(total, images, terms.basis[some], terms.shares[:, some], grid)
+        assert total is not None  # every factorisation has a term
         return image_of(total, grid)
 
     return blur
@@ -58,7 +60,8 @@ class _Terms:
 
 def _all_terms(factors: list[Factors], response: Tensor) -> _Terms:
     channels, bands = response.shape
-    coefficients, shares = [], []
+    coefficients: list[Tensor] = []
+    shares: list[Tensor] = []
     for each in factors:
         group, (rank, nodes, _) = each.group, each.coefficients.shape
         wide = each.coefficients.new_zeros(nodes, rank, bands)

@@ -104,17 +104,16 @@ def composite(view: View, blurring: Blurring) -> Tensor:
 
 def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
     """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x]."""
-    image, coverage = None, None
-    for number, (light, blocked) in enumerate(slabs, 1):
+    far_to_near = iter(slabs)
+    image, blocked = next(far_to_near)
+    coverage = blocked.clamp(0, 1)
+    for number, (light, blocked) in enumerate(far_to_near, 2):
         opaque = blocked.clamp(0, 1)
-        if image is None:
-            image, coverage = light, opaque
-        else:
-            # What rounding leaves where there is nothing must not be divided, slab after slab, by little
-            there = torch.where(coverage > LITTLE, coverage, 1.0)
-            filled = torch.ones_like(there) if number == count else (there / ENOUGH).clamp_max(1.0)
-            image = light + (1 - opaque) * image * filled / there
-            coverage = opaque + (1 - opaque) * coverage * filled / there
+        # What rounding leaves where there is nothing must not be divided, slab after slab, by little
+        there = torch.where(coverage > LITTLE, coverage, 1.0)
+        filled = torch.ones_like(there) if number == count else (there / ENOUGH).clamp_max(1.0)
+        image = light + (1 - opaque) * image * filled / there
+        coverage = opaque + (1 - opaque) * coverage * filled / there
     return image
 
 

@@ -7,6 +7,7 @@ blurred over something sharp.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import torch
@@ -25,11 +26,12 @@ def over(view: View, blurring: Blurring) -> Tensor:
 
     photo = sum_l L_l prod_{m nearer than l} (1 - A_m). Returns [channel, y, x] of the padded frame.
     """
-    photo, clear = None, None
-    for light, coverage in _layers(view, blurring):
-        photo = light if photo is None else photo + clear * light
-        clear = 1 - coverage if clear is None else clear * (1 - coverage)
-        clear = clear.clamp(0, 1)
+    near_to_far = _layers(view, blurring)
+    photo, coverage = next(near_to_far)
+    clear = (1 - coverage).clamp(0, 1)
+    for light, coverage in near_to_far:
+        photo = photo + clear * light
+        clear = (clear * (1 - coverage)).clamp(0, 1)
     return photo
 
 
@@ -39,7 +41,7 @@ def normalised(view: View, blurring: Blurring) -> Tensor:
     """
     layers = list(_layers(view, blurring))
     behind = torch.stack([coverage for _, coverage in layers]).flip(0).cumsum(0).flip(0)
-    photo, clear = 0, 1
+    photo, clear = torch.zeros_like(behind[0]), torch.ones_like(behind[0])
     for (light, coverage), whole in zip(layers, behind, strict=True):
         there = whole.clamp_min(LITTLE)
         photo = photo + clear * light / there
@@ -47,7 +49,7 @@ def normalised(view: View, blurring: Blurring) -> Tensor:
     return photo
 
 
-def _layers(view: View, blurring: Blurring):
+def _layers(view: View, blurring: Blurring) -> Iterator[tuple[Tensor, Tensor]]:
     """Blurred light and coverage of each occupied node, near to far; a fragment is at the nearest node."""
     nodes = blurring.kernels.nodes.to(view.inverse_depth)
     which = seen(view)

@@ -119,13 +119,14 @@ class Psfs:
 def _composite(
     slabs: Sequence[_Slab], psfs: Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
 ) -> Tensor:
-    done = []
+    done: list[tuple[Tensor, Tensor]] = []
     for slab in slabs:
         light = coverage = torch.zeros(()).to(response)
         for node, given in slab.spectra.items():
             light = light + _mixed(response, given[:-1] * psfs.spectra[node])
             coverage = coverage + given[-1] * blocking[node]
-        done.append(image_of(torch.cat([light, coverage]), grid).split(len(response)))
+        shone, blocked = image_of(torch.cat([light, coverage]), grid).split(len(response))
+        done.append((shone, blocked))
     return merged(reversed(done), len(done))
 
 

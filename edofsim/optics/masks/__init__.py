@@ -43,6 +43,7 @@ def catalogue() -> tuple[MaskEntry, ...]:
             example = model(kind=kind)
         except ValidationError:
             continue  # a mask of another package that must be told more
+        assert isinstance(example, Mask)  # what the registry holds
         summary, _, rest = (model.__doc__ or "").partition("\n")
         entries.append(MaskEntry(kind, example, summary.strip(), " ".join(rest.split())))
     return tuple(entries)

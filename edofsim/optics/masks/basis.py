@@ -19,7 +19,8 @@ class BasisMask(SmoothMask):
         raise NotImplementedError
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
-        return sum(coefficient * shape for coefficient, shape in self.shapes(u, v))
+        flat = torch.zeros_like(u + v)
+        return sum((coefficient * shape for coefficient, shape in self.shapes(u, v)), flat)
 
     def learner(self, grid: PupilGrid, radian: float) -> nn.Module:
         coefficients, shapes = zip(*self.shapes(*grid.normalised()), strict=True)

@@ -53,7 +53,8 @@ class RingsMask(PhaseMask):
         return self
 
     def phase(self, grid: PupilGrid) -> Tensor:
-        return sum(ring.phase_rad * _cells(ring, grid, disc_coverage) for ring in self.rings)
+        flat = torch.zeros(grid.samples, grid.samples, dtype=torch.float64)
+        return sum((ring.phase_rad * _cells(ring, grid, disc_coverage) for ring in self.rings), flat)
 
     def regions(self, grid: PupilGrid) -> list[tuple[Tensor, float]]:
         rings = [(_cells(ring, grid, disc_amplitude), ring.phase_rad) for ring in self.rings]

@@ -12,11 +12,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ...recipe.base import Positive
+from ...recipe.base import Positive, Triple
 from ...recipe.placed import Placed
 from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
 from .context import Builder, Context, Part
+
+Grid = np.ndarray  # float64 [x, y, z]: a value at each grid point, its coordinate or its distance
 
 _LOW, _HIGH = np.array([-1.15, 0.0, -0.75]), np.array([1.15, 2.45, 0.75])
 
@@ -38,8 +40,8 @@ class Bust(Builder, Placed):
         axes = [
             np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)
         ]
-        grid = np.meshgrid(*axes, indexing="ij")
-        distance = _figure(*grid, context.rng("face"))
+        x, y, z = np.meshgrid(*axes, indexing="ij")
+        distance = _figure(x, y, z, context.rng("face"))
         # kept off the grid points, where marching cubes would make triangles without an area
         distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
         spacing = (step, step, step)
@@ -60,30 +62,33 @@ class Bust(Builder, Placed):
         return [Part("", shape, context.surface(self.surface))]
 
 
-def _ellipsoid(x, y, z, centre, radii):
+def _ellipsoid(x: Grid, y: Grid, z: Grid, centre: Triple, radii: Triple) -> Grid:
+    """About the distance from an ellipsoid, negative inside."""
     p = np.sqrt(sum(((a - c) / r) ** 2 for a, c, r in zip((x, y, z), centre, radii, strict=True)))
     q = np.sqrt(sum(((a - c) / r**2) ** 2 for a, c, r in zip((x, y, z), centre, radii, strict=True)))
     return p * (p - 1) / np.maximum(q, 1e-9)
 
 
-def _capsule(x, y, z, start, end, r0, r1):
-    """A rod from `start` to `end` whose radius goes from r0 to r1."""
+def _capsule(x: Grid, y: Grid, z: Grid, start: Triple, end: Triple, r0: float, r1: float) -> Grid:
+    """About the distance from a rod from `start` to `end` whose radius goes from r0 to r1."""
     a, d = np.array(start, float), np.array(end, float) - np.array(start, float)
     t = np.clip(((x - a[0]) * d[0] + (y - a[1]) * d[1] + (z - a[2]) * d[2]) / (d @ d), 0, 1)
     offset = [p - (a[i] + t * d[i]) for i, p in enumerate((x, y, z))]
     return np.sqrt(sum(o**2 for o in offset)) - (r0 + (r1 - r0) * t)
 
 
-def _join(a, b, k):
+def _join(a: Grid, b: Grid, k: float) -> Grid:
+    """The union of two shapes, rounded over `k` where they meet."""
     h = np.maximum(k - np.abs(a - b), 0) / k
     return np.minimum(a, b) - h**2 * k / 4
 
 
-def _carve(a, b, k):
+def _carve(a: Grid, b: Grid, k: float) -> Grid:
+    """The shape `a` without `b`."""
     return -_join(-a, b, k)
 
 
-def _figure(x, y, z, rng: np.random.Generator):
+def _figure(x: Grid, y: Grid, z: Grid, rng: np.random.Generator) -> Grid:
     def vary(value: float, by: float = 0.06) -> float:
         return value * (1 + by * rng.uniform(-1, 1))
 

@@ -90,7 +90,7 @@ def _spread(count: int, near: float, far: float) -> np.ndarray:
     return np.exp(np.log(near) + t * np.log(far / near))
 
 
-def _doors(recipe: Hallway, w: float, h: float):
+def _doors(recipe: Hallway, w: float, h: float) -> TriangleMesh:
     thick = 0.03 * w
     doors = []
     for i, z in enumerate(_spread(recipe.doors, recipe.near_m, recipe.far_m)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
 from ..model import TriangleMesh
 from .context import Builder, Context, Part
+
+if TYPE_CHECKING:
+    import trimesh
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
 
@@ -100,7 +103,7 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
             f"{what}: the mesh {str(path)!r} has faces or vertices without three numbers each; export it "
             "again as triangles"
         )
-    if len(faces) == 0 or len(vertices) == 0:
+    if not isinstance(loaded, trimesh.Trimesh) or len(faces) == 0 or len(vertices) == 0:
         raise InputError(f"{what}: the mesh {str(path)!r} has no triangles")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"{what}: faces of the mesh {str(path)!r} name vertices that it doesn't have")
@@ -124,7 +127,7 @@ def _as_utf8(path: Path, content: bytes) -> bytes:
     return content
 
 
-def _mended(loaded, path: Path, what: str, smooth: bool) -> TriangleMesh:
+def _mended(loaded: trimesh.Trimesh, path: Path, what: str, smooth: bool) -> TriangleMesh:
     loaded.update_faces(loaded.nondegenerate_faces())
     loaded.update_faces(loaded.unique_faces())
     loaded.remove_unreferenced_vertices()

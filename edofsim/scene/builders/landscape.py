@@ -77,18 +77,18 @@ class CloudBank(Builder, Placed):
         """A panel with a picture of clouds: noise of many octaves, white where it is high, shaded below."""
         width, height = self.width_mm * MM, self.height_mm * MM
         longer = max(width, height)
-        shape = tuple(max(16, round(self.pixels * side / longer)) for side in (height, width))
-        density = _cloud_density(shape, context.rng("clouds"))
+        rows, columns = (max(16, round(self.pixels * side / longer)) for side in (height, width))
+        density = _cloud_density((rows, columns), context.rng("clouds"))
         edge = np.quantile(density, 1 - self.cover)
         thick = np.clip((density - edge) / (0.35 * (density.max() - edge)), 0, 1)
         cover = thick * thick * (3 - 2 * thick)
         # the sun stands above: a cloud is darker where there is more of it higher up
-        above = np.stack([np.roll(cover, s, axis=0) for s in range(1, 1 + max(1, shape[0] // 24))]).mean(
+        above = np.stack([np.roll(cover, s, axis=0) for s in range(1, 1 + max(1, rows // 24))]).mean(
             axis=0
         )
         white = 0.95 - 0.35 * cover * above
         blue, grey = (reflectance(r, context.wavelengths) for r in (self.blue, 1.0))
-        fade = np.linspace(0.75, 1.0, shape[0])[:, None]  # paler towards the horizon
+        fade = np.linspace(0.75, 1.0, rows)[:, None]  # paler towards the horizon
         sky = mixture(cover, blue, grey)
         image = np.stack([(1 - cover) * fade, cover * white + (1 - cover) * (1 - fade) * 0.8], axis=-1)
         picture = type(sky)(sky.basis, image.astype(np.float32))

@@ -11,6 +11,7 @@ from ...recipe.base import Positive, Triple
 from ...recipe.placed import Placed
 from ...recipe.surfaces import AnySurface, MetalSurface, PlasticSurface, Reflectance
 from .. import printing, solids
+from ..model import BandTexture, Surface, TriangleMesh
 from ..spectra import reflectance
 from ..surfaces import matt
 from ..textures import flat, mixture
@@ -61,21 +62,21 @@ class Book(Builder, Placed):
         return parts
 
 
-def _page_edges(context: Context):
+def _page_edges(context: Context) -> BandTexture:
     """Thin stripes from sheet to sheet, of slightly different whites."""
     weight = np.repeat(context.rng("pages").uniform(0, 1, (1, 96)), 2, axis=1)
     paper = reflectance("#f3ecd8", context.wavelengths)
     return mixture(np.repeat(weight, 8, axis=0), paper, 0.72 * paper)
 
 
-def _spine(recipe: Book, w: float, h: float, t: float, lift: float):
+def _spine(recipe: Book, w: float, h: float, t: float, lift: float) -> TriangleMesh:
     x = -w / 2 - lift
     corners = [(x, -h / 2, t / 2), (x, -h / 2, -t / 2), (x, h / 2, -t / 2), (x, h / 2, t / 2)]
     # the title reads downwards, so that it is upright where the book lies on its back
     return solids.quad(corners, [(1, 0), (1, 1), (0, 1), (0, 0)])
 
 
-def _spine_surface(recipe: Book, context: Context, aspect: float):
+def _spine_surface(recipe: Book, context: Context, aspect: float) -> Surface:
     ink = printing.line_of_text(recipe.title, rows=128, columns=max(128, 128 * aspect))
     cover = recipe.cover
     ground = reflectance(getattr(cover, "reflectance", 0.5), context.wavelengths)

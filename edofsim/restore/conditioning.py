@@ -1,4 +1,4 @@
-"""A bank of filters told what a photo's bands look like through the camera.
+"""A bank of filters conditioned on a camera: on how it blurs the bands of a photo.
 
 A checkpoint's bank knows the PSFs of the wavelengths that it was trained with. Where the sensor adds up many
 bands its colours are blurred otherwise: what three lines draw finely, 31 bands smear. The filters and the
@@ -24,36 +24,35 @@ from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
 from .restorer import Restorer
 
 # by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
-_TOLD: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
+_CONDITIONED: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
 
 
-def told_network(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> Restorer:
+def conditioned_on(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> Restorer:
     """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
 
-    A network that is told mean PSFs is told those of the response; other networks, and a sensor whose colours
-    are a wavelength each, come back as they are. The mask is the checkpoint's as designed, with the mean
-    error of its training, whatever the camera's own fabrication. Raises InputError where PSFs or response
-    cannot be computed.
+    A network that was conditioned on mean PSFs gets those of the response; other networks, and all for a
+    sensor whose colours are a wavelength each, come back as they are. The mask is the checkpoint's as
+    designed, with the mean error of its training, whatever the camera's own fabrication. Raises InputError
+    where PSFs or response cannot be computed.
     """
     network = checkpoint.network
     if network.psfs != "mean" or response_curves(camera) is None:
         return network
     weights = response(camera, wavelengths)
-    known = _TOLD.setdefault(network, {})
+    known = _CONDITIONED.setdefault(network, {})
     recipe = camera.recipe.model_dump_json(include={"lens", "focus", "sensor"})
     key = (recipe, *weights.flatten().tolist(), *wavelengths.tolist())
     if key not in known:
         depths = network.psf_depths(_training(checkpoint).capture.inverse_depth_per_m)
         psf = _channel_psfs(checkpoint, camera, wavelengths, weights, depths)
-        told = copy.deepcopy(network).cpu()
-        told.set_psfs(psf)
-        known[key] = told
+        known[key] = copy.deepcopy(network).cpu()
+        known[key].set_psfs(psf)
     return known[key]
 
 
 def forget() -> None:
-    """Let go of the networks that were told, for timings."""
-    _TOLD.clear()
+    """Empty the memory of such networks, for timings."""
+    _CONDITIONED.clear()
 
 
 def _channel_psfs(

@@ -17,11 +17,11 @@ from edofsim.recipe.load import Loaded
 from edofsim.recipe.scene import Bands
 from edofsim.recipe.train import TrainRecipe
 from edofsim.restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint, trained_camera
+from edofsim.restore.conditioning import conditioned_on
 from edofsim.restore.dcnn import DCnn
 from edofsim.restore.network import apply_network
 from edofsim.restore.photograph_statistics import power_spectrum
 from edofsim.restore.restore import restore
-from edofsim.restore.telling import told_network
 
 SMALL = {"groups": 3, "distances": 2, "support": 13, "width": 4, "blocks": [1, 1]}
 BANDS = torch.from_numpy(Bands().wavelengths())
@@ -89,8 +89,8 @@ def test_what_it_is_told_for_three_lines_is_what_it_learned_with(trained: Checkp
     camera = _camera(trained)
     table = torch.eye(3, dtype=torch.float64)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("edofsim.restore.telling.response", lambda *_: table)
-        told = told_network(trained, camera, PAPER_COLOURS)
+        patch.setattr("edofsim.restore.conditioning.response", lambda *_: table)
+        told = conditioned_on(trained, camera, PAPER_COLOURS)
     own = trained.network
     assert told is not own
     scale = float(own.filters.abs().max())  # the pupil is sampled more finely than in the training
@@ -102,28 +102,28 @@ def test_what_it_is_told_for_three_lines_is_what_it_learned_with(trained: Checkp
 
 def test_three_lines_and_other_networks_are_left_as_they_are(trained: Checkpoint) -> None:
     lines = PAPER_COLOURS.sort().values
-    assert told_network(trained, _camera(trained, "lines"), lines) is trained.network
-    assert told_network(trained, _camera(trained, "lines"), BANDS) is trained.network  # none to be told
+    assert conditioned_on(trained, _camera(trained, "lines"), lines) is trained.network
+    assert conditioned_on(trained, _camera(trained, "lines"), BANDS) is trained.network  # none to be told
     plain = replace(trained, network=DCnn())
-    assert told_network(plain, _camera(trained), BANDS) is plain.network
+    assert conditioned_on(plain, _camera(trained), BANDS) is plain.network
 
 
 def test_it_is_told_once(trained: Checkpoint) -> None:
     camera = _camera(trained)
-    first = told_network(trained, camera, BANDS)
-    assert told_network(trained, camera, BANDS) is first
+    first = conditioned_on(trained, camera, BANDS)
+    assert conditioned_on(trained, camera, BANDS) is first
     fewer = BANDS[::2]
-    assert told_network(trained, camera, fewer) is not first
+    assert conditioned_on(trained, camera, fewer) is not first
 
 
 def test_bands_that_the_sensor_does_not_know_are_refused(trained: Checkpoint) -> None:
     with pytest.raises(InputError, match="covers"):
-        told_network(trained, _camera(trained), torch.tensor([300e-9, 500e-9]))
+        conditioned_on(trained, _camera(trained), torch.tensor([300e-9, 500e-9]))
 
 
 def test_a_card_without_its_recipe_is_refused_where_a_bank_needs_it(trained: Checkpoint) -> None:
     card = {name: value for name, value in trained.card.items() if name != "recipe"}
     with pytest.raises(InputError, match="names no recipe"):
-        told_network(
+        conditioned_on(
             replace(trained, network=copy.deepcopy(trained.network), card=card), _camera(trained), BANDS
         )

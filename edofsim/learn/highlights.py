@@ -1,4 +1,4 @@
-"""Patches with lamps: places many times brighter than full scale.
+"""Saturated highlights in patches: lamps and reflections many times brighter than full scale.
 
 No 8-bit photograph holds them, and a network that never saw one takes the rings that a linear filter leaves
 around them for things in the scene.
@@ -9,16 +9,16 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-COUNT = (1, 4)  # lamps in a patch, least and most
+COUNT = (1, 4)  # highlights in a patch, least and most
 RADIUS_PX = (0.3, 3.0)
-LENGTH_PX = (0.0, 12.0)  # of the line that a lamp is thick around: 0 is a disc
+LENGTH_PX = (0.0, 12.0)  # of the line whose surroundings a highlight fills: 0 is a disc
 BRIGHTNESS = (1.2, 60.0)  # times full scale, uniform in its logarithm
 TINT = (0.3, 1.0)  # of each colour
-DIMMED = (0.03, 1.0)  # what is left of the rest, uniform in its logarithm: lamps shine in the dark
+DIMMED = (0.03, 1.0)  # what is left of the rest, uniform in its logarithm: highlights stand out in the dark
 
 
-def with_lamps(sharp: Tensor, share: float, generator: torch.Generator) -> Tensor:
-    """A share of the patches [batch, 3, y, x] dimmed and with a few lamps; the others as they are."""
+def with_highlights(sharp: Tensor, share: float, generator: torch.Generator) -> Tensor:
+    """A share of the patches [batch, 3, y, x] dimmed and with a few highlights; the others as they are."""
     found = []
     for patch in sharp:
         lit = float(torch.rand((), generator=generator)) < share
