@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..capture.fidelity import FULL_SUB_APERTURES, Fidelity
@@ -210,7 +210,10 @@ def plan_photo(
     given = checked_overrule(overrule)
     more = _levels_of(given)
     planner = planner_of(view, camera, more=more, facts=facts, progress=progress, **how)
-    return planner.plan(target, fixed_levels(planner.estimates, given, more))
+    plan = planner.plan(target, fixed_levels(planner.estimates, given, more))
+    # how light becomes images errs by nothing of its own: no effect weighs it
+    method = given.get("method", plan.fidelity.method)
+    return replace(plan, fidelity=replace(plan.fidelity, method=method))
 
 
 def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
@@ -228,8 +231,6 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
         more["sub-apertures"] = Level(
             said, {"sub_apertures": across}, sample={"sub_apertures": FULL_SUB_APERTURES}
         )
-    if "method" in insisted:
-        more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
     return more
 
 

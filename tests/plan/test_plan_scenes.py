@@ -92,7 +92,6 @@ def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(n
         "hidden surfaces",
         "sub-apertures",
         "dispersion of scene glass",
-        "rank",
     }
     assert not called_for(plan) & {*never, "interreflection"}
     # so few samples are those of the sketch, which serves where paths are not cut short

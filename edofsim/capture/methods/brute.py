@@ -14,8 +14,8 @@ from ..kernels import Kernels
 from ..light import Light
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0):
-    """Nothing to prepare and no tolerance: the error is that of the depth nodes alone."""
+def prepare(kernels: Kernels, response: Tensor):
+    """Nothing to prepare: the error is that of the depth nodes alone."""
 
     def blur(light: Light, grid: Grid) -> Tensor:
         photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)
