@@ -16,7 +16,8 @@ from ..optics import Camera
 from ..recipe import load_camera
 from ..render.view import View
 from .case import Case, Finding, timed
-from .photos import LAYERED, SINGLE, deviation, distance
+from .measures import typical, worst
+from .photos import LAYERED, SINGLE
 from .views import uniform
 
 FRAME, WINDOW, LAYERS = 48, 128, 24

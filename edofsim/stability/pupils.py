@@ -23,7 +23,7 @@ from ..optics.masks.cubic import CubicMask
 from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe, PsfSettings
 from .case import Case, Finding, timed
-from .photos import distance
+from .measures import distance
 from .views import MASKS, camera_with, free_height, uniform, with_free_height
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)

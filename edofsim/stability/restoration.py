@@ -16,7 +16,7 @@ from ..restore.network import apply_network, build_network
 from ..restore.restorer import Restorer
 from ..restore.scores import psnr, score
 from .case import Case, Finding, timed
-from .photos import distance
+from .measures import distance
 from .views import uniform
 
 KINDS = ("dcnn", "local-unet", "filter-bank")

@@ -19,7 +19,7 @@ from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
 from ..restore.network import apply_network, build_network
 from .case import Case, Finding, timed
-from .photos import distance
+from .measures import distance
 from .views import uniform
 
 STEPS = 3

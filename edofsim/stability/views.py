@@ -39,7 +39,7 @@ def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
         name="hard",
         lens=PlanoConvexLens(aperture_radius_mm=aperture_mm),
         mask=mask,
-        psf=PsfSettings(window_px=WINDOW, oversampling=1),
+        psf=PsfSettings(window_px=WINDOW),
     )
     if sensor:
         recipe = recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update=sensor)})
