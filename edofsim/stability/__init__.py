@@ -6,11 +6,23 @@ from .alike import CASES as ALIKE
 from .case import Case, Finding
 from .depth_cases import CASES as DEPTH
 from .light_cases import CASES as LIGHT
+from .occlusion_cases import CASES as OCCLUSION
 from .pupils import CASES as PUPILS
 from .rendering import CASES as RENDERING
 from .restoration import CASES as RESTORATION
+from .sensor_cases import CASES as SENSOR
 from .training import CASES as TRAINING
 
-CASES: tuple[Case, ...] = (*DEPTH, *ALIKE, *LIGHT, *PUPILS, *RESTORATION, *TRAINING, *RENDERING)
+CASES: tuple[Case, ...] = (
+    *DEPTH,
+    *ALIKE,
+    *OCCLUSION,
+    *LIGHT,
+    *PUPILS,
+    *SENSOR,
+    *RESTORATION,
+    *TRAINING,
+    *RENDERING,
+)
 
 __all__ = ["CASES", "Case", "Finding"]

@@ -167,7 +167,9 @@ def _blurred_both() -> Iterator[Finding]:
     seen = np.where((half(1.0, 0.0) > 0.5).numpy(), front, np.nan)
     rows, columns = PADDED
     inside = slice(view.margin, rows - view.margin), slice(view.margin, columns - view.margin)
-    truth = torch.from_numpy(_by_rays(seen, back, near, far, camera.aperture_radius)[inside]).expand(3, -1, -1)
+    truth = torch.from_numpy(_by_rays(seen, back, near, far, camera.aperture_radius)[inside]).expand(
+        3, -1, -1
+    )
     for way, fidelity in WAYS.items():
         for dtype in PRECISIONS:
             yield timed(

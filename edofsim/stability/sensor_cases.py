@@ -84,7 +84,11 @@ def _shot_noise() -> Iterator[Finding]:
         yield timed(f"variance at {level:g}", SIGMAS, lambda s=square, e=error: abs(s - 1) / e)
         whole = found * FULL_WELL
         yield timed(f"whole electrons at {level:g}", 1e-6, lambda w=whole: float((w - w.round()).abs().max()))
-    yield timed("none in the dark", 0.0, lambda: float(record(_grey(0.0), (ShotNoise(full_well_electrons=9),), 4).max()))
+    yield timed(
+        "none in the dark",
+        0.0,
+        lambda: float(record(_grey(0.0), (ShotNoise(full_well_electrons=9),), 4).max()),
+    )
 
 
 def _quantised() -> Iterator[Finding]:
@@ -93,13 +97,19 @@ def _quantised() -> Iterator[Finding]:
         found = record(ramp, (Quantisation(bits=bits),), 0)
         steps = 2**bits - 1
         inside = (ramp >= 0) & (ramp <= 1)
-        yield timed(f"{bits} bits, whole steps", 1e-9, lambda f=found, s=steps: float((f * s - (f * s).round()).abs().max()))
+        yield timed(
+            f"{bits} bits, whole steps",
+            1e-9,
+            lambda f=found, s=steps: float((f * s - (f * s).round()).abs().max()),
+        )
         yield timed(
             f"{bits} bits, half a step at most",
             0.5 + 1e-6,
             lambda f=found, s=steps, i=inside: float(((f - ramp)[i] * s).abs().max()),
         )
-        yield timed(f"{bits} bits, all steps used", 0.0, lambda f=found, s=steps: abs(f.unique().numel() - s - 1))
+        yield timed(
+            f"{bits} bits, all steps used", 0.0, lambda f=found, s=steps: abs(f.unique().numel() - s - 1)
+        )
         yield timed(f"{bits} bits, ends", 0.0, lambda f=found: float(f.min().abs() + (f.max() - 1).abs()))
 
 
@@ -141,8 +151,16 @@ def _whole() -> Iterator[Finding]:
         level = radiance * exposure
         noise = photo.image - photo.clean
         variance = READ**2 + level / FULL_WELL + 1 / 255**2 / 12
-        yield timed(f"exposure {exposure:g}, light", 1e-6, lambda p=photo, s=level: float((p.clean / s - 1).abs().max()))
-        yield timed(f"exposure {exposure:g}, ideal", 1e-6, lambda p=photo, s=level: float((p.ideal / s - 1).abs().max()))
+        yield timed(
+            f"exposure {exposure:g}, light",
+            1e-6,
+            lambda p=photo, s=level: float((p.clean / s - 1).abs().max()),
+        )
+        yield timed(
+            f"exposure {exposure:g}, ideal",
+            1e-6,
+            lambda p=photo, s=level: float((p.ideal / s - 1).abs().max()),
+        )
         yield timed(f"exposure {exposure:g}, noise", SIGMAS, partial(_deviation, noise, variance))
     dark = capture(_grey_view(0.2), camera, exposure=1e-9, dtype=torch.float64).image
     bright = capture(_grey_view(0.2), camera, exposure=50.0, dtype=torch.float64).image
@@ -164,7 +182,11 @@ def _response() -> Iterator[Finding]:
         view.radiance.zero_()
         view.radiance[band] = 1.0
         photo = capture(view, camera, exposure=1.0, dtype=torch.float64)
-        yield timed(f"{nm:g} nm", 1e-9, lambda p=photo, b=band: float((p.ideal.mean((1, 2)) - shares[:, b]).abs().max()))
+        yield timed(
+            f"{nm:g} nm",
+            1e-9,
+            lambda p=photo, b=band: float((p.ideal.mean((1, 2)) - shares[:, b]).abs().max()),
+        )
 
 
 def _case(name: str, physics: str, risk: str, expected: str, check: Callable[[], Iterator[Finding]]) -> Case:
@@ -180,7 +202,9 @@ CASES: tuple[Case, ...] = (
         _read_noise,
     ),
     _case("shot noise", "4 to 8000 electrons", "a variance that is not the mean", "Poisson's", _shot_noise),
-    _case("quantisation", "1, 8 and 12 bits", "a step too many or too few", "to the nearest step", _quantised),
+    _case(
+        "quantisation", "1, 8 and 12 bits", "a step too many or too few", "to the nearest step", _quantised
+    ),
     _case("saturation", "from -1 to 1e12", "wrap-around", "0 to 1", _saturated),
     _case("mosaic", "all four patterns", "rows and columns exchanged", "Bayer's", _mosaic),
     _case("all of a sensor", "every effect at once", "an effect twice, or never", "variances add up", _whole),
