@@ -50,7 +50,9 @@ def _findings() -> Iterator[Finding]:
             truth = made("layered", torch.float64)
             double = made("low_rank", torch.float64)
             way = f"{name}, {nm:g} nm"
-            yield timed(f"low_rank, {way}, float64", LAYERED, lambda d=double, t=truth: typical(d, t), alike=True)
+            yield timed(
+                f"low_rank, {way}, float64", LAYERED, lambda d=double, t=truth: typical(d, t), alike=True
+            )
             yield timed(
                 f"low_rank, {way}, float32 against float64",
                 SINGLE,

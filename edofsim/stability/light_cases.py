@@ -36,8 +36,8 @@ from .views import (
 )
 
 BESIDE_LAMPS = 0.02
-"""At the worst pixel, where all light is a lamp's: 6e-3 were seen, in the dark rings of its PSF, whose pixels are
-integrated from 2 x 2 samples."""
+"""At the worst pixel, where all light is a lamp's: 6e-3 were seen, in the dark rings of its PSF, whose pixels
+are integrated from 2 x 2 samples."""
 RANK_BESIDE_LAMPS = 0.1
 """Root mean square of the local errors of low rank there: factors keep what is bright in PSFs."""
 

@@ -148,8 +148,8 @@ COLOURS = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9], [0.25, 0.
 
 
 def _patches() -> Iterator[Finding]:
-    """Four lamps at as many depths: each place shows its own light, at its own depth. Meshes are in the camera's
-    axes: x to the right, y up, z the depth. And a sheet that reflects each band otherwise."""
+    """Four lamps at as many depths: each place shows its own light, at its own depth. Meshes are in the
+    camera's axes: x to the right, y up, z the depth. And a sheet that reflects each band otherwise."""
     depth = np.array([1.0, 1.6, 2.5, 4.0])
     patches = []
     for place, (z, colour) in enumerate(zip(depth, COLOURS, strict=True)):
@@ -174,21 +174,24 @@ def _patches() -> Iterator[Finding]:
             1e-5,
             lambda c=colour, p=place: float(np.abs(c / COLOURS[p] - 1).max()),
         )
-        yield timed(
-            f"{name}, depth", 1e-5, lambda t=there, z=depth[place]: float(np.abs(t * z - 1).max())
-        )
+        yield timed(f"{name}, depth", 1e-5, lambda t=there, z=depth[place]: float(np.abs(t * z - 1).max()))
     for place, colour in enumerate(COLOURS):
         surface = Surface({"type": "diffuse"}, "reflectance", BandTexture(colour[None]))
-        found = view_of([SceneObject("sheet", sheet(2.0, 2.0), surface, None)]).all_in_focus().double().mean((1, 2))
+        found = (
+            view_of([SceneObject("sheet", sheet(2.0, 2.0), surface, None)])
+            .all_in_focus()
+            .double()
+            .mean((1, 2))
+        )
         yield timed(
             f"spectrum {place}, reflectance",
             NOISE,
-            lambda f=found.numpy(), p=place: float(np.abs(f / COLOURS[p] - 1).max()),
+            lambda f=found, p=place: float(np.abs(f.numpy() / COLOURS[p] - 1).max()),
         )
 
 
 def _behind() -> Iterator[Finding]:
-    """A near strip before a wall: what is behind it is found, at the wall's depth and as bright as the wall."""
+    """A near strip before a wall: what is behind it is found, at the wall's depth and as bright as it is."""
     near = TriangleMesh(
         np.array([[-0.02, -1, 1], [-0.02, 1, 1], [0.02, 1, 1], [0.02, -1, 1]], np.float32),
         np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
@@ -202,7 +205,9 @@ def _behind() -> Iterator[Finding]:
         return float((colour.mean() / ALBEDO - 1).abs()) if bool(hidden.any()) else np.nan
 
     def depth() -> float:
-        return float((view.inverse_depth[hidden].double() * 4 - 1).abs().max()) if bool(hidden.any()) else np.nan
+        return (
+            float((view.inverse_depth[hidden].double() * 4 - 1).abs().max()) if bool(hidden.any()) else np.nan
+        )
 
     yield timed("as much is hidden as hides", 0.0, lambda: abs(float(hidden.double().sum()) / held - 1))
     yield timed("radiance of what is hidden", 0.05, light)

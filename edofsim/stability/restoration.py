@@ -27,6 +27,8 @@ PRECISIONS = (torch.float64, torch.float32)
 SHIPPED = ("paper-dcnn", "paper-bank")
 EVEN = 0.01
 """Of full scale, of one colour: as `flat colours` hold it."""
+MIDDLE = (..., slice(24, -24), slice(24, -24))
+"""Of a photo, where nothing beyond it is seen."""
 LEFT = 0.25
 """Of the mean square error of a photo, after restoration."""
 MIXED = 0.05
@@ -144,7 +146,7 @@ def _even_photos(
             name = checkpoint.name
             for way, found in (("float32", single), ("float64", double)):
                 yield timed(f"{name}, {way}", bound, lambda f=found: _apart(f, truth))
-            yield timed(f"{name}, mixed precision", MIXED, lambda f=mixed: _apart(f, double), alike=True)
+            yield timed(f"{name}, mixed precision", MIXED, lambda f=mixed, d=double: _apart(f, d), alike=True)
             way = f"{name}, float32 against float64"
             yield timed(way, 1e-4, lambda f=single, d=double: _apart(f, d), alike=True)
 
@@ -170,13 +172,12 @@ def _restored() -> Iterator[Finding]:
             sharp = picture[:, 31:-32, 31:-32]
             noise = torch.randn(photo.shape, generator=torch.Generator().manual_seed(3))
             photo = photo + READ_NOISE * noise
-            middle = (..., slice(24, -24), slice(24, -24))
 
             def left(
                 network: Restorer = checkpoint.network, photo: Tensor = photo, sharp: Tensor = sharp
             ) -> float:
                 found = apply_network(network, photo)
-                error = (found - sharp)[middle].square().mean() / (photo - sharp)[middle].square().mean()
+                error = (found - sharp)[MIDDLE].square().mean() / (photo - sharp)[MIDDLE].square().mean()
                 return float(error)
 
             yield timed(f"{checkpoint.name}, {inverse_depth:g} /m, error left", LEFT, left)

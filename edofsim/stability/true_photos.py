@@ -1,6 +1,6 @@
 """Photos written out once more, as the truth of hard photos: each fragment's own PSF (`written_out`), sums of
-plain convolutions in float64, depth by depth and band by band. No layers, transforms, tiles or batches, and no
-code of `optics` or `capture`.
+plain convolutions in float64, depth by depth and band by band. No layers, transforms, tiles or batches, and
+no code of `optics` or `capture`.
 
 All photos are [channel, y, x] of the frame, unexposed. What leaves a PSF's window is veiling glare: its mean
 over the padded frame. Fragments block as if their PSFs held all light.
@@ -34,7 +34,8 @@ _pupils: dict[str, Pupil] = {}
 
 
 def pupil_of(recipe: CameraRecipe, height: Tensor | None = None) -> Pupil:
-    """The pupil of a recipe with the paper's lens and one of the masks of `views.MASKS`. height: the free map."""
+    """The pupil of a recipe with the paper's lens and one of the masks of `views.MASKS`; height: the free
+    map."""
     mask = recipe.mask
     named = f"{recipe.lens.model_dump_json()} {mask.model_dump_json()}"
     if height is not None:
@@ -59,9 +60,18 @@ def _psfs(pupil: Pupil, nanometres: float, window: int) -> Psfs:
     return Psfs(pupil, nanometres * 1e-9, window, points)
 
 
-@lru_cache(maxsize=1 << 14)
-def _psf(pupil: Pupil, nanometres: float, window: int, inverse_depth: float) -> Array:
-    return _psfs(pupil, nanometres, window).at(inverse_depth)
+_known: dict[tuple[Pupil, float, int, float], Array] = {}
+"""PSFs by pupil, wavelength, window and inverse depth."""
+AT_ONCE = 16
+
+
+def _prepare(pupil: Pupil, nanometres: float, window: int, inverse_depths: Sequence[float]) -> None:
+    """Compute the PSFs that are not known yet."""
+    new = [each for each in inverse_depths if (pupil, nanometres, window, each) not in _known]
+    for start in range(0, len(new), AT_ONCE):
+        some = new[start : start + AT_ONCE]
+        for each, psf in zip(some, _psfs(pupil, nanometres, window).at(some), strict=True):
+            _known[pupil, nanometres, window, each] = psf
 
 
 class Scene:
@@ -79,9 +89,13 @@ class Scene:
         self.coverage: Array = view.coverage.double().numpy()
         self.radiance: Array = view.radiance.detach().double().numpy()
         self.seen: NDArray[np.bool_] = ~view.hidden.numpy()
+        for nanometres in self.nanometres:
+            _prepare(self.pupil, nanometres, self.window, np.unique(self.depth).tolist())
 
     def psf(self, band: int, inverse_depth: float) -> Array:
-        return _psf(self.pupil, self.nanometres[band], self.window, float(inverse_depth))
+        at = float(inverse_depth)
+        _prepare(self.pupil, self.nanometres[band], self.window, [at])
+        return _known[self.pupil, self.nanometres[band], self.window, at]
 
     def light(self, which: NDArray[np.bool_], depth: Array | None = None) -> Array:
         """Blurred light of fragments, [channel, y, x] of the padded frame. depth: in place of their own."""
@@ -180,8 +194,8 @@ def normalised(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
 
 
 def uncovered(view: View, camera: Camera, cut: float | None) -> Tensor:
-    """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where its
-    fragments lack, light from beside fills them. cut: None for nothing that hides anything."""
+    """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where
+    its fragments lack, light from beside fills them. cut: None for nothing that hides anything."""
     if cut is None:
         return linear(view, camera)
     scene = Scene(view, camera)

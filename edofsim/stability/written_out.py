@@ -1,9 +1,10 @@
-"""PSFs written out once more, in numpy and float64, as the truth of hard photos: no code of `optics` or `capture`.
+"""PSFs written out once more, in numpy and float64, as the truth of hard photos: no code of `optics` or
+`capture`.
 
 The light of a point at z in the pupil has the phase k [q / 2 (1/z + 1/z_i) - (n - 1) d(q)] with q the squared
-radius, d the sag of the lens and z_i the sensor's distance; the mask adds k (n_m - 1) h. Its Fourier integral is
-taken by Gauss' rule, piece by piece between the edges of what stands in the pupil, along chords of the disc;
-|F|^2 is integrated over each pixel by Gauss' rule too. Nothing is sampled evenly, so nothing can alias.
+radius, d the sag of the lens and z_i the sensor's distance; the mask adds k (n_m - 1) h. Its Fourier integral
+is taken by Gauss' rule, piece by piece between the edges of what stands in the pupil, along chords of the
+disc; |F|^2 is integrated over each pixel likewise. Nothing is sampled evenly, so nothing can alias.
 """
 
 from __future__ import annotations
@@ -154,11 +155,14 @@ class Psfs:
         self._down = np.exp(-2j * math.pi / reach * t[:, :, None] * place)  # rows run downwards, t up
         self._across = np.exp(2j * math.pi / reach * s[:, None] * place)
 
-    def at(self, inverse_depth: float) -> Array:
-        """The PSF of points at 1/z [1/m]."""
-        wave = self._wave * np.exp(1j * self._chirp * inverse_depth)
-        columns = np.matmul(wave[:, None, :], self._down)[:, 0]
-        found = columns.T @ self._across
+    def at(self, inverse_depths: Sequence[float]) -> list[Array]:
+        """The PSFs of points at 1/z [1/m], one each."""
+        chirps = [np.exp(1j * self._chirp * each) for each in inverse_depths]
+        waves = np.stack([self._wave * chirp for chirp in chirps], 1)  # [chord, depth, node]
+        columns = np.matmul(waves, self._down)  # [chord, depth, y]
+        return [self._pixels(columns[:, number].T @ self._across) for number in range(len(chirps))]
+
+    def _pixels(self, found: NDArray[np.complex128]) -> Array:
         density: Array = found.real**2 + found.imag**2
         return self._scale * (self._share @ density @ self._share.T)
 
@@ -172,8 +176,8 @@ def _curves() -> Array:
 
 
 def sensor_response(nanometres: Sequence[float]) -> Array:
-    """What each band adds to red, green and blue, [channel, band]: the curves, linear between their points, as
-    shares of the bands' sum."""
+    """What each band adds to red, green and blue, [channel, band]: the curves, linear between their points,
+    as shares of the bands' sum."""
     table = _curves()
     curves = np.stack([np.interp(nanometres, table[:, 0], column) for column in table.T[1:]])
     return curves / curves.sum(1, keepdims=True)

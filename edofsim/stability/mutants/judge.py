@@ -12,12 +12,12 @@ from . import MUTANTS
 from .mutant import Mutant, applied
 
 SELECTED: Mapping[str, tuple[str, ...]] = {
-    "depth": ("half a metre to infinity", "slanted through focus"),
+    "depth": ("half a metre to infinity", "layers of one column"),
     "coverage": ("coverage 1 and hidden light", "half covered everywhere", "hidden coverage 1e-7"),
     "occlusion": ("both sides blurred", "white room", "bright before dark", "dark before bright"),
     "radiance": ("one pixel of 1e12", "contrast 1e5", "automatic exposure", "one pixel of 1e6"),
     "spectrum": ("mercury", "two bands"),
-    "image": ("one column", "one pixel"),
+    "image": ("one row", "one column"),
     "pupil": (
         "the paper's aperture",
         "a pupil of one sample",
@@ -65,8 +65,9 @@ SELECTED: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one group on one mutant. case, way: where it was noticed, empty where it was not; error, bound: there;
-    ended: the error that a case ended with, which is noticed too; findings: that were looked at; seconds: it took.
+    """Of one group on one mutant. case, way: where it was noticed, empty where it was not; error, bound:
+    there; ended: the error that a case ended with, which is noticed too; findings: looked at;
+    seconds: it took.
     """
 
     mutant: str
@@ -82,6 +83,11 @@ class Verdict:
     @property
     def killed(self) -> bool:
         return bool(self.way or self.ended)
+
+    @classmethod
+    def from_json(cls, said: Mapping[str, object]) -> Verdict:
+        """The verdict that `as_json` gave."""
+        return cls(**said)  # pyrefly: ignore[bad-argument-type]
 
     def as_json(self) -> dict[str, object]:
         return asdict(self)
@@ -100,7 +106,8 @@ def choose(names: Sequence[str] = ()) -> tuple[tuple[Mutant, str], ...]:
     unknown = [name for name in names if name not in known]
     if unknown:
         raise InputError(
-            f"no mutant or group {unknown[0]!r}; groups: {', '.join(SELECTED)}; leave the name out for all mutants"
+            f"no mutant or group {unknown[0]!r}; groups: {', '.join(SELECTED)}; leave the name out"
+            " for all mutants"
         )
     return tuple(
         (mutant, group)
@@ -111,7 +118,8 @@ def choose(names: Sequence[str] = ()) -> tuple[tuple[Mutant, str], ...]:
 
 
 def judge(mutant: Mutant, group: str) -> Verdict:
-    """Show a mutant to a group: the first finding beyond its bound kills it, as does a case that ends early."""
+    """Show a mutant to a group: the first finding beyond its bound kills it, as does a case that ends
+    early."""
     begun = time.perf_counter()
     seen = 0
     with applied(mutant):
@@ -131,8 +139,9 @@ def judge(mutant: Mutant, group: str) -> Verdict:
 
 
 def figures(verdicts: Sequence[Verdict]) -> dict[str, float]:
-    """mutants, pairs: of a mutant and a group that it concerns; killed: of the pairs; killed_share: in per cent;
-    ended: of the killed, by a case that ended with an error; unnoticed: mutants that no group killed; seconds."""
+    """mutants, pairs: of a mutant and a group that it concerns; killed: of the pairs; in per cent too;
+    ended: of the killed, by a case that ended with an error; unnoticed: mutants that no group killed;
+    seconds."""
     noticed = {verdict.mutant for verdict in verdicts if verdict.killed}
     known = {verdict.mutant for verdict in verdicts}
     killed = sum(verdict.killed for verdict in verdicts)

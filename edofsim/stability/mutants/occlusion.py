@@ -54,7 +54,9 @@ def _visible_alone() -> AbstractContextManager[object]:
     return together(swapped(hidden, "slabs_of", seen), swapped(sub_apertures, "slabs_of", seen))
 
 
-def _merged_as(merge: Callable[[list[tuple[Tensor, Tensor]]], Tensor]) -> Callable[[], AbstractContextManager[object]]:
+def _merged_as(
+    merge: Callable[[list[tuple[Tensor, Tensor]]], Tensor],
+) -> Callable[[], AbstractContextManager[object]]:
     def merged(slabs: Slabs, count: int) -> Tensor:
         return merge(list(slabs))
 
@@ -109,7 +111,12 @@ def _far_to_near() -> AbstractContextManager[object]:
 
 
 MUTANTS: tuple[Mutant, ...] = (
-    Mutant("black where composited", "photos with occlusion are black", HIDING, _composed(_dark, "over", "normalised", "hidden")),
+    Mutant(
+        "black where composited",
+        "photos with occlusion are black",
+        HIDING,
+        _composed(_dark, "over", "normalised", "hidden"),
+    ),
     Mutant("plain blur", "nothing hides anything", HIDING, _composed(none, "over", "normalised", "hidden")),
     Mutant("plain blur for hidden surfaces", "they are left out", HIDING, _composed(none, "hidden")),
     Mutant("hidden fragments ignored", "what a blur uncovers is filled from beside", HIDING, _visible_alone),
@@ -124,7 +131,12 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("light added up", "slabs are added, not merged", HIDING, _merged_as(_added)),
     Mutant("half opaque", "surfaces let half of the light by", HIDING, _merged_as(_half_opaque)),
     Mutant("edges without blur", "a pixel sees one slab or the other", HIDING, _merged_as(_hard_edges)),
-    Mutant("holes left dark", "what is not known behind a slab is not filled", ("coverage",), _merged_as(_unfilled)),
+    Mutant(
+        "holes left dark",
+        "what is not known behind a slab is not filled",
+        ("coverage",),
+        _merged_as(_unfilled),
+    ),
     Mutant(
         "coverage not normalised",
         "surfaces are as transparent as light leaves the windows",
@@ -135,11 +147,25 @@ MUTANTS: tuple[Mutant, ...] = (
         "edges not found",
         "no fragment is taken to hide another",
         HIDING,
-        lambda: together(swapped(hidden, "hides", _nothing_hides), swapped(sub_apertures, "hides", _nothing_hides)),
+        lambda: together(
+            swapped(hidden, "hides", _nothing_hides), swapped(sub_apertures, "hides", _nothing_hides)
+        ),
     ),
-    Mutant("hidden light shown", "without occlusion hidden surfaces shine too", ("coverage",), lambda: swapped(plain, "seen", lambda view: torch.arange(view.pixel.numel()))),
-    Mutant("layers from behind", "`over` and `normalised` begin with the farthest", ("coverage",), _far_to_near),
-    Mutant("normalised as over", "no division by what is behind", ("coverage",), _composed(layers.over, "normalised")),
+    Mutant(
+        "hidden light shown",
+        "without occlusion hidden surfaces shine too",
+        ("coverage",),
+        lambda: swapped(plain, "seen", lambda view: torch.arange(view.pixel.numel())),
+    ),
+    Mutant(
+        "layers from behind", "`over` and `normalised` begin with the farthest", ("coverage",), _far_to_near
+    ),
+    Mutant(
+        "normalised as over",
+        "no division by what is behind",
+        ("coverage",),
+        _composed(layers.over, "normalised"),
+    ),
     Mutant(
         "sub-apertures change nothing",
         "the pupil is always taken as a whole",

@@ -79,9 +79,7 @@ def _one_sample(window: SensorWindow) -> Tensor:
 
 
 def _pixel(times: float) -> AbstractContextManager[object]:
-    return swapped(
-        psf, "SensorWindow", lambda pixels, pitch, over: SensorWindow(pixels, pitch * times, over)
-    )
+    return swapped(psf, "SensorWindow", lambda pixels, pitch, over: SensorWindow(pixels, pitch * times, over))
 
 
 def _reduced_late(phase: Tensor) -> Tensor:
@@ -107,8 +105,18 @@ MUTANTS: tuple[Mutant, ...] = (
         _psfs(lambda x: torch.where(x < 0.005 * x.amax((-1, -2), keepdim=True), 0.0, x)),
     ),
     Mutant("PSF in bfloat16", "PSFs keep three digits", BOTH, _psfs(lambda x: x.bfloat16().to(x))),
-    Mutant("defocus of the wrong sign", "near and far change places", BOTH, lambda: after(psf, "defocus", lambda x: -x)),
-    Mutant("defocus 1 % up", "Psi is 1 % too large", ("pupil",), lambda: after(psf, "defocus", lambda x: 1.01 * x)),
+    Mutant(
+        "defocus of the wrong sign",
+        "near and far change places",
+        BOTH,
+        lambda: after(psf, "defocus", lambda x: -x),
+    ),
+    Mutant(
+        "defocus 1 % up",
+        "Psi is 1 % too large",
+        ("pupil",),
+        lambda: after(psf, "defocus", lambda x: 1.01 * x),
+    ),
     Mutant("no defocus", "every depth is in focus", BOTH, lambda: after(psf, "defocus", lambda x: 0 * x)),
     Mutant(
         "lens without dispersion",
@@ -116,7 +124,9 @@ MUTANTS: tuple[Mutant, ...] = (
         ("depth", "spectrum", "pupil"),
         _focal_length_of_one_line,
     ),
-    Mutant("mask without dispersion", "the resist's index is that at 543 nm", PSFS, lambda: _delay(543e-9, 1.0)),
+    Mutant(
+        "mask without dispersion", "the resist's index is that at 543 nm", PSFS, lambda: _delay(543e-9, 1.0)
+    ),
     Mutant("mask in no air", "a height delays by n, not by n - 1", PSFS, lambda: _delay(None, 0.0)),
     Mutant("no mask", "the relief is left out", PSFS, lambda: after(pupil, "mask_delay", lambda x: 0 * x)),
     Mutant(
@@ -135,12 +145,22 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("aperture 1 % wider", "the pupil's radius is 1 % too large", PSFS, lambda: _aperture(1.01)),
     Mutant("focus 1 % farther", "the sensor stands for 1.515 m", ("pupil",), lambda: _focus(1.01)),
     Mutant("wavelength 1 % longer", "in the transform to the sensor", PSFS, lambda: _bases(1.01)),
-    Mutant("pixels as points", "a pixel shows what its middle sees", PSFS, lambda: swapped(transform, "pixel_weights", _one_sample)),
+    Mutant(
+        "pixels as points",
+        "a pixel shows what its middle sees",
+        PSFS,
+        lambda: swapped(transform, "pixel_weights", _one_sample),
+    ),
     Mutant(
         "ragged aperture",
         "cells at its edge are open or shut",
         PSFS,
         lambda: after(pupil, "mask_amplitude", lambda x: ((x[0] > 0.5).double(), x[1])),
     ),
-    Mutant("phase in float32", "before whole waves are taken off", ("pupil",), lambda: swapped(pupil, "_reduced", _reduced_late)),
+    Mutant(
+        "phase in float32",
+        "before whole waves are taken off",
+        ("pupil",),
+        lambda: swapped(pupil, "_reduced", _reduced_late),
+    ),
 )

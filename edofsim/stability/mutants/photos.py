@@ -126,14 +126,23 @@ MUTANTS: tuple[Mutant, ...] = (
         _photos(_small_to_zero),
     ),
     Mutant("clamped at full scale", "photos end at 1", ("radiance",), _photos(lambda x: x.clamp_max(1))),
-    Mutant("photo in float16", "lamps beyond 65504 are infinite", ("radiance",), _photos(lambda x: x.half().to(x))),
+    Mutant(
+        "photo in float16",
+        "lamps beyond 65504 are infinite",
+        ("radiance",),
+        _photos(lambda x: x.half().to(x)),
+    ),
     Mutant("black", "every photo", (*FRAME, "spectrum", "occlusion", "sensor"), _photos(lambda x: 0 * x)),
-    Mutant("mirrored frame", "left and right change places", (*FRAME, "occlusion"), _photos(lambda x: x.flip(-1))),
+    Mutant(
+        "mirrored frame", "left and right change places", (*FRAME, "occlusion"), _photos(lambda x: x.flip(-1))
+    ),
     Mutant("frame upside down", "top and bottom change places", FRAME, _photos(lambda x: x.flip(-2))),
     Mutant("frame one pixel off", "photos one pixel lower", FRAME, _photos(lambda x: x.roll(1, -2))),
     Mutant("photo 1 % brighter", "in all channels", (*FRAME, "sensor"), _photos(lambda x: 1.01 * x)),
     Mutant("red and blue exchanged", "in photos", SUMS, _photos(lambda x: x.flip(-3))),
-    Mutant("bands reversed", "the response is read backwards", (*SUMS, "sensor"), _weights(lambda x: x.flip(1))),
+    Mutant(
+        "bands reversed", "the response is read backwards", (*SUMS, "sensor"), _weights(lambda x: x.flip(1))
+    ),
     Mutant("channels reversed", "in the response", (*SUMS, "sensor"), _weights(lambda x: x.flip(0))),
     Mutant("no colour", "every channel sees all bands alike", (*SUMS, "sensor"), _weights(_grey_response)),
     Mutant(
@@ -156,8 +165,8 @@ MUTANTS: tuple[Mutant, ...] = (
         ("depth", "image"),
         lambda: after(light, "hat_weights", _to_nearest_node),
     ),
-    Mutant("few depths", "nodes are chosen for 20 dB", ("depth", "image"), _coarse_nodes),
-    Mutant("few factors", "low rank is asked for 35 dB", ("depth", "image"), _coarse_factors),
+    Mutant("few depths", "nodes are chosen for 20 dB", ("depth",), _coarse_nodes),
+    Mutant("few factors", "low rank is asked for 35 dB", ("depth",), _coarse_factors),
     Mutant(
         "one PSF for all depths",
         "that of the farthest node",
@@ -175,4 +184,3 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("exposure 1 % up", "of what is asked for or chosen", ("radiance", "sensor"), _longer(1.01)),
     Mutant("exposure halved", "of what is asked for or chosen", ("radiance", "sensor"), _longer(0.5)),
 )
-

@@ -80,7 +80,9 @@ MUTANTS: tuple[Mutant, ...] = (
     Mutant("half the light", "in every pixel", RENDERER, _light(lambda x: 0.5 * x)),
     Mutant("light 5 % up", "in every pixel", RENDERER, _light(lambda x: 1.05 * x)),
     Mutant("bands of a view reversed", "violet is red", RENDERER, _light(lambda x: x.flip(0))),
-    Mutant("gamma", "light is stored as the root of itself", RENDERER, _light(lambda x: x.clamp_min(0).sqrt())),
+    Mutant(
+        "gamma", "light is stored as the root of itself", RENDERER, _light(lambda x: x.clamp_min(0).sqrt())
+    ),
     Mutant("lamps clamped", "at a radiance of 100", RENDERER, _light(lambda x: x.clamp_max(100))),
     Mutant("mirrored camera", "left and right change places", RENDERER, _rays(-1, 1)),
     Mutant("camera upside down", "top and bottom change places", RENDERER, _rays(1, -1)),
@@ -92,7 +94,12 @@ MUTANTS: tuple[Mutant, ...] = (
         _views(lambda view: replace(view, inverse_depth=1.01 * view.inverse_depth)),
     ),
     Mutant("nothing hidden", "what is behind edges is not rendered", RENDERER, _views(_visible_alone)),
-    Mutant("light left to coverage", "every fragment covers its pixel", RENDERER, _views(lambda view: replace(view, coverage=torch.ones_like(view.coverage)))),
+    Mutant(
+        "light left to coverage",
+        "every fragment covers its pixel",
+        RENDERER,
+        _views(lambda view: replace(view, coverage=torch.ones_like(view.coverage))),
+    ),
     Mutant("a bounce fewer", "than is asked for", RENDERER, _one_bounce_less),
     Mutant("darker surfaces", "reflect 10 % less", RENDERER, _affine(lambda f: f * 0.9)),  # pyrefly: ignore
 )

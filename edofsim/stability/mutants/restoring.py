@@ -61,16 +61,40 @@ def _noise_of(times: float) -> AbstractContextManager[object]:
 
 
 MUTANTS: tuple[Mutant, ...] = (
-    Mutant("photo unchanged", "a network gives back what it got", RESTORING, lambda: swapped(restoration, "apply_network", _untouched)),
+    Mutant(
+        "photo unchanged",
+        "a network gives back what it got",
+        RESTORING,
+        lambda: swapped(restoration, "apply_network", _untouched),
+    ),
     Mutant("wrong channels", "red is restored as blue", RESTORING, _restored(lambda x: x.flip(0))),
     Mutant("restored one pixel off", "to the right", RESTORING, _restored(lambda x: x.roll(1, -1))),
     Mutant("restored 3 % darker", "in all channels", RESTORING, _restored(lambda x: 0.97 * x)),
     Mutant("restored in 4 bits", "15 steps", RESTORING, _restored(lambda x: (15 * x).round() / 15)),
-    Mutant("statistics of training", "batch normalisation by the photo itself", RESTORING, _training_statistics),
-    Mutant("light not kept", "the lowest frequencies are the network's", RESTORING, lambda: swapped(network, "keep_light", _light_not_kept)),
-    Mutant("weights out of order", "outputs of each layer exchanged", RESTORING, lambda: after(restoration, "load_checkpoint", _untrained)),
-    Mutant("filter unchanged", "the Wiener filter gives back what it got", RESTORING, lambda: swapped(restoration, "wiener", _untouched_by_filter)),
-    Mutant("filter 1 % down", "its light", RESTORING, lambda: after(restoration, "wiener", lambda x: 0.99 * x)),
+    Mutant(
+        "statistics of training", "batch normalisation by the photo itself", RESTORING, _training_statistics
+    ),
+    Mutant(
+        "light not kept",
+        "the lowest frequencies are the network's",
+        RESTORING,
+        lambda: swapped(network, "keep_light", _light_not_kept),
+    ),
+    Mutant(
+        "weights out of order",
+        "outputs of each layer exchanged",
+        RESTORING,
+        lambda: after(restoration, "load_checkpoint", _untrained),
+    ),
+    Mutant(
+        "filter unchanged",
+        "the Wiener filter gives back what it got",
+        RESTORING,
+        lambda: swapped(restoration, "wiener", _untouched_by_filter),
+    ),
+    Mutant(
+        "filter 1 % down", "its light", RESTORING, lambda: after(restoration, "wiener", lambda x: 0.99 * x)
+    ),
     Mutant("filter of much noise", "told ten times as much", RESTORING, lambda: _noise_of(10.0)),
     Mutant(
         "filter without mirrors",
@@ -78,7 +102,26 @@ MUTANTS: tuple[Mutant, ...] = (
         RESTORING,
         lambda: swapped(filtering, "_reflected", lambda image, reach: (image, (0, 0))),
     ),
-    Mutant("PSNR of amplitudes", "20 log in place of 10 log", RESTORING, lambda: after(restoration, "psnr", lambda x: 2 * x)),
-    Mutant("SSIM 1 % down", "of equal images too", RESTORING, lambda: after(scores, "structural_similarity", lambda x: 0.99 * x if isinstance(x, float) else tuple(0.99 * each for each in x))),
-    Mutant("denormals kept", "in checkpoints", ("training",), lambda: swapped(checkpoint, "without_denormals", lambda x: x)),
+    Mutant(
+        "PSNR of amplitudes",
+        "20 log in place of 10 log",
+        RESTORING,
+        lambda: after(restoration, "psnr", lambda x: 2 * x),
+    ),
+    Mutant(
+        "SSIM 1 % down",
+        "of equal images too",
+        RESTORING,
+        lambda: after(
+            scores,
+            "structural_similarity",
+            lambda x: 0.99 * x if isinstance(x, float) else tuple(0.99 * each for each in x),
+        ),
+    ),
+    Mutant(
+        "denormals kept",
+        "in checkpoints",
+        ("training",),
+        lambda: swapped(checkpoint, "without_denormals", lambda x: x),
+    ),
 )
