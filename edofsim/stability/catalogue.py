@@ -75,8 +75,9 @@ def run_case(case: Case) -> CaseResult:
 
 def figures(results: Sequence[CaseResult]) -> dict[str, float]:
     """cases, findings, seconds; against_truth: findings against a truth that is not this code;
-    against_itself: those that compare the code with itself; beyond_bound: findings that do not hold; failed: cases without
-    an end; single_precision: the largest local difference of float32 from float64 among the photos."""
+    against_itself: those that compare the code with itself; beyond_bound: findings that do not hold;
+    failed: cases without an end; single_precision: the largest local difference of float32 from float64
+    among the photos."""
     findings = [finding for result in results for finding in result.findings]
     single = [
         finding.error

@@ -89,7 +89,9 @@ def _sized(rows: int, columns: int, layered: float = LAYERED) -> HardView:
     # not linear: a depth exactly between two layers may fall into either, by the rounding of a precision
     along = torch.linspace(0, 1, columns + 2 * (WINDOW // 2), dtype=torch.float64)
     depth = 0.4 + 0.8 * along.square()
-    return HardView(flat(depth.expand(rows + 2 * (WINDOW // 2), -1), rows=rows, columns=columns), layered)
+    return HardView(
+        flat(depth.expand(rows + 2 * (WINDOW // 2), -1), rows=rows, columns=columns), layered=layered
+    )
 
 
 RADIANCE = (
@@ -158,13 +160,13 @@ IMAGE = (
 )
 
 
-def _refused(view: object, words: str, **options: object) -> Iterator[Finding]:
+def _refused(view: View, words: str, window_px: int | None = None) -> Iterator[Finding]:
     """An input that has no photo: one message that holds `words`, from every method."""
     for method in METHODS:
 
         def said(method: str = method) -> float:
             try:
-                capture(view, camera_with(ClearMask()), Fidelity(method=method, **options))
+                capture(view, camera_with(ClearMask()), Fidelity(method=method, window_px=window_px))
             except InputError as error:
                 return 0.0 if words in str(error) else 1.0
             return 1.0
@@ -206,7 +208,7 @@ def _denormals() -> Iterator[Finding]:
     view.radiance.mul_(1e-40)
 
     def lost(method: str, camera: Camera, truth: Tensor) -> float:
-        fidelity = Fidelity(method=method, occlusion="none", **SHIPPED)
+        fidelity = Fidelity(method=method, occlusion="none").changed(SHIPPED)
         made = capture(view, camera, fidelity, exposure=1.0).clean.double()
         return float((made - truth).abs().max()) / torch.finfo(torch.float32).tiny
 
@@ -277,7 +279,7 @@ def _wide() -> Iterator[Finding]:
     )
     camera = camera_with(ClearMask())
 
-    fidelity = Fidelity(method="brute", occlusion="none", **SHIPPED)
+    fidelity = Fidelity(method="brute", occlusion="none").changed(SHIPPED)
 
     def same() -> float:
         whole, alone = (capture(each, camera, fidelity, exposure=1.0).clean for each in (view, part))

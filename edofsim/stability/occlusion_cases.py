@@ -157,7 +157,7 @@ def _blurred_both() -> Iterator[Finding]:
     front, back = (np.broadcast_to(0.55 + 0.45 * np.sin(along + lag), PADDED).copy() for lag in (0.0, 1.5))
     camera = _wide_camera()
     painted = [torch.from_numpy(each).reshape(-1)[view.pixel] for each in (front, back)]
-    amount = torch.where(view.inverse_depth > 1 / FOCUS, *painted)
+    amount = torch.where(view.inverse_depth > 1 / FOCUS, painted[0], painted[1])
     view = replace(
         view,
         radiance=(amount * view.coverage)[None],

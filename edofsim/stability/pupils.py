@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import Literal
 
 import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, PsfBank, defocus, material, psf_bank
+from ..optics import Camera, PsfBank, defocus, psf_bank
 from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks import Mask, catalogue
 from ..optics.masks.clear import ClearMask
@@ -25,7 +25,7 @@ from ..recipe.camera import CameraRecipe, PsfSettings
 from . import written_out
 from .case import Case, Finding, timed
 from .measures import distance
-from .views import MASKS, camera_with, free_height, uniform, with_free_height
+from .views import MASKS, camera_with, uniform, with_free_height
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)
 SIDE = 25
@@ -62,13 +62,14 @@ def camera_of(
     mask: Mask | None = None,
     pupil_um: float | None = None,
     oversampling: int = 1,
-    **glass: Any,
+    surface_profile: Literal["spherical", "parabolic"] = "spherical",
 ) -> Camera:
-    """The paper's lens with another aperture and, if wanted, pupil sampling and what else its recipe says.
+    """The paper's lens with another aperture and, if wanted, pupil sampling and a parabola in place of the
+    sphere.
 
     oversampling: 1 is right for blurs much wider than a pixel."""
     psf = PsfSettings(window_px=SIDE, oversampling=oversampling, pupil_sampling_um=pupil_um or "auto")
-    lens = PlanoConvexLens(aperture_radius_mm=aperture_mm, **glass)
+    lens = PlanoConvexLens(aperture_radius_mm=aperture_mm, surface_profile=surface_profile)
     return Camera.from_recipe(CameraRecipe(name="hard", lens=lens, mask=mask or ClearMask(), psf=psf))
 
 
@@ -122,7 +123,7 @@ def _relief(change: Callable[[Tensor, Camera], Tensor], bound: float) -> Callabl
 
     def check() -> Iterator[Finding]:
         camera = with_free_height(camera_with(MASKS["free"]))
-        other = change(camera.height_map, camera)
+        other = change(_height(camera), camera)
         truth = bank(camera, 0.3).values
         changed = camera.with_height(other)
         yield timed("float64", bound, lambda: distance(bank(changed, 0.3).values, truth))
@@ -137,15 +138,20 @@ def _relief(change: Callable[[Tensor, Camera], Tensor], bound: float) -> Callabl
     return check
 
 
+def _height(camera: Camera) -> Tensor:
+    assert camera.height_map is not None
+    return camera.height_map
+
+
 def _wave(camera: Camera) -> float:
     """Height of the mask's material that delays green light by a wave, in metres."""
-    relief = material(camera.recipe.mask.material)
+    relief = camera.mask_material
     return float(GREEN) / (float(relief.index(GREEN)) - 1)
 
 
 def _random_heights() -> Iterator[Finding]:
-    camera = camera_with(MASKS["free"])
-    height = uniform(*free_height(camera).shape, seed=5) * _wave(camera)
+    camera = with_free_height(camera_with(MASKS["free"]))
+    height = uniform(*_height(camera).shape, seed=5) * _wave(camera)
     for dtype in PRECISIONS:
         yield timed(
             f"energy, {_name(dtype)}",
@@ -203,8 +209,8 @@ def _replicas() -> Iterator[Finding]:
 
 def _mirrored() -> Iterator[Finding]:
     """A mask upside down has its PSF upside down."""
-    camera = camera_with(MASKS["free"])
-    height = free_height(camera)
+    camera = with_free_height(camera_with(MASKS["free"]))
+    height = _height(camera)
     truth = bank(camera.with_height(height), 0.3).values
     for name, axis in (("rows", -2), ("columns", -1)):
         yield timed(

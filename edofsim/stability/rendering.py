@@ -49,13 +49,27 @@ def matt(
 
 
 def view_of(
-    objects: list[SceneObject], sky: float | None = 1.0, angle: float = 0.01, **settings: object
+    objects: list[SceneObject],
+    sky: float | None = 1.0,
+    angle: float = 0.01,
+    *,
+    hidden: bool = False,
+    samples: int = 64,
+    max_depth: int = 5,
+    pupil_radius: float = 3e-3,
 ) -> View:
     """A small view of the objects under a sky of constant radiance."""
     environment = None if sky is None else Environment(spectrum(sky))
     model = SceneModel("hard", np.linspace(450e-9, 650e-9, BANDS), tuple(objects), environment)
     frame = RenderSettings(
-        **{"height": 12, "width": 16, "margin": 0, "pixel_angle": angle, "hidden": False, **settings}
+        height=12,
+        width=16,
+        margin=0,
+        pixel_angle=angle,
+        hidden=hidden,
+        samples=samples,
+        max_depth=max_depth,
+        pupil_radius=pupil_radius,
     )
     return render_model(model, frame)
 
@@ -72,10 +86,12 @@ def depth_error(view: View, z: float) -> float:
     return float((view.inverse_depth.double() * z - 1).abs().max())
 
 
-def _plane(z: float, bound: float = NOISE, **settings: object) -> Callable[[], Iterator[Finding]]:
+def _plane(
+    z: float, bound: float = NOISE, samples: int = 64, max_depth: int = 5
+) -> Callable[[], Iterator[Finding]]:
     def check() -> Iterator[Finding]:
         for hidden in (False, True):
-            view = view_of([matt(sheet(z, z))], hidden=hidden, **settings)
+            view = view_of([matt(sheet(z, z))], hidden=hidden, samples=samples, max_depth=max_depth)
             way = ", hidden surfaces" if hidden else ""
             yield timed(f"radiance{way}", bound, lambda view=view: radiance_error(view, ALBEDO))
             yield timed(f"depth{way}", 1e-5, lambda view=view: depth_error(view, z))

@@ -189,6 +189,7 @@ def _lamp_far_away() -> Iterator[Finding]:
     photo = photo.float()
     for checkpoint in map(load_checkpoint, SHIPPED):
         network = checkpoint.network
+        assert network.radius is not None
         beyond = (..., slice(8 + network.radius + network.multiple + REACH, None))
         with torch.inference_mode():
             alone = apply_network(network, photo)
@@ -263,8 +264,8 @@ def _loss(make: Callable[[], tuple[Tensor, Tensor]]) -> Callable[[], Iterator[Fi
             restored, sharp = (image.clone().to(dtype) for image in make())
             restored.requires_grad_()
             loss = restoration_loss(restored, sharp)
-            loss.backward()
-            found.append((loss.detach().double()[None], restored.grad.double()))
+            (slope,) = torch.autograd.grad(loss, restored)
+            found.append((loss.detach().double()[None], slope.double()))
         for name, position in (("value", 0), ("gradient", 1)):
             yield timed(
                 f"{name}, float32 against float64",
@@ -282,8 +283,8 @@ def _prior_of_constant() -> Iterator[Finding]:
 
         def slope(flat: Tensor = flat) -> float:
             value = gradient_prior(flat, flat.detach())
-            value.backward()
-            return float(value.detach().abs()) + 0 * float(flat.grad.sum())
+            (by,) = torch.autograd.grad(value, flat)
+            return float(value.detach().abs()) + 0 * float(by.sum())
 
         yield timed(f"value and gradient, {_name(dtype)}", 1e-3, slope)
 

@@ -140,7 +140,8 @@ class Scene:
         return torch.from_numpy(np.ascontiguousarray(inside))
 
     def _image(self, amount: Array, here: NDArray[np.bool_]) -> Array:
-        return np.bincount(self.pixel[here], amount, self.shape[0] * self.shape[1]).reshape(self.shape)
+        total = np.bincount(self.pixel[here], amount, self.shape[0] * self.shape[1])
+        return np.asarray(total, np.float64).reshape(self.shape)
 
     def _blurred(self, image: Array, psf: Array) -> Array:
         if not image.any():

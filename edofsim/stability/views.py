@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -33,7 +32,7 @@ MASKS: Mapping[str, Mask] = {
 }
 
 
-def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
+def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: object) -> Camera:
     """A camera with so small a pupil that its blur stays within small frames."""
     recipe = CameraRecipe(
         name="hard",

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from types import ModuleType
-from typing import ParamSpec, TypeVar
+from typing import TypeVar
 from unittest.mock import patch
+
+from torch import Tensor
 
 from ...capture import factor_cache
 from ...optics import cache, transform
 
-P = ParamSpec("P")
 R = TypeVar("R")
 
 
@@ -35,7 +36,7 @@ def forget() -> None:
 
 
 @contextmanager
-def applied(mutant: Mutant) -> Iterator[None]:
+def applied(mutant: Mutant) -> Generator[None]:
     """The simulator broken as the mutant says, and whole again afterwards."""
     forget()
     try:
@@ -60,8 +61,18 @@ def after(where: ModuleType | type, name: str, change: Callable[[R], R]) -> Abst
     return patch.object(where, name, changed)
 
 
+def scaled(where: ModuleType | type, name: str, times: float) -> AbstractContextManager[object]:
+    """A function whose result, a number or a tensor, is multiplied."""
+    inner: Callable[..., Tensor] = getattr(where, name)
+
+    def changed(*given: object, **options: object) -> Tensor:
+        return times * inner(*given, **options)
+
+    return patch.object(where, name, changed)
+
+
 @contextmanager
-def together(*changes: AbstractContextManager[object]) -> Iterator[None]:
+def together(*changes: AbstractContextManager[object]) -> Generator[None]:
     """Several changes at once."""
     with ExitStack() as stack:
         for each in changes:

@@ -16,7 +16,7 @@ from ...capture.kernels import HeldKernels, Kernels
 from ...capture.occlusion import OCCLUSIONS, layers, none
 from ...capture.occlusion.slabs import Hides
 from ...render.view import View
-from .mutant import Mutant, after, swapped, together
+from .mutant import Mutant, scaled, swapped, together
 
 hidden = import_module("edofsim.capture.occlusion.hidden")  # the package holds a function of that name
 sub_apertures = import_module("edofsim.capture.occlusion.sub_apertures")
@@ -30,8 +30,8 @@ def _composed(compose: Compose, *names: str) -> Callable[[], AbstractContextMana
     """These kinds of occlusion composed otherwise, without what sub-apertures would change."""
 
     def broken() -> AbstractContextManager[object]:
-        ways = patch.dict(OCCLUSIONS, dict.fromkeys(names, compose))  # pyrefly: ignore
-        return together(ways, after(imaging, "change_by_sub_apertures", lambda change: 0 * change))
+        ways = patch.dict(OCCLUSIONS, dict.fromkeys(names, compose))
+        return together(ways, scaled(imaging, "change_by_sub_apertures", 0.0))
 
     return broken
 
@@ -101,6 +101,10 @@ def _nothing_hides(view: View, gap: float) -> Hides:
     return Hides(none_at_all, none_at_all)
 
 
+def _every_fragment(view: View) -> Tensor:
+    return torch.arange(view.pixel.numel())
+
+
 def _far_to_near() -> AbstractContextManager[object]:
     inner = layers._layers
 
@@ -155,7 +159,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "hidden light shown",
         "without occlusion hidden surfaces shine too",
         ("coverage",),
-        lambda: swapped(plain, "seen", lambda view: torch.arange(view.pixel.numel())),
+        lambda: swapped(plain, "seen", _every_fragment),
     ),
     Mutant(
         "layers from behind", "`over` and `normalised` begin with the farthest", ("coverage",), _far_to_near
@@ -170,12 +174,12 @@ MUTANTS: tuple[Mutant, ...] = (
         "sub-apertures change nothing",
         "the pupil is always taken as a whole",
         ("occlusion",),
-        lambda: after(imaging, "change_by_sub_apertures", lambda change: 0 * change),
+        lambda: scaled(imaging, "change_by_sub_apertures", 0.0),
     ),
     Mutant(
         "sub-apertures change twice as much",
         "as they should",
         ("occlusion",),
-        lambda: after(imaging, "change_by_sub_apertures", lambda change: 2 * change),
+        lambda: scaled(imaging, "change_by_sub_apertures", 2.0),
     ),
 )

@@ -14,7 +14,7 @@ from ...optics.lenses import Lens
 from ...optics.lenses.plano_convex import PlanoConvexLens
 from ...optics.transform import SensorWindow
 from ...recipe.camera import CameraRecipe
-from .mutant import Mutant, after, swapped, together
+from .mutant import Mutant, after, scaled, swapped, together
 
 PSFS = ("depth", "pupil")
 BOTH = ("depth", "coverage", "pupil")
@@ -35,9 +35,10 @@ def _bases(reach: float) -> AbstractContextManager[object]:
 
 
 def _aperture(times: float) -> AbstractContextManager[object]:
-    return swapped(
-        PlanoConvexLens, "aperture_radius", property(lambda lens: lens.aperture_radius_mm * 1e-3 * times)
-    )
+    def radius(lens: PlanoConvexLens) -> float:
+        return lens.aperture_radius_mm * 1e-3 * times
+
+    return swapped(PlanoConvexLens, "aperture_radius", property(radius))
 
 
 def _focus(times: float) -> AbstractContextManager[object]:
@@ -79,7 +80,22 @@ def _one_sample(window: SensorWindow) -> Tensor:
 
 
 def _pixel(times: float) -> AbstractContextManager[object]:
-    return swapped(psf, "SensorWindow", lambda pixels, pitch, over: SensorWindow(pixels, pitch * times, over))
+    def window(pixels: int, pitch: float, oversampling: int) -> SensorWindow:
+        return SensorWindow(pixels, pitch * times, oversampling)
+
+    return swapped(psf, "SensorWindow", window)
+
+
+def _flat(lens: PlanoConvexLens, square: Tensor) -> Tensor:
+    return square * 0
+
+
+def _upside_down(relief: Tensor | None) -> Tensor | None:
+    return None if relief is None else relief.flip(0)
+
+
+def _ragged(found: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    return (found[0] > 0.5).double(), found[1]
 
 
 def _reduced_late(phase: Tensor) -> Tensor:
@@ -109,15 +125,15 @@ MUTANTS: tuple[Mutant, ...] = (
         "defocus of the wrong sign",
         "near and far change places",
         BOTH,
-        lambda: after(psf, "defocus", lambda x: -x),
+        lambda: scaled(psf, "defocus", -1.0),
     ),
     Mutant(
         "defocus 1 % up",
         "Psi is 1 % too large",
         ("pupil",),
-        lambda: after(psf, "defocus", lambda x: 1.01 * x),
+        lambda: scaled(psf, "defocus", 1.01),
     ),
-    Mutant("no defocus", "every depth is in focus", BOTH, lambda: after(psf, "defocus", lambda x: 0 * x)),
+    Mutant("no defocus", "every depth is in focus", BOTH, lambda: scaled(psf, "defocus", 0.0)),
     Mutant(
         "lens without dispersion",
         "all wavelengths have the focal length of 550 nm",
@@ -128,18 +144,18 @@ MUTANTS: tuple[Mutant, ...] = (
         "mask without dispersion", "the resist's index is that at 543 nm", PSFS, lambda: _delay(543e-9, 1.0)
     ),
     Mutant("mask in no air", "a height delays by n, not by n - 1", PSFS, lambda: _delay(None, 0.0)),
-    Mutant("no mask", "the relief is left out", PSFS, lambda: after(pupil, "mask_delay", lambda x: 0 * x)),
+    Mutant("no mask", "the relief is left out", PSFS, lambda: scaled(pupil, "mask_delay", 0.0)),
     Mutant(
         "mask upside down",
         "rows of the relief in reverse",
         PSFS,
-        lambda: after(pupil, "surface", lambda x: x.flip(0) if isinstance(x, Tensor) else x),
+        lambda: after(pupil, "surface", _upside_down),
     ),
     Mutant(
         "no spherical aberration",
         "the lens is a parabola",
         ("pupil",),
-        lambda: swapped(PlanoConvexLens, "_sag", lambda lens, square: square * 0),
+        lambda: swapped(PlanoConvexLens, "_sag", _flat),
     ),
     Mutant("pixels 1 % wider", "the sensor's pitch is 1 % too large", PSFS, lambda: _pixel(1.01)),
     Mutant("aperture 1 % wider", "the pupil's radius is 1 % too large", PSFS, lambda: _aperture(1.01)),
@@ -155,7 +171,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "ragged aperture",
         "cells at its edge are open or shut",
         PSFS,
-        lambda: after(pupil, "mask_amplitude", lambda x: ((x[0] > 0.5).double(), x[1])),
+        lambda: after(pupil, "mask_amplitude", _ragged),
     ),
     Mutant(
         "phase in float32",

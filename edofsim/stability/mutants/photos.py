@@ -18,7 +18,7 @@ from ...capture.methods import low_rank
 from ...optics import PsfBank
 from ...render.view import View
 from .. import light_cases, occlusion_cases, photos, sensor_cases
-from .mutant import Mutant, after, swapped, together
+from .mutant import Mutant, after, scaled, swapped, together
 
 SUMS = ("depth", "spectrum", "image", "coverage")
 FRAME = ("depth", "image", "coverage", "radiance")
@@ -107,7 +107,7 @@ def _slope_of_light(view: View) -> View:
 
 
 def _longer(times: float) -> Callable[[], AbstractContextManager[object]]:
-    return lambda: after(photograph, "_exposure", lambda factor: factor * times)
+    return lambda: scaled(photograph, "_exposure", times)
 
 
 def _grey_response(weights: Tensor) -> Tensor:

@@ -11,7 +11,7 @@ import torch
 
 from ...render import rendering
 from ...render.view import View
-from .mutant import Mutant, after, swapped, together
+from .mutant import Mutant, after, scaled, swapped, together
 
 RENDERER = ("renderer",)
 
@@ -65,15 +65,11 @@ def _rays(across: float, down: float) -> Callable[[], AbstractContextManager[obj
 def _one_bounce_less() -> AbstractContextManager[object]:
     paths = import_module("edofsim.render.paths")
     inner = paths.trace
-    return swapped(
-        paths,
-        "trace",
-        lambda stage, lens, samples, gap, max_depth: inner(stage, lens, samples, gap, max_depth - 1),
-    )
 
+    def trace(stage: object, lens: object, samples: object, gap: float, max_depth: int) -> object:
+        return inner(stage, lens, samples, gap, max_depth - 1)
 
-def _affine(change: Callable[[object], object]) -> Callable[[], AbstractContextManager[object]]:
-    return lambda: after(import_module("edofsim.render.paths"), "affine", change)
+    return swapped(paths, "trace", trace)
 
 
 MUTANTS: tuple[Mutant, ...] = (
@@ -101,5 +97,10 @@ MUTANTS: tuple[Mutant, ...] = (
         _views(lambda view: replace(view, coverage=torch.ones_like(view.coverage))),
     ),
     Mutant("a bounce fewer", "than is asked for", RENDERER, _one_bounce_less),
-    Mutant("darker surfaces", "reflect 10 % less", RENDERER, _affine(lambda f: f * 0.9)),  # pyrefly: ignore
+    Mutant(
+        "darker surfaces",
+        "reflect 10 % less",
+        RENDERER,
+        lambda: scaled(import_module("edofsim.render.paths"), "affine", 0.9),
+    ),
 )

@@ -12,7 +12,7 @@ from torch import Tensor
 from ...restore import checkpoint, network, scores
 from ...restore.restorer import Restorer
 from .. import restoration
-from .mutant import Mutant, after, swapped
+from .mutant import Mutant, after, scaled, swapped
 
 filtering = import_module("edofsim.restore.wiener")  # the package holds a function of that name
 RESTORING = ("restoration",)
@@ -49,6 +49,18 @@ def _untrained(found: checkpoint.Checkpoint) -> checkpoint.Checkpoint:
         for weights in found.network.parameters():
             weights.copy_(weights[torch.randperm(len(weights))] if weights.ndim else weights)
     return found
+
+
+def _unmirrored(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
+    return image, (0, 0)
+
+
+def _as_it_is(values: Tensor) -> Tensor:
+    return values
+
+
+def _less_alike(found: float | tuple[float, Tensor]) -> float | tuple[float, Tensor]:
+    return 0.99 * found if isinstance(found, float) else (0.99 * found[0], 0.99 * found[1])
 
 
 def _noise_of(times: float) -> AbstractContextManager[object]:
@@ -92,36 +104,30 @@ MUTANTS: tuple[Mutant, ...] = (
         RESTORING,
         lambda: swapped(restoration, "wiener", _untouched_by_filter),
     ),
-    Mutant(
-        "filter 1 % down", "its light", RESTORING, lambda: after(restoration, "wiener", lambda x: 0.99 * x)
-    ),
+    Mutant("filter 1 % down", "its light", RESTORING, lambda: scaled(restoration, "wiener", 0.99)),
     Mutant("filter of much noise", "told ten times as much", RESTORING, lambda: _noise_of(10.0)),
     Mutant(
         "filter without mirrors",
         "a photo goes on as its other side",
         RESTORING,
-        lambda: swapped(filtering, "_reflected", lambda image, reach: (image, (0, 0))),
+        lambda: swapped(filtering, "_reflected", _unmirrored),
     ),
     Mutant(
         "PSNR of amplitudes",
         "20 log in place of 10 log",
         RESTORING,
-        lambda: after(restoration, "psnr", lambda x: 2 * x),
+        lambda: scaled(restoration, "psnr", 2.0),
     ),
     Mutant(
         "SSIM 1 % down",
         "of equal images too",
         RESTORING,
-        lambda: after(
-            scores,
-            "structural_similarity",
-            lambda x: 0.99 * x if isinstance(x, float) else tuple(0.99 * each for each in x),
-        ),
+        lambda: after(scores, "structural_similarity", _less_alike),
     ),
     Mutant(
         "denormals kept",
         "in checkpoints",
         ("training",),
-        lambda: swapped(checkpoint, "without_denormals", lambda x: x),
+        lambda: swapped(checkpoint, "without_denormals", _as_it_is),
     ),
 )

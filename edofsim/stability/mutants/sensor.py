@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
 import torch
@@ -18,7 +18,6 @@ from ...capture.sensor.shot_noise import ShotNoise
 from .mutant import Mutant, after, swapped
 
 SENSOR = ("sensor",)
-E = Callable[[SensorEffect, Signal, Generator], Signal]
 
 
 def _noise(
@@ -65,13 +64,25 @@ def _same(effect: SensorEffect, signal: Signal, generator: Generator) -> Signal:
 
 def _one_seed() -> AbstractContextManager[object]:
     inner = photograph.record
-    return swapped(photograph, "record", lambda clean, effects, seed: inner(clean, effects, 0))
+
+    def recorded(clean: Tensor, effects: Sequence[SensorEffect], seed: int) -> Tensor:
+        return inner(clean, effects, 0)
+
+    return swapped(photograph, "record", recorded)
 
 
 def _effects(
     change: Callable[[tuple[SensorEffect, ...]], tuple[SensorEffect, ...]],
 ) -> Callable[[], AbstractContextManager[object]]:
     return lambda: after(photograph, "sensor_effects", change)
+
+
+def _a_row_off(seen: Tensor) -> Tensor:
+    return seen.roll(1, -2)
+
+
+def _exchanged(seen: Tensor) -> Tensor:
+    return seen.flip(0)
 
 
 def _noise_shape(x: Tensor) -> tuple[int, ...]:
@@ -150,11 +161,9 @@ MUTANTS: tuple[Mutant, ...] = (
         "mosaic a row off",
         "the pattern begins with its second row",
         SENSOR,
-        lambda: after(bayer, "mosaic", lambda x: x.roll(1, -2)),
+        lambda: after(bayer, "mosaic", _a_row_off),
     ),
-    Mutant(
-        "mosaic transposed", "of odd and even", SENSOR, lambda: after(bayer, "mosaic", lambda x: x.flip(0))
-    ),
+    Mutant("mosaic transposed", "of odd and even", SENSOR, lambda: after(bayer, "mosaic", _exchanged)),
     Mutant(
         "effects in reverse",
         "the converter comes before the noise",
