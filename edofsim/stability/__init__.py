@@ -6,7 +6,9 @@ from .alike import CASES as ALIKE
 from .case import Case, Finding
 from .depth_cases import CASES as DEPTH
 from .light_cases import CASES as LIGHT
+from .network_cases import CASES as NETWORKS
 from .occlusion_cases import CASES as OCCLUSION
+from .psf_cases import CASES as PSFS
 from .pupils import CASES as PUPILS
 from .rendering import CASES as RENDERING
 from .restoration import CASES as RESTORATION
@@ -19,8 +21,10 @@ CASES: tuple[Case, ...] = (
     *OCCLUSION,
     *LIGHT,
     *PUPILS,
+    *PSFS,
     *SENSOR,
     *RESTORATION,
+    *NETWORKS,
     *TRAINING,
     *RENDERING,
 )

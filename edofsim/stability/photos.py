@@ -67,11 +67,12 @@ class HardView:
 
     @property
     def nodes(self) -> Tensor:
-        """Depth nodes [node] that layers are composited at: the view's depths, or four unequal steps."""
+        """Depth nodes [node] that layers are composited at: the view's depths, or four that lie
+        unevenly, so that no depth is halfway between two."""
         depths = torch.unique(self.view.inverse_depth.double())
         if len(depths) <= FEW:
             return depths
-        places = torch.tensor([0.0, 0.31, 0.64, 1.0], dtype=torch.float64)
+        places = torch.tensor([0.0, 0.317, 0.643, 1.0], dtype=torch.float64)
         return depths[0] + places * (depths[-1] - depths[0])
 
     @property

@@ -54,7 +54,7 @@ def pupil_of(recipe: CameraRecipe, height: Tensor | None = None) -> Pupil:
     return _pupils[named]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=12)
 def _psfs(pupil: Pupil, nanometres: float, window: int) -> Psfs:
     points = 3 if pupil.radius < 1e-3 else 6
     return Psfs(pupil, nanometres * 1e-9, window, points)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...restore import checkpoint, network, scores
 from ...restore.restorer import Restorer
-from .. import restoration
+from .. import network_cases, restoration
 from .mutant import Mutant, after, scaled, swapped
 
 filtering = import_module("edofsim.restore.wiener")  # the package holds a function of that name
@@ -19,7 +19,7 @@ RESTORING = ("restoration",)
 
 
 def _restored(change: Callable[[Tensor], Tensor]) -> Callable[[], AbstractContextManager[object]]:
-    return lambda: after(restoration, "apply_network", change)
+    return lambda: after(network_cases, "apply_network", change)
 
 
 def _untouched(net: Restorer, image: Tensor, **options: object) -> Tensor:
@@ -52,7 +52,9 @@ def _untrained(found: checkpoint.Checkpoint) -> checkpoint.Checkpoint:
 
 
 def _unmirrored(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
-    return image, (0, 0)
+    times = 2 + 2 * reach // min(image.shape[-2:])
+    rows, columns = image.shape[-2:]
+    return image.repeat(1, times, times), ((times // 2) * rows, (times // 2) * columns)
 
 
 def _as_it_is(values: Tensor) -> Tensor:
@@ -77,7 +79,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "photo unchanged",
         "a network gives back what it got",
         RESTORING,
-        lambda: swapped(restoration, "apply_network", _untouched),
+        lambda: swapped(network_cases, "apply_network", _untouched),
     ),
     Mutant("wrong channels", "red is restored as blue", RESTORING, _restored(lambda x: x.flip(0))),
     Mutant("restored one pixel off", "to the right", RESTORING, _restored(lambda x: x.roll(1, -1))),
@@ -96,7 +98,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "weights out of order",
         "outputs of each layer exchanged",
         RESTORING,
-        lambda: after(restoration, "load_checkpoint", _untrained),
+        lambda: after(network_cases, "load_checkpoint", _untrained),
     ),
     Mutant(
         "filter unchanged",
