@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-PHOTO_MODEL_VERSION = 6
+PHOTO_MODEL_VERSION = 7
 """Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
 
 

@@ -11,12 +11,16 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Finding:
     """One way through a case. way: method, mask, precision; error: its distance from the truth, in the
-    case's own measure, NaN where something was not finite; bound: what is still right; seconds: it took."""
+    case's own measure, NaN where something was not finite; bound: what is still right; seconds: it took.
+
+    alike: the code was compared with itself, one precision or way with another; else with a truth that is
+    not this code: a closed form, a sum written out, what a message must say."""
 
     way: str
     error: float
     bound: float
     seconds: float = 0.0
+    alike: bool = False
 
     @property
     def holds(self) -> bool:
@@ -36,8 +40,8 @@ class Case:
     check: Callable[[], Iterator[Finding]]
 
 
-def timed(way: str, bound: float, measure: Callable[[], float]) -> Finding:
+def timed(way: str, bound: float, measure: Callable[[], float], *, alike: bool = False) -> Finding:
     """The finding of `measure`, which returns an error."""
     begun = time.perf_counter()
     error = measure()
-    return Finding(way, float(error), bound, time.perf_counter() - begun)
+    return Finding(way, float(error), bound, time.perf_counter() - begun, alike)

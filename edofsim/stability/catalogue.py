@@ -11,6 +11,9 @@ from ..errors import EdofsimError, InputError
 from ..record import write_csv
 from . import CASES, Case, Finding
 
+PHOTOS = ("depth", "coverage", "radiance", "spectrum", "image")
+"""Groups of photos."""
+
 
 @dataclass(frozen=True)
 class CaseResult:
@@ -71,19 +74,23 @@ def run_case(case: Case) -> CaseResult:
 
 
 def figures(results: Sequence[CaseResult]) -> dict[str, float]:
-    """cases, findings, seconds; beyond_bound: findings that do not hold; failed: cases without an end;
-    single_precision: the largest difference of float32 from float64 among the photos."""
+    """cases, findings, seconds; against_truth: findings against a truth that is not this code;
+    against_itself: those that compare the code with itself; beyond_bound: findings that do not hold;
+    failed: cases without an end; single_precision: the largest local difference of float32 from float64
+    among the photos."""
     findings = [finding for result in results for finding in result.findings]
     single = [
         finding.error
         for result in results
-        if result.case.group in ("depth", "coverage", "radiance", "spectrum", "image")
+        if result.case.group in PHOTOS
         for finding in result.findings
-        if finding.way.endswith("float32") and finding.error == finding.error
+        if finding.way.endswith("float32 against float64") and finding.error == finding.error
     ]
     return {
         "cases": float(len(results)),
         "findings": float(len(findings)),
+        "against_truth": float(sum(not finding.alike for finding in findings)),
+        "against_itself": float(sum(finding.alike for finding in findings)),
         "beyond_bound": float(sum(not finding.holds for finding in findings)),
         "failed": float(sum(bool(result.failed) for result in results)),
         "single_precision": max(single, default=0.0),
@@ -93,9 +100,18 @@ def figures(results: Sequence[CaseResult]) -> dict[str, float]:
 
 def write_table(path: Path, results: Sequence[CaseResult]) -> Path:
     """Every finding, a line each, as CSV."""
-    header = ("case", "group", "way", "error", "bound", "holds", "seconds")
+    header = ("case", "group", "way", "against", "error", "bound", "holds", "seconds")
     rows = [
-        (r.case.name, r.case.group, f.way, f.error, f.bound, f.holds, f"{f.seconds:.4f}")
+        (
+            r.case.name,
+            r.case.group,
+            f.way,
+            "itself" if f.alike else "truth",
+            f.error,
+            f.bound,
+            f.holds,
+            f"{f.seconds:.4f}",
+        )
         for r in results
         for f in r.findings
     ]

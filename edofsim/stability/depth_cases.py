@@ -14,6 +14,8 @@ from .photos import METHODS, HardView, photo_cases
 from .views import PADDED, across, camera_with, flat, half, layered_view, uniform
 
 ONE_DEPTH = (*METHODS, "constant")
+CUT = 0.8
+"""Inverse depth between the front and the background of views in two layers."""
 
 
 def _in_focus() -> float:
@@ -38,7 +40,7 @@ def _edge_in_a_pixel() -> HardView:
     """One column is covered by half: it shows both sides of the step."""
     covered = half(1.0, 0.0).clone()
     covered[:, PADDED[1] // 2] = 0.5
-    return HardView(layered_view(covered, 2.0, 0.0, 1.0))
+    return HardView(layered_view(covered, 2.0, 0.0, 1.0), cut=CUT)
 
 
 def _wires() -> HardView:
@@ -76,7 +78,7 @@ def _wires() -> HardView:
 
 def _sum_above_one() -> HardView:
     view = layered_view(half(0.5, 0.5), 1.2, 0.4)
-    return HardView(replace(view, coverage=view.coverage * (1 + 1e-6)))
+    return HardView(replace(view, coverage=view.coverage * (1 + 1e-6)), cut=CUT)
 
 
 DEPTH = (
@@ -174,25 +176,25 @@ COVERAGE = (
         "coverage 0",
         "fragments that cover nothing",
         "0 / 0 where light is divided by coverage",
-        lambda: HardView(layered_view(half(0.0, 0.0), 1.2, 0.4)),
+        lambda: HardView(layered_view(half(0.0, 0.0), 1.2, 0.4), cut=CUT),
     ),
     (
         "coverage 1",
         "the front covers all: nothing of the back is seen",
         "1 / (1 - 1)",
-        lambda: HardView(layered_view(half(1.0, 1.0), 1.2, 0.4)),
+        lambda: HardView(layered_view(half(1.0, 1.0), 1.2, 0.4), cut=CUT),
     ),
     (
         "coverage 1 and hidden light",
         "all that the blur uncovers is hidden",
         "1 / (1 - 1)",
-        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1.0)),
+        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1.0), cut=CUT),
     ),
     (
         "coverage 1e-7",
         "a hair thinner than single precision",
         "cancellation in 1 - a",
-        lambda: HardView(layered_view(half(1e-7, 1 - 1e-7), 1.2, 0.4, 1.0)),
+        lambda: HardView(layered_view(half(1e-7, 1 - 1e-7), 1.2, 0.4, 1.0), cut=CUT),
     ),
     ("coverage above 1", "fragments that sum to 1 + 1e-6", "negative light behind", _sum_above_one),
     ("a hundred wires", "thin things at a hundred depths", "products of a hundred factors", _wires),
@@ -206,13 +208,13 @@ COVERAGE = (
         "hidden coverage 1e-7",
         "next to nothing is known of what is behind",
         "division by what was found",
-        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1e-7)),
+        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1e-7), cut=CUT),
     ),
     (
         "half covered everywhere",
         "an edge in every pixel",
         "no pixel is far from an edge",
-        lambda: HardView(layered_view(half(0.5, 0.5), 1.2, 0.4, 0.5)),
+        lambda: HardView(layered_view(half(0.5, 0.5), 1.2, 0.4, 0.5), cut=CUT),
     ),
 )
 

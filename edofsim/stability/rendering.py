@@ -49,13 +49,27 @@ def matt(
 
 
 def view_of(
-    objects: list[SceneObject], sky: float | None = 1.0, angle: float = 0.01, **settings: object
+    objects: list[SceneObject],
+    sky: float | None = 1.0,
+    angle: float = 0.01,
+    *,
+    hidden: bool = False,
+    samples: int = 64,
+    max_depth: int = 5,
+    pupil_radius: float = 3e-3,
 ) -> View:
     """A small view of the objects under a sky of constant radiance."""
     environment = None if sky is None else Environment(spectrum(sky))
     model = SceneModel("hard", np.linspace(450e-9, 650e-9, BANDS), tuple(objects), environment)
     frame = RenderSettings(
-        **{"height": 12, "width": 16, "margin": 0, "pixel_angle": angle, "hidden": False, **settings}
+        height=12,
+        width=16,
+        margin=0,
+        pixel_angle=angle,
+        hidden=hidden,
+        samples=samples,
+        max_depth=max_depth,
+        pupil_radius=pupil_radius,
     )
     return render_model(model, frame)
 
@@ -72,10 +86,12 @@ def depth_error(view: View, z: float) -> float:
     return float((view.inverse_depth.double() * z - 1).abs().max())
 
 
-def _plane(z: float, bound: float = NOISE, **settings: object) -> Callable[[], Iterator[Finding]]:
+def _plane(
+    z: float, bound: float = NOISE, samples: int = 64, max_depth: int = 5
+) -> Callable[[], Iterator[Finding]]:
     def check() -> Iterator[Finding]:
         for hidden in (False, True):
-            view = view_of([matt(sheet(z, z))], hidden=hidden, **settings)
+            view = view_of([matt(sheet(z, z))], hidden=hidden, samples=samples, max_depth=max_depth)
             way = ", hidden surfaces" if hidden else ""
             yield timed(f"radiance{way}", bound, lambda view=view: radiance_error(view, ALBEDO))
             yield timed(f"depth{way}", 1e-5, lambda view=view: depth_error(view, z))
@@ -143,7 +159,94 @@ def _contrast() -> Iterator[Finding]:
     yield timed("lamp seen directly", 1e-5, lit)
 
 
+COLOURS = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [0.7, 0.8, 0.9], [0.25, 0.05, 0.45]], np.float32)
+"""Radiance [place, band] of four patches: top left, top right, bottom left, bottom right."""
+
+
+def _patches() -> Iterator[Finding]:
+    """Four lamps at as many depths: each place shows its own light, at its own depth. Meshes are in the
+    camera's axes: x to the right, y up, z the depth. And a sheet that reflects each band otherwise."""
+    depth = np.array([1.0, 1.6, 2.5, 4.0])
+    patches = []
+    for place, (z, colour) in enumerate(zip(depth, COLOURS, strict=True)):
+        x, y = (-0.5 if place % 2 == 0 else 0.5) * z, (0.5 if place < 2 else -0.5) * z
+        mesh = sheet(float(z), float(0.5 * z))
+        moved = TriangleMesh(mesh.vertices + np.array([x, y, 0], np.float32), mesh.faces, None)
+        surface = Surface({"type": "diffuse"}, "reflectance", spectrum(0.0))
+        patches.append(SceneObject(f"patch {place}", moved, surface, colour))
+    view = view_of(patches, None, angle=0.1, hidden=True)
+    image = view.all_in_focus().double().numpy()
+    seen = (~view.hidden) & (view.coverage > 0.999)
+    rows, columns = view.padded_shape
+    at = np.zeros(rows * columns)
+    at[view.pixel[seen].numpy()] = view.inverse_depth[seen].double().numpy()
+    for place, name in enumerate(("top left", "top right", "bottom left", "bottom right")):
+        half_rows = slice(1, rows // 2 - 1) if place < 2 else slice(rows // 2 + 1, rows - 1)
+        half_columns = slice(4, columns // 2 - 1) if place % 2 == 0 else slice(columns // 2 + 1, columns - 4)
+        colour = image[:, half_rows, half_columns].mean((1, 2))
+        there = at.reshape(rows, columns)[half_rows, half_columns]
+        yield timed(
+            f"{name}, radiance",
+            1e-5,
+            lambda c=colour, p=place: float(np.abs(c / COLOURS[p] - 1).max()),
+        )
+        yield timed(f"{name}, depth", 1e-5, lambda t=there, z=depth[place]: float(np.abs(t * z - 1).max()))
+    for place, colour in enumerate(COLOURS):
+        surface = Surface({"type": "diffuse"}, "reflectance", BandTexture(colour[None]))
+        found = (
+            view_of([SceneObject("sheet", sheet(2.0, 2.0), surface, None)])
+            .all_in_focus()
+            .double()
+            .mean((1, 2))
+        )
+        yield timed(
+            f"spectrum {place}, reflectance",
+            NOISE,
+            lambda f=found, p=place: float(np.abs(f.numpy() / COLOURS[p] - 1).max()),
+        )
+
+
+def _behind() -> Iterator[Finding]:
+    """A near strip before a wall: what is behind it is found, at the wall's depth and as bright as it is."""
+    near = TriangleMesh(
+        np.array([[-0.02, -1, 1], [-0.02, 1, 1], [0.02, 1, 1], [0.02, -1, 1]], np.float32),
+        np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
+    )
+    view = view_of([matt(near, 0.2, name="strip"), matt(sheet(4.0, 4.0))], hidden=True, pupil_radius=0.05)
+    hidden, front = view.hidden, view.inverse_depth > 0.5
+    held = float(front.double().sum())
+
+    def light() -> float:
+        colour = view.radiance[:, hidden].double() / view.coverage[hidden].double()
+        return float((colour.mean() / ALBEDO - 1).abs()) if bool(hidden.any()) else np.nan
+
+    def depth() -> float:
+        return (
+            float((view.inverse_depth[hidden].double() * 4 - 1).abs().max()) if bool(hidden.any()) else np.nan
+        )
+
+    yield timed("as much is hidden as hides", 0.0, lambda: abs(float(hidden.double().sum()) / held - 1))
+    yield timed("radiance of what is hidden", 0.05, light)
+    yield timed("depth of what is hidden", 1e-5, depth)
+
+
 CASES: tuple[Case, ...] = (
+    Case(
+        "four patches",
+        "renderer",
+        "four lights in three bands at four depths, each at its place",
+        "a picture mirrored, bands exchanged, rays' length for depth",
+        "each its own light, z along the axis",
+        _patches,
+    ),
+    Case(
+        "behind a strip",
+        "renderer",
+        "a strip 1 m away before a wall 4 m away",
+        "nothing known of what a blur uncovers",
+        "the wall's depth and light",
+        _behind,
+    ),
     Case(
         "a scene of 1 mm",
         "renderer",

@@ -14,12 +14,15 @@ import torch
 
 from ..errors import EdofsimError
 from ..learn import train, trainer
+from ..learn.setup import Setup
+from ..learn.system import Draw, Planes
+from ..learn.workers import Workers
 from ..recipe.load import Loaded
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
 from ..restore.network import apply_network, build_network
 from .case import Case, Finding, timed
-from .photos import distance
+from .measures import distance
 from .views import uniform
 
 STEPS = 3
@@ -40,7 +43,10 @@ def small(**changes: object) -> Loaded[TrainRecipe]:
     }
     for table, values in changes.items():
         known = tables.get(table)
-        tables[table] = {**known, **values} if isinstance(known, dict) else values
+        if isinstance(known, dict) and isinstance(values, dict):
+            tables[table] = {**known, **values}
+        else:
+            tables[table] = values
     return Loaded(TrainRecipe.model_validate(tables), Path("hard.toml"), "")
 
 
@@ -72,9 +78,10 @@ def _nan_in_one_sample() -> Iterator[Finding]:
     """The second batch holds a NaN: the training stops there, its state before it is kept and finite."""
     draw_batch = trainer.draw_batch
 
-    def poisoned(setup: object, step: int, workers: object, part: int = 0) -> object:
+    def poisoned(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw:
         draw = draw_batch(setup, step, workers, part)
         if step == 1:
+            assert isinstance(draw.scenes, Planes)
             draw.scenes.sharp[0, 0, 5, 5] = torch.nan
         return draw
 
@@ -102,7 +109,7 @@ def _resumed() -> Iterator[Finding]:
             class Killed(Exception):
                 pass
 
-            def dying(setup: object, step: int, workers: object, part: int = 0) -> object:
+            def dying(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw:
                 if step == stop:
                     raise Killed
                 return draw_batch(setup, step, workers, part)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -33,13 +32,13 @@ MASKS: Mapping[str, Mask] = {
 }
 
 
-def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: Any) -> Camera:
+def camera_with(mask: Mask, aperture_mm: float = 0.6, **sensor: object) -> Camera:
     """A camera with so small a pupil that its blur stays within small frames."""
     recipe = CameraRecipe(
         name="hard",
         lens=PlanoConvexLens(aperture_radius_mm=aperture_mm),
         mask=mask,
-        psf=PsfSettings(window_px=WINDOW, oversampling=1),
+        psf=PsfSettings(window_px=WINDOW),
     )
     if sensor:
         recipe = recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update=sensor)})

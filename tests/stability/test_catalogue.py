@@ -12,7 +12,7 @@ from edofsim.stability.catalogue import choose, figures, run_case, write_table
 
 SLOW = {
     "psi 1000", "4096 wide", "killed in any step", "a hundred wires", "layers of one pixel",
-    "layers of one column", "slanted through focus", "primes", "even",
+    "layers of one column", "slanted through focus", "primes", "even", "one outlier", "flat colours",
 }  # fmt: skip
 
 
@@ -36,7 +36,7 @@ def test_there_are_eighty_cases_and_each_has_a_name():
 
 def test_what_does_not_hold_is_said(tmp_path):
     def broken():
-        yield Finding("finite", 0.5, 1.0)
+        yield Finding("finite", 0.5, 1.0, alike=True)
         yield Finding("NaN", math.nan, 1.0)
         yield Finding("far", 2.0, 1.0)
         raise ZeroDivisionError("no light")
@@ -47,8 +47,9 @@ def test_what_does_not_hold_is_said(tmp_path):
     assert result.failed == "ZeroDivisionError: no light" and not result.holds
     numbers = figures([result])
     assert (numbers["findings"], numbers["beyond_bound"], numbers["failed"]) == (3, 2, 1)
+    assert (numbers["against_truth"], numbers["against_itself"]) == (2, 1)
     lines = write_table(tmp_path / "found.csv", [result]).read_text().splitlines()
-    assert len(lines) == 4 and lines[3].startswith("broken,image,far,2,1,False")
+    assert len(lines) == 4 and lines[3].startswith("broken,image,far,truth,2,1,False")
 
 
 def test_unknown_names_are_refused():

@@ -42,8 +42,8 @@ def command(name: str, folder: Path) -> list[str]:
         "cost": [*base, "cost", scene, *camera, *where, *record],
         "train": [*base, "train", str(folder / "train.toml"), *where, *resume, *record],
         "evaluate": [
-            *[*base, "evaluate", "stability", "restoration", "--out", str(folder / "out"), "--quiet"],
-            *record,
+            *[*base, "evaluate", "stability", "sensor", "spectrum", "--mutants"],
+            *["--out", str(folder / "out"), "--quiet", *record],
         ],
     }[name]  # fmt: skip
 
@@ -52,6 +52,13 @@ def steps_done(folder: Path) -> int:
     """Steps of the training that are kept."""
     path = folder / "out" / "state.safetensors"
     return json.loads(load_arrays(path, "state")[1]["state"])["step"] if path.exists() else 0
+
+
+def findings_kept(folder: Path) -> list[str]:
+    """Keys of the findings of an experiment that are kept, in order; the last line may be cut short."""
+    path = folder / "out" / "mutants.jsonl"
+    lines = path.read_text().split("\n")[:-1] if path.exists() else []
+    return [json.loads(line)["key"] for line in lines if line.startswith("{") and line.endswith("}")]
 
 
 @pytest.mark.slow
@@ -67,6 +74,7 @@ def test_killed_twenty_times(name, tmp_path):
     (tmp_path / "train.toml").write_text(training)
     complete: dict[str, float] = {}
     landed, whole, steps = 0, 15.0, 0
+    known: list[str] = []
     while landed < kills:
         process = subprocess.Popen(
             command(name, tmp_path),
@@ -90,9 +98,17 @@ def test_killed_twenty_times(name, tmp_path):
                 assert complete.setdefault(entry.key, stamp) == stamp, "a finished view was rendered again"
         assert steps_done(tmp_path) >= steps, "steps that were kept are lost"
         steps = steps_done(tmp_path)
+        found = findings_kept(tmp_path)
+        assert found[: len(known)] == known, "findings that were kept are lost"
+        assert len(set(found)) == len(found), "a finding that was kept was made again"
+        known = found
     done = subprocess.run(command(name, tmp_path), capture_output=True, text=True, check=False, timeout=900)
     assert done.returncode == 0, done.stderr
-    assert json.loads((tmp_path / "record.json").read_text())["command"].startswith(name)
+    record = json.loads((tmp_path / "record.json").read_text())
+    assert record["command"].startswith(name)
+    if name == "evaluate":
+        found = findings_kept(tmp_path)
+        assert found[: len(known)] == known and len(set(found)) == len(found) == record["figures"]["pairs"]
     if (tmp_path / "cache").is_dir():
         assert not cache.verify(tmp_path / "cache").damaged
         assert set(complete) <= {entry.key for entry in cache.ls(tmp_path / "cache")}

@@ -20,7 +20,7 @@ BINS = 512
 
 @dataclass(frozen=True)
 class Hides:
-    """Pairs of fragments of one pixel, the second right behind the first and hidden by it: int64 [pair]."""
+    """Pairs of fragments of one pixel, the second behind the first and hidden by it: int64 [pair]."""
 
     front: Tensor
     behind: Tensor
@@ -32,11 +32,18 @@ def hides(view: View, gap: float) -> Hides:
     A hidden fragment is hidden by the nearest of those in front of it, in its pixel, from which it is that
     far: cutting there serves all that are nearer still.
     """
-    previous = torch.arange(view.pixel.numel() - 1, device=view.pixel.device)
-    same = view.pixel[1:] == view.pixel[:-1]
-    far = view.inverse_depth[:-1] - view.inverse_depth[1:] >= gap
-    pair = previous[same & far & view.hidden[1:]]
-    return Hides(pair, pair + 1)
+    behind = torch.nonzero(view.hidden).squeeze(1)
+    front = behind - 1
+    found: list[Hides] = []
+    while behind.numel():
+        inside = (front >= 0) & (view.pixel[front.clamp_min(0)] == view.pixel[behind])
+        behind, front = behind[inside], front[inside]
+        far = view.inverse_depth[front] - view.inverse_depth[behind] >= gap
+        found.append(Hides(front[far], behind[far]))
+        behind, front = behind[~far], front[~far] - 1
+    if not found:
+        return Hides(behind, behind)
+    return Hides(torch.cat([each.front for each in found]), torch.cat([each.behind for each in found]))
 
 
 def cuts(view: View, gap: float) -> list[float]:
