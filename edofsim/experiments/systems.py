@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
 from torch import Tensor
 
+from ..core.json_values import Json
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, psf_bank
 from ..recipe.camera import CameraRecipe
@@ -61,7 +61,7 @@ class Training:
     hours: float | None
 
 
-def training_of(card: Mapping[str, Any]) -> Training:  # pyrefly: ignore[explicit-any]
+def training_of(card: Json) -> Training:
     """By a checkpoint's card (see `restore.checkpoint`)."""
     every = [*card.get("history", ()), card]
     own = [entry for entry in every if entry.get("name") == card.get("name")]
