@@ -41,7 +41,7 @@ from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper
 from .kept import Kept, key_of
-from .planes import Shown, middle, noisy, through
+from .planes import CHANNELS, Shown, channels, middle, noisy, through
 from .systems import (
     READ_NOISE,
     WITHOUT_TRAINING,
@@ -55,7 +55,6 @@ from .systems import (
 )
 
 DEPTHS_M = (0.5, 1.0, math.inf)
-CHANNELS = ("red", "green", "blue")
 SHOWN_PX = 300
 
 
@@ -340,7 +339,7 @@ def _optics(system: Contestant, kept: Kept) -> Chromatic:
 
 def _scores(image: Tensor, truth: Tensor) -> list[float]:
     """PSNR of all channels, then of each."""
-    return [psnr(image, truth), *(psnr(image[c : c + 1], truth[c : c + 1]) for c in range(3))]
+    return [psnr(image, truth), *channels(image, truth)]
 
 
 def _left_out(wavelengths: Tensor) -> tuple[float, ...]:

@@ -20,9 +20,10 @@ from ..report.plot import (
     new_figure,
 )
 from ..report.words import decibels, distance, number, percent
-from .broadband import CHANNELS, DEPTHS_M, Result, label_of
+from .broadband import DEPTHS_M, Result, label_of
 from .chromatic import Chromatic
 from .paper_figures import BROADBAND
+from .planes import CHANNELS
 
 ABOUT = (
     "Every band is convolved with the point spread function of its own wavelength; the sensor's colours are "

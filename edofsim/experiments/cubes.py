@@ -16,10 +16,10 @@ from ..errors import InputError
 from ..recipe.sources import CubeFile
 from ..render.view import View
 from ..scene.cubes import at_bands, stored_cube
+from .photographs import REACH_PX, SMALLEST_PX
 
 FILES = (".mat", ".exr")
 CAVE_BANDS, CAVE_START_NM, CAVE_STEP_NM = 31, 400.0, 10.0
-SMALLEST_PX = 64
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def read_one(path: Path, wanted_nm: np.ndarray, reading: Reading) -> Cube:
     radiance = torch.from_numpy(at_bands(stored, nm, chosen, path.name).astype(np.float32))
     if not float(radiance.max()) > 0:
         raise InputError("is black")
-    return _cube(path.stem, radiance, chosen, 0)
+    return _cube(path.stem, radiance, chosen, REACH_PX)
 
 
 def from_view(name: str, view: View) -> Cube:

@@ -14,7 +14,9 @@ from ..errors import InputError
 from ..learn.sources import Images, packaged_images, usable_pictures
 from ..scene.charts import rasterise, usaf_chart
 
-SMALLEST_PX = 64
+REACH_PX = 64
+"""What a PSF of 128 pixels reaches: so far inside a picture its photo holds no light from beyond it."""
+SMALLEST_PX = 2 * REACH_PX + 64
 CHART_PX = 1024
 CHART_GROUP, CHART_PAIRS = -2, 3
 

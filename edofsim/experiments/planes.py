@@ -2,8 +2,13 @@
 
 Protocol of Akpinar et al., section "Test Images": 8-bit values are intensities; red, green and blue are 611,
 543 and 482 nm; the mask is upsampled to 3 um (bicubic between its wraps) and made with height errors, one
-made mask a system. What restores is told which part of the light the made mask spreads evenly. Where light
-comes from beyond a picture, its mirror image goes on. PSNR over all channels.
+made mask a system. What restores is told which part of the light the made mask spreads evenly. PSNR over all
+channels.
+
+Where a picture ends matters, as what lies beyond is unknown. Ours: the frame is the middle of a larger
+picture, half a PSF from its border, so that the world goes on and the photo holds light from beyond the
+frame. The paper's, as far as it tells: the picture as it is; mirror images continue it here. Both are cut
+from one photo, each is restored by itself, and no system is told anything about borders.
 
 Every finished picture is kept in the output folder; the same call goes on from there.
 """
@@ -20,6 +25,7 @@ from torch import Tensor
 
 from ..capture.planes import photograph, surroundings
 from ..core.images import mirrored, write_png
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..optics import PAPER_COLOURS, psf_bank
 from ..recipe.fabrication import Fabrication
@@ -32,15 +38,19 @@ from ..restore.scores import psnr
 from .kept import Kept, key_of
 from .photographs import Photograph, Photographs
 from .systems import NEAREST_PER_M, Contestant, described, made, truncated_share
+from .told_depth import told_depth
 
 RANDOM = "random"
+CHANNELS = ("red", "green", "blue")
+SCORES = ("photo_db", "restored_db", "whole_photo_db", "whole_restored_db")
 SHOWN_PX = 240
 ABOUT = (
     "8-bit values are taken as intensities; red, green and blue are 611, 543 and 482 nm; the mask is sampled "
-    "every 3 µm and has height errors; mirror images continue a picture beyond its border. PSNR over all "
-    "channels, averaged over the pictures."
+    "every 3 µm and has height errors. A frame is the middle of a larger picture, of which the photo is "
+    "formed: the world goes on beyond it, and no system is told how. By the paper's protocol a frame is a "
+    "whole picture, which mirror images continue. PSNR over all channels, averaged over the pictures."
 )
-MIDDLES = "The middle of the picture, pixel for pixel; the PSNR is of the whole picture."
+MIDDLES = "The middle of the frame, pixel for pixel; the PSNR is of the whole frame."
 
 
 @dataclass(frozen=True)
@@ -65,7 +75,9 @@ class Shown:
 
 @dataclass(frozen=True)
 class Row:
-    """One picture by one system under one condition. inverse_depth in 1/m; PSNRs in dB."""
+    """One picture by one system under one condition. inverse_depth in 1/m; PSNRs in dB, of a frame in a world
+    that goes on, and, whole_, of the picture as it is, which its mirror images continue. Of a frame, where
+    asked for: channels_db, restored, red, green and blue; told_db, all and each by `told_depth`."""
 
     system: str
     picture: str
@@ -73,7 +85,11 @@ class Row:
     inverse_depth: float
     photo_db: float
     restored_db: float
+    whole_photo_db: float
+    whole_restored_db: float
     shown: Shown | None = None
+    channels_db: tuple[float, ...] = ()
+    told_db: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -92,10 +108,12 @@ def measure(
     *,
     seed: int,
     show: Sequence[str] = (),
+    told: bool = False,
     progress: Progress | None = None,
 ) -> list[Row]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
-    errors; show: names of pictures whose middles are written, too."""
+    errors; show: names of pictures whose middles are written, too; told: whether `told_depth` restores the
+    photos, too."""
     kept = Kept(out / "finished.jsonl")
     depths = random_depths(pictures, seed)
     jobs = []
@@ -110,6 +128,7 @@ def measure(
                 read_noise=condition.read_noise,
                 fabrication=described(condition.fabrication),
                 seed=seed,
+                told=told,
             )
             jobs.append(Job(picture, condition, inverse, key))
     rows: dict[str, Row] = {}
@@ -125,7 +144,7 @@ def measure(
             if progress:
                 progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")
             psf = bank.values[wanted.index(job.inverse_depth)]
-            rows[job.key] = _finish(job, system, psf, kept, out, show)
+            rows[job.key] = _finish(job, system, psf, kept, out, show, told)
     return [rows[job.key] for job in jobs]
 
 
@@ -155,21 +174,30 @@ def noisy(photo: Tensor, read_noise: float, key: str) -> Tensor:
 
 
 def averages(rows: Sequence[Row]) -> dict[str, float]:
-    """Mean PSNR in dB: psnr_db.SYSTEM.CONDITION of what was restored, psnr_db.SYSTEM.photo.CONDITION."""
+    """Mean PSNR in dB: psnr_db.SYSTEM.CONDITION of what was restored, psnr_db.SYSTEM.photo.CONDITION, and
+    psnr_db.SYSTEM.whole.CONDITION, psnr_db.SYSTEM.whole.photo.CONDITION of pictures as they are."""
     groups: dict[str, list[float]] = {}
     for row in rows:
-        groups.setdefault(f"psnr_db.{row.system}.{row.condition}", []).append(row.restored_db)
-        groups.setdefault(f"psnr_db.{row.system}.photo.{row.condition}", []).append(row.photo_db)
+        for kind, value in (
+            ("", row.restored_db),
+            ("photo.", row.photo_db),
+            ("whole.", row.whole_restored_db),
+            ("whole.photo.", row.whole_photo_db),
+        ):
+            groups.setdefault(f"psnr_db.{row.system}.{kind}{row.condition}", []).append(value)
     return {name: sum(values) / len(values) for name, values in groups.items()}
 
 
 def write_rows(path: Path, rows: Sequence[Row], condition: str) -> Path:
     """All rows as CSV; `condition` names that column. Returns the path."""
-    header = ("system", "picture", condition, "inverse_depth_per_m", "photo_db", "restored_db")
+    header = ("system", "picture", condition, "inverse_depth_per_m", *SCORES)
     return write_csv(
         path,
         header,
-        ((r.system, r.picture, r.condition, r.inverse_depth, r.photo_db, r.restored_db) for r in rows),
+        (
+            (r.system, r.picture, r.condition, r.inverse_depth, *(getattr(r, name) for name in SCORES))
+            for r in rows
+        ),
     )
 
 
@@ -196,28 +224,55 @@ def _known(
     files = _shown(job, out) if job.picture.name in show else None
     if found is None or (files and not all(p.is_file() for p in (files.sharp, files.photo, files.restored))):
         return False
-    rows[job.key] = _row(job, system, found["photo_db"], found["restored_db"], files)
+    rows[job.key] = _row(job, system, found, files)
     return True
 
 
-def _finish(job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str]) -> Row:
-    sharp = job.picture.values
+def _finish(
+    job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str], told: bool
+) -> Row:
+    whole = job.picture.values
     # the same noise for all systems and strengths, so that they alone make the difference
-    photo = noisy(through(sharp, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
+    taken = noisy(through(whole, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
+    glare = truncated_share(psf)
+    sharp, photo = (framed(image, psf.shape[-1] // 2) for image in (whole, taken))
     with torch.inference_mode():
-        restored = system.restore(photo, truncated_share(psf))
+        restored, whole_restored = system.restore(photo, glare), system.restore(taken, glare)
     files = _shown(job, out) if job.picture.name in show else None
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
             write_png(path, middle(image))
-    row = _row(job, system, psnr(photo, sharp), psnr(restored, sharp), files)
-    kept.put(job.key, {"photo_db": row.photo_db, "restored_db": row.restored_db})
-    return row
+    scores = (psnr(photo, sharp), psnr(restored, sharp), psnr(taken, whole), psnr(whole_restored, whole))
+    found: Json = dict(zip(SCORES, scores, strict=True))
+    if told:
+        linear = told_depth(photo, psf, job.condition.read_noise)
+        found["channels_db"] = channels(restored, sharp)
+        found["told_db"] = [psnr(linear, sharp), *channels(linear, sharp)]
+    kept.put(job.key, found)
+    return _row(job, system, found, files)
 
 
-def _row(job: Job, system: Contestant, photo_db: float, restored_db: float, files: Shown | None) -> Row:
-    name, label = job.picture.name, job.condition.label
-    return Row(system.name, name, label, job.inverse_depth, photo_db, restored_db, files)
+def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> Row:
+    return Row(
+        system.name,
+        job.picture.name,
+        job.condition.label,
+        job.inverse_depth,
+        **{name: found[name] for name in SCORES},
+        shown=files,
+        channels_db=tuple(found.get("channels_db", ())),
+        told_db=tuple(found.get("told_db", ())),
+    )
+
+
+def channels(image: Tensor, truth: Tensor) -> list[float]:
+    """PSNR of each channel."""
+    return [psnr(image[c : c + 1], truth[c : c + 1]) for c in range(len(truth))]
+
+
+def framed(image: Tensor, reach: int) -> Tensor:
+    """The middle of an image [.., y, x], `reach` pixels from its border."""
+    return image[..., reach : image.shape[-2] - reach, reach : image.shape[-1] - reach]
 
 
 def pairs(rows: Sequence[Row], system: str, said: Callable[[Row], str]) -> Gallery:

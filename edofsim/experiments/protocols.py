@@ -7,6 +7,9 @@ linear light of all bands, every surface that a pixel sees at its own depth, and
 In ours what lies behind is seen past an edge through one side of the pupil, as far as sub-apertures tell. The
 ways between change one thing at a time; all but the last two know only the surfaces that are seen.
 
+A sensor holds no more than full scale. Photos are clipped there as a camera's saturation clips them, and the
+all-in-focus image that they are judged against alike: what lies beyond is asked of nobody, and given to none.
+
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
 `direct_light`), becomes veiling glare: every surface gets its share of the picture's mean.
@@ -103,13 +106,18 @@ def systems_of(camera: Loaded[CameraRecipe], networks: Sequence[str]) -> list[Sy
 
     Raises InputError for a network that is damaged, unknown or of another camera.
     """
-    lens = Camera.from_recipe(camera.recipe, camera.base).without_mask()
-    systems = [System(LENS_ALONE, lens)]
+    recipe = saturating(camera.recipe)
+    systems = [System(LENS_ALONE, Camera.from_recipe(recipe, camera.base).without_mask())]
     for name in networks:
-        checkpoint = load_checkpoint(name, camera.recipe)
-        optics = camera_with_mask(camera.recipe, checkpoint, camera.base)
+        checkpoint = load_checkpoint(name, recipe)
+        optics = camera_with_mask(recipe, checkpoint, camera.base)
         systems.append(System(checkpoint.name, optics, checkpoint))
     return systems
+
+
+def saturating(recipe: CameraRecipe) -> CameraRecipe:
+    """The same camera with a sensor that is full at full scale."""
+    return recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update={"saturation": True})})
 
 
 def views_of(view: View, camera: Camera) -> dict[str, View]:

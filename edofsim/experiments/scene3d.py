@@ -5,9 +5,10 @@ its mask, restored by the network and by Wiener deconvolution. Scores are those 
 depth ranges, and of the pixels within the blur radius of depth edges. So it shows how far the *conclusion*,
 the gain of a mask and its network over the lens alone, depends on how cheaply a photo is simulated.
 
-Truth is the all-in-focus image under the same response and exposure; truth and images are clipped at full
-scale, as a sensor's are. The exposure puts the 99.5th percentile of the truth at 0.9 unless the camera says
-otherwise. Finished scenes are kept in the folder, and gone on from.
+Truth is the all-in-focus image under the same response and exposure. The sensor saturates: photos, truth and
+what is restored are clipped at full scale, and lamps and highlights of a scene with them. The exposure puts
+the 99.5th percentile of the truth at 0.9 unless the camera says otherwise. Finished scenes are kept in the
+folder, and gone on from.
 """
 
 from __future__ import annotations

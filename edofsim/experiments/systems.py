@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..core.json_values import Json
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, psf_bank
 from ..recipe.camera import CameraRecipe
@@ -39,12 +40,34 @@ WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
 @dataclass(frozen=True)
 class Contestant:
     """A system. camera: with the mask as designed; restore: a photo [3, y, x] and the part of its light that
-    is veiling glare [3] to [3, y, x]; digest: SHA-256 of what it consists of."""
+    is veiling glare [3] to [3, y, x], as everybody's photos are restored; digest: SHA-256 of what it consists
+    of; training: None where nothing was trained."""
 
     name: str
     camera: Camera
     restore: Callable[[Tensor, Tensor], Tensor]
     digest: str
+    training: Training | None = None
+
+
+@dataclass(frozen=True)
+class Training:
+    """What a card tells of how long a system was trained. steps: with its own mask, all its trainings
+    together; before: steps of another system, from whose weights it started; hours: of the own steps, None
+    where the card does not say of all."""
+
+    steps: int
+    before: int
+    hours: float | None
+
+
+def training_of(card: Json) -> Training:
+    """By a checkpoint's card (see `restore.checkpoint`)."""
+    every = [*card.get("history", ()), card]
+    own = [entry for entry in every if entry.get("name") == card.get("name")]
+    steps = sum(int(entry.get("step", 0)) for entry in own)
+    hours = sum(entry["hours"] for entry in own) if all("hours" in entry for entry in own) else None
+    return Training(steps, sum(int(entry.get("step", 0)) for entry in every) - steps, hours)
 
 
 def contestants(names: Sequence[str | Path] | None, *, every: bool = False) -> list[Contestant]:
@@ -83,9 +106,12 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
     network = checkpoint.network
     if wavelengths is not None:
         network = conditioned_on(checkpoint, camera, wavelengths)
-    network = network.in_mirrored_world()  # see `planes`
     return Contestant(
-        checkpoint.name, camera, lambda photo, glare: apply_network(network, photo, glare=glare), digest
+        checkpoint.name,
+        camera,
+        lambda photo, glare: apply_network(network, photo, glare=glare),
+        digest,
+        training_of(checkpoint.card),
     )
 
 

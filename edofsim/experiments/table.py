@@ -1,12 +1,14 @@
 """The paper's table of methods: a test chart and photographs at three depths, folder averages at random ones.
 
 Akpinar et al., section "Test Images": read noise 0.005, height error 30 nm. For the average each picture
-stands at a random depth, uniform in inverse depth over [0.5 m, infinity], the same for all systems.
+stands at a random depth, uniform in inverse depth over [0.5 m, infinity], the same for all systems. Scores
+are taken twice: of frames in a world that goes on, and of pictures as they are, as the paper does (see
+`planes`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -17,13 +19,25 @@ from ..core.progress import Progress, part
 from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..report import Column, Key, Keys, Page, Section, Text
 from ..report import Table as PageTable
-from ..report.page import Block
+from ..report.page import Block, Cell
 from ..report.words import number
 from .experiment import Findings, in_paper
 from .paper_figures import METHOD_OF, METHODS, TABLE
 from .photographs import Photographs, chart, chosen, photographs
-from .planes import ABOUT, RANDOM, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows
-from .systems import READ_NOISE, contestants, paper_test
+from .planes import (
+    ABOUT,
+    CHANNELS,
+    RANDOM,
+    Condition,
+    Row,
+    averages,
+    left_out,
+    measure,
+    pairs,
+    sharp,
+    write_rows,
+)
+from .systems import READ_NOISE, Training, contestants, paper_test
 
 DEPTHS_M = (0.5, 0.8, 1.0)
 DEPTH_NAMES = {RANDOM: "random depth", "0.5m": "0.5 m", "0.8m": "0.8 m", "1m": "1 m"}
@@ -32,13 +46,28 @@ SHOWN = 2
 
 @dataclass(frozen=True)
 class Result:
-    """chart_rows: the chart alone; rows: the folder's pictures; shown: names of those with pictures."""
+    """chart_rows: the chart alone; rows: the folder's pictures; shown: names of those with pictures;
+    trainings: by system, None where nothing was trained."""
 
     chart_rows: tuple[Row, ...]
     rows: tuple[Row, ...]
     data: Photographs
     shown: tuple[str, ...]
     figures: dict[str, float]
+    trainings: Mapping[str, Training | None]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What frames are. kind: its part of the names of figures; of_row: the PSNR of a row."""
+
+    kind: str
+    title: str
+    of_row: Callable[[Row], float]
+
+
+GOES_ON = Protocol("", "In a world that goes on", lambda row: row.restored_db)
+WHOLE = Protocol("whole.", "By the paper's protocol: whole pictures", lambda row: row.whole_restored_db)
 
 
 @in_paper(
@@ -62,8 +91,11 @@ def run(
     Interrupt it at any time: the same command goes on from there. A file that cannot be used is named and
     left out. Systems that were trained for comparison are among the default ones.
 
-    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored pictures, psnr_db.SYSTEM.photo.* alike,
-    psnr_db.SYSTEM.chart.{0.5m,0.8m,1m}, pictures, left_out.
+    Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored middles of the pictures,
+    psnr_db.SYSTEM.photo.* alike, psnr_db.SYSTEM.chart.{0.5m,0.8m,1m}, each also psnr_db.SYSTEM.whole.*, of
+    whole pictures that mirror images continue; psnr_db.SYSTEM.chart.DEPTH.{red,green,blue}, and
+    psnr_db.SYSTEM.told.chart.* alike, of a linear restoration that is told the depth;
+    {steps,steps_before,hours}.SYSTEM of its training, pictures, left_out.
     """
     found = photographs(data, limit)
     shown = chosen(found.pictures, show or (), SHOWN)
@@ -76,15 +108,35 @@ def run(
     for index, system in enumerate(every):
         whole = part(progress, index / len(every), (index + 1) / len(every))
         begin, rest = part(whole, 0.0, 0.1), part(whole, 0.1, 1.0)
-        chart_rows += measure(system, [target], fixed, folder, seed=seed, show=[target.name], progress=begin)
+        chart_rows += measure(
+            system, [target], fixed, folder, seed=seed, show=[target.name], told=True, progress=begin
+        )
         rows += measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=rest)
     figures = averages(rows)
-    figures |= {f"psnr_db.{row.system}.chart.{row.condition}": row.restored_db for row in chart_rows}
+    for row in chart_rows:
+        for each in (GOES_ON, WHOLE):
+            figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)
+        own, told = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
+        figures[told] = row.told_db[0]
+        for name, values in ((own, row.channels_db), (told, row.told_db[1:])):
+            figures |= {f"{name}.{c}": v for c, v in zip(CHANNELS, values, strict=True)}
+    for system in every:
+        if (training := system.training) is not None:
+            figures[f"steps.{system.name}"] = training.steps
+            figures[f"steps_before.{system.name}"] = training.before
+            figures |= {} if training.hours is None else {f"hours.{system.name}": training.hours}
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
     outputs = {"table": write_rows(folder / "table.csv", [*chart_rows, *rows], "depth")}
-    result = Result(tuple(chart_rows), tuple(rows), found, shown, figures)
-    inputs = {"data": found.source}
-    return Findings(figures, page(result), outputs=outputs, problems=found.problems, inputs=inputs)
+    trainings = {system.name: system.training for system in every}
+    result = Result(tuple(chart_rows), tuple(rows), found, shown, figures, trainings)
+    return Findings(
+        figures,
+        page(result),
+        shown=[methods(result, GOES_ON), methods(result, WHOLE), chart_table(result)],
+        outputs=outputs,
+        problems=found.problems,
+        inputs={"data": found.source},
+    )
 
 
 def page(result: Result) -> Page:
@@ -104,8 +156,9 @@ def page(result: Result) -> Page:
     )
     scenes = [*dict.fromkeys(row.picture for row in result.chart_rows), *result.shown]
     sections = [
-        Section("Averages", (_averages(result, systems), _paper_averages())),
-        Section("Single pictures", (_singles(result, systems, scenes),)),
+        Section("Averages and the chart", (methods(result, GOES_ON), methods(result, WHOLE))),
+        Section("The chart by colour", (chart_table(result),)),
+        Section("Single pictures", tuple(_singles(result, systems, scenes, p) for p in (GOES_ON, WHOLE))),
     ]
     everything = [*result.chart_rows, *result.rows]
     for scene in scenes:
@@ -124,38 +177,74 @@ def page(result: Result) -> Page:
     )
 
 
-def _averages(result: Result, systems: Sequence[str]) -> PageTable:
-    labels = [RANDOM, *(f"{m:g}m" for m in DEPTHS_M)]
+def methods(result: Result, protocol: Protocol) -> PageTable:
+    """A row a system: its training, averages, and the chart; beneath them the paper's."""
+    fixed = [f"{m:g}m" for m in DEPTHS_M]
     columns = (
         Column("System"),
-        Column("Stands for"),
-        Column("photos, random depth", "dB", 2),
-        *(Column(f"restored, {DEPTH_NAMES[label]}", "dB", 2, "largest") for label in labels),
+        Column("Own steps"),
+        Column("Hours", "h"),
+        Column("Photos, random depth", "dB", 2),
+        *(Column(f"Restored, {DEPTH_NAMES[label]}", "dB", 2, "largest") for label in (RANDOM, *fixed)),
+        *(Column(f"Chart, {DEPTH_NAMES[label]}", "dB", 2, "largest") for label in fixed),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for system, training in result.trainings.items():
+        base = f"psnr_db.{system}.{protocol.kind}"
+        names = [RANDOM, *fixed, *(f"chart.{label}" for label in fixed)]
+        scores = (result.figures[base + name] for name in names)
+        stands = METHOD_OF.get(system)
+        name = system if stands is None else f"{system}\n{stands}"
+        hours = None if training is None else training.hours
+        rows.append((name, _steps(training), hours, result.figures[f"{base}photo.{RANDOM}"], *scores))
+    for place, method in enumerate(METHODS):
+        averages = [(scene, values[place]) for (scene, depth), values in TABLE.items() if depth == RANDOM]
+        singles = [_paper_mean(place, label, "(Kodak)") for label in fixed]
+        charts = [_paper_mean(place, label, "chart") for label in fixed]
+        for number_, (scene, value) in enumerate(averages):
+            own = (*singles, *charts) if number_ == 0 else (None,) * (len(singles) + len(charts))
+            rows.append((f"the paper: {method}\n{scene}", None, None, None, value, *own))
+    said = (
+        f"{protocol.title}. Mean of {len(result.data.pictures)} pictures, read noise 0.005, height errors "
+        "of 30 nm; below a system the method of the paper that it stands for. The paper's are of its own "
+        "draw of depths, its two pictures of Kodak's at a fixed depth, and its USAF chart."
+    )
+    return PageTable(columns, tuple(rows), said)
+
+
+def chart_table(result: Result) -> PageTable:
+    """The chart by colour, and what a linear restoration that is told the depth makes of its photos."""
+    names = ("all", *CHANNELS)
+    columns = (
+        Column("System"),
+        Column("Depth"),
+        *(Column(f"Restored, {name}", "dB", 2) for name in names),
+        *(Column(f"Told the depth, {name}", "dB", 2) for name in names),
     )
     rows = tuple(
-        (
-            system,
-            METHOD_OF.get(system, "none of the paper's"),
-            result.figures[f"psnr_db.{system}.photo.{RANDOM}"],
-            *(result.figures[f"psnr_db.{system}.{label}"] for label in labels),
-        )
-        for system in systems
+        (row.system, DEPTH_NAMES[row.condition], row.restored_db, *row.channels_db, *row.told_db)
+        for row in result.chart_rows
     )
-    said = f"Mean of {len(result.data.pictures)} pictures, read noise 0.005, height errors of 30 nm."
-    return PageTable(columns, rows, said)
-
-
-def _paper_averages() -> PageTable:
-    rows = tuple((scene, *values) for (scene, depth), values in TABLE.items() if depth == RANDOM)
-    columns = (Column("The paper's"), *(Column(name, "dB", 2) for name in METHODS))
     said = (
-        "The paper's averages at a random depth, of its Table “Quantitative analysis of the DOF extension "
-        "methods”. Its draw of depths is unknown."
+        "The chart in a world that goes on. Told the depth: a filter over all colours and the whole photo "
+        "that knows the distance and the mask as it was made. Where a system has less, its mask is not why."
     )
     return PageTable(columns, rows, said)
 
 
-def _singles(result: Result, systems: Sequence[str], scenes: Sequence[str]) -> PageTable:
+def _steps(training: Training | None) -> str | None:
+    if training is None:
+        return None
+    return f"{training.steps}\nafter {training.before} of another" if training.before else f"{training.steps}"
+
+
+def _paper_mean(place: int, depth: str, of: str) -> float:
+    """The mean of a method's PSNRs in the paper, over its scenes whose name has `of` in it."""
+    values = [row[place] for (scene, at), row in TABLE.items() if at == depth and of in scene]
+    return sum(values) / len(values)
+
+
+def _singles(result: Result, systems: Sequence[str], scenes: Sequence[str], protocol: Protocol) -> PageTable:
     """Every shown picture at the three depths; the paper's proposed system on its own scenes beside them."""
     rows_of = {(r.system, r.picture, r.condition): r for r in (*result.chart_rows, *result.rows)}
     fixed = [f"{m:g}m" for m in DEPTHS_M]
@@ -167,11 +256,11 @@ def _singles(result: Result, systems: Sequence[str], scenes: Sequence[str]) -> P
         for label in fixed:
             values = TABLE.get((theirs[number_], label)) if number_ < len(theirs) else None
             beside = (values[-1], values[0]) if values else (None, None)
-            ours = (rows_of[system, scene, label].restored_db for system in systems)
+            ours = (protocol.of_row(rows_of[system, scene, label]) for system in systems)
             rows.append((scene, DEPTH_NAMES[label], *ours, *beside))
     return PageTable(
         columns,
         tuple(rows),
-        "Restored. The paper's columns are of its Scenes 1 to 3: a USAF chart and two images of Kodak's that "
-        "it does not name, so that they need not be the ones here.",
+        f"{protocol.title}, restored. The paper's columns are of its Scenes 1 to 3: a USAF chart and two "
+        "images of Kodak's that it does not name, so that they need not be the ones here.",
     )

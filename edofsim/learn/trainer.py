@@ -136,7 +136,7 @@ def _train(
             _save(loop)  # first of all: who stops a training may not wait for more
             share = _keep_start(setup)
             figures |= validate(setup, journal, position.step)
-            save_result(setup, path, position.step, figures, share)
+            save_result(setup, path, position, figures, share)
     figures |= {"steps": float(position.step), "seconds.training": position.seconds}
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
     return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)
@@ -191,7 +191,8 @@ def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Prog
             _save(loop)
         if step % every.validate_every == 0 and journal is not None:
             figures = validate(setup, journal, step)
-            save_result(setup, loop.out / f"{setup.recipe.name}.safetensors", step, figures)
+            at = Position(step, loop.seconds())
+            save_result(setup, loop.out / f"{setup.recipe.name}.safetensors", at, figures)
     return True
 
 
@@ -296,7 +297,7 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
 
 
 def save_result(
-    setup: Setup, path: Path, step: int, figures: Mapping[str, float], share: float = 0.0
+    setup: Setup, path: Path, position: Position, figures: Mapping[str, float], share: float = 0.0
 ) -> Path:
     """The checkpoint with its card. share: of the weights at the start."""
     card: Json = {
@@ -306,7 +307,8 @@ def save_result(
         "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
         "versions": {"edofsim": __version__, "torch": torch.__version__},
         "seed": setup.recipe.seed,
-        "step": step,
+        "step": position.step,
+        "hours": round(position.seconds / 3600, 1),
         "figures": dict(figures),
     }
     if share:

@@ -7,32 +7,32 @@ from torch import Tensor
 
 from ..core.images import mirrored
 
-ALONG_PX = 1.0
-"""Standard deviation of the mean along a border. On middles of photographs 0.7 to 1.5 give the same PSNR near
-it, 0.4 dB more than a single pixel; a line fitted across the border gives less, as it leaves a step."""
+ALONG_PX = 1.5
+"""Standard deviation of the mean along a border. On middles of scikit-image's photographs 1 to 2 give the
+same PSNR within 4 pixels of it to 0.05 dB, a single pixel 0.3 dB less. What a bank makes of noise on a grey
+wall is 1.2 times as strong on the border as inside with 1.5 pixels, 1.4 times with 1, and 2.5 times with a
+single pixel. A line fitted across the border gives less, as it leaves a step."""
 
-ALONG_REACH = 3
+ALONG_REACH = 4
 """Pixels along a border that such a mean sees on each side."""
 
 
-def continued(image: Tensor, reach: int, *, turned: bool) -> Tensor:
+def continued(image: Tensor, reach: int) -> Tensor:
     """An image [.., y, x] with what may lie beyond it, as far as `reach` pixels on each side.
 
-    Its mirror image, which is what goes on where the world itself is made by mirroring; or, turned, that
-    image turned about the border's value, which goes on with the slope, too. The light that something beyond
-    the border spreads into the picture rises towards it: folded back it looks like a line on the border. The
-    border's value is a mean along the border: the noise of one pixel would go on for `reach` pixels, and a
-    sharp image would show it as a comb.
+    That is its mirror image turned about the border's value, so that the slope goes on. The light that
+    something beyond the border spreads into the picture rises towards it: folded back it looks like a line on
+    the border. The border's value is a mean along the border: the noise of one pixel would go on for `reach`
+    pixels, and a sharp image would show it as a comb.
     """
+    if reach == 0:
+        return image
     for axis in (-2, -1):
         lines = image.movedim(axis, -1)
         index = mirrored(torch.arange(-reach, lines.shape[-1] + reach), lines.shape[-1]).to(image.device)
         beyond = lines[..., index]
-        if turned:
-            beyond[..., :reach] = 2 * _along(lines[..., :1]) - beyond[..., :reach]
-            beyond[..., -reach:] = 2 * _along(lines[..., -1:]) - beyond[..., -reach:]
-            beyond[..., :reach].clamp_min_(0)
-            beyond[..., -reach:].clamp_min_(0)
+        beyond[..., :reach] = (2 * _along(lines[..., :1]) - beyond[..., :reach]).clamp_min(0)
+        beyond[..., -reach:] = (2 * _along(lines[..., -1:]) - beyond[..., -reach:]).clamp_min(0)
         image = beyond.movedim(-1, axis)
     return image
 

@@ -5,9 +5,9 @@ learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's t
 `mask.sampling_m`. The card is JSON in the metadata entry `card`, with the keys
 
     name, format, network (kind, settings), camera (the recipe it was trained for), recipe (the training
-    recipe), data (sources, counts, sha256), versions, seed, step, figures, `weights` where they are not what
-    that training ended with, and `history` where they come from an earlier training: these of each one
-    before, the first first
+    recipe), data (sources, counts, sha256), versions, seed, step, hours (to a tenth; older ones lack them),
+    figures, `weights` where they are not what that training ended with, and `history` where they come from an
+    earlier training: these of each one before, the first first
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def without_denormals(values: Tensor) -> Tensor:
 def history_of(checkpoint: Checkpoint) -> list[Json]:
     """The trainings that made a checkpoint's weights, the first first, as its successor's card names them."""
     card = checkpoint.card
-    said = ("name", "seed", "step", "data", "versions", "figures", "weights")
+    said = ("name", "seed", "step", "hours", "data", "versions", "figures", "weights")
     own = {key: card[key] for key in said if key in card}
     return [*card.get("history", []), own]
 

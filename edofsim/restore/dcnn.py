@@ -59,7 +59,7 @@ class DCnn(Restorer):
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
         rows, columns = photo.shape[-2:]
-        sharp = self._sharp(continued(photo, RADIUS, turned=True))
+        sharp = self._sharp(continued(photo, RADIUS))
         return sharp[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
 
     def _sharp(self, photo: Tensor) -> Tensor:

@@ -10,8 +10,6 @@ with PSFs of their own.
 
 from __future__ import annotations
 
-import copy
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -71,20 +69,12 @@ class FilterBank(Restorer):
         self.register_buffer(
             "transfer", torch.zeros(self.depths * 3, BLOCK, BLOCK // 2 + 1, 2, dtype=torch.float16)
         )
-        self.world_is_mirrored = False
         self.register_buffer("_matrix", torch.empty(0), persistent=False)
         self.register_buffer("_constant", torch.empty(0), persistent=False)
         self.register_load_state_dict_post_hook(_loaded)
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
-
-    def in_mirrored_world(self) -> FilterBank:
-        """The same network for photos of pictures that go on beyond the frame as their mirror images, as
-        flat test pictures do; others go on as they like."""
-        other = copy.copy(self)
-        other.world_is_mirrored = True
-        return other
 
     def settings(self) -> dict[str, object]:
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
@@ -127,7 +117,7 @@ class FilterBank(Restorer):
         """As in use, without the clamp."""
         # as many pixels as keep the places of the likelihood where they are
         reach = STEP * -(-self.border // STEP)
-        sharp = self._restored(continued(photo, reach, turned=not self.world_is_mirrored))
+        sharp = self._restored(continued(photo, reach))
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
     def _restored(self, photo: Tensor) -> Tensor:

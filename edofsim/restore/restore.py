@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-
 import torch
 from torch import Tensor
 
 from ..optics import Camera, psf_bank, response
-from .borders import continued
 from .checkpoint import Checkpoint
 from .conditioning import conditioned_on
 from .light import without_glare
 from .network import apply_network
-from .wiener import BEYOND_PX, wiener
+from .wiener import wiener
 
 
 def restore(
@@ -38,20 +34,10 @@ def restore(
     if checkpoint is not None:
         network = conditioned_on(checkpoint, camera, wavelengths)
         lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
-        apply = partial(apply_network, network, glare=1 - (1 - glare) * lens.sum((-1, -2))[0].to(glare))
-        with torch.inference_mode():
-            sharp = _continued(apply, image, network.continued_px)
-        return sharp, checkpoint.name
+        glare = 1 - (1 - glare) * lens.sum((-1, -2))[0].to(glare)
+        return apply_network(network, image, glare=glare), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-    filtered = partial(wiener, psf=psf, noise=camera.read_noise)
-    return _continued(filtered, without_glare(image, glare), BEYOND_PX), "Wiener"
-
-
-def _continued(restored: Callable[[Tensor], Tensor], image: Tensor, reach: int) -> Tensor:
-    """What a filter makes of a photo that goes on with its slope for `reach` pixels."""
-    if reach == 0:
-        return restored(image)
-    return restored(continued(image, reach, turned=True))[..., reach:-reach, reach:-reach]
+    return wiener(without_glare(image, glare), psf, camera.read_noise), "Wiener"
 
 
 def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:

@@ -15,9 +15,8 @@ class Restorer(nn.Module):
 
     kind: the name that recipes and checkpoints know it by. radius: how far in pixels an output pixel sees at
     most; None: all of the photo. multiple: photos are padded to a multiple of so many pixels. border: so many
-    outermost pixels should not be judged in training. continued_px: so many pixels that may lie beyond a
-    photo it is given in use (see `borders`). groups: parts of the depth range that it restores each by a
-    filter of its own.
+    outermost pixels should not be judged in training. groups: parts of the depth range that it restores each
+    by a filter of its own.
 
     psfs: which PSFs it is conditioned on (`set_psfs`). "mean": once before a training, those of the mask with
     the mean error of its making, and again for a camera whose response is another. "designed": in each step
@@ -30,7 +29,6 @@ class Restorer(nn.Module):
     radius: int | None = None
     multiple: int = 1
     border: int = 0
-    continued_px: int = 0
     groups: int = 1
 
     @classmethod
@@ -63,7 +61,3 @@ class Restorer(nn.Module):
         """Mean square error, [depth, 3], that the linear restoration most like this network leaves with so
         many filters of photos with PSFs [depth, 3, y, x]: what a mask is designed by (see `linear`)."""
         return local_error(psf, groups=filters)
-
-    def in_mirrored_world(self) -> Restorer:
-        """The same network for photos of pictures that go on beyond the frame as their mirror images."""
-        return self

@@ -7,9 +7,10 @@ from torch import Tensor
 
 from ..core.images import mirrored
 from ..errors import InputError
+from .borders import continued
 
 BEYOND_PX = 4
-"""A Wiener filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
+"""The filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
 Those alone leave lines on borders that bright things lie beyond. Farther out the slope foretells little, and
 the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
@@ -24,7 +25,8 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
     with the mean PSF above, and below the line what depth adds to it. S falls with the square of the
-    frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
+    frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo. Beyond its
+    border the image is continued, see `BEYOND_PX`.
 
     Raises InputError where channels differ or the noise is negative.
     """
@@ -36,7 +38,8 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
         )
     if not noise >= 0:
         raise InputError(f"Wiener filter: noise must be at least 0, not {noise}")
-    padded, (top, left) = _reflected(image, max(stack.shape[-2:]))
+    padded, (top, left) = _reflected(continued(image, BEYOND_PX), max(stack.shape[-2:]))
+    top, left = top + BEYOND_PX, left + BEYOND_PX
     rows, columns = padded.shape[-2:]
     transfer = torch.fft.rfft2(_centred_at_origin(stack, rows, columns))
     mean = transfer.mean(0)

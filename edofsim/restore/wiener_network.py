@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from .linear import wiener_error
 from .restorer import Restorer
-from .wiener import BEYOND_PX, wiener
+from .wiener import wiener
 
 
 class WienerNetwork(Restorer):
@@ -22,7 +22,6 @@ class WienerNetwork(Restorer):
 
     kind = "wiener"
     psfs = "designed"
-    continued_px = BEYOND_PX
 
     def __init__(self, window: int = 128, depths: int = 9) -> None:
         super().__init__()

@@ -50,9 +50,9 @@ FEW = 3
 
 @dataclass(frozen=True)
 class HardView:
-    """view: through `camera_with(mask)`; exact, layered: bounds in place of EXACT and LAYERED; options: fields
-    of `Fidelity`; methods: those that apply. cut: inverse depth [1/m] between a surface and what it hides,
-    None where nothing is hidden."""
+    """view: through `camera_with(mask)`; exact, layered: bounds in place of EXACT and LAYERED; options:
+    fields of `Fidelity`; methods: those that apply. cut: inverse depth [1/m] between a surface and what it
+    hides, None where nothing is hidden."""
 
     view: View
     exact: float = EXACT

@@ -13,7 +13,7 @@ from PIL import Image
 from skimage import data as pictures
 from torch import Tensor
 
-from edofsim.experiments import broadband, chromatic, photographs, planes, robustness
+from edofsim.experiments import broadband, chromatic, cubes, photographs, planes, robustness
 from edofsim.experiments.systems import Contestant
 from edofsim.optics import Camera
 from edofsim.recipe.camera import CameraRecipe
@@ -56,6 +56,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (planes, broadband):
         monkeypatch.setattr(module, "made", made)
     monkeypatch.setattr(photographs, "CHART_PX", 160)
+    monkeypatch.setattr(photographs, "SMALLEST_PX", 64)
     monkeypatch.setattr(chromatic, "MAP_DEPTHS", 5)
     monkeypatch.setattr(chromatic, "BANDS_M", torch.tensor([450, 550, 650], dtype=torch.float64) * 1e-9)
 
@@ -95,8 +96,10 @@ def only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Contestant], None]:
 
 
 @pytest.fixture
-def cave(tmp_path: Path) -> Path:
-    """A cube as CAVE's are: 31 pictures of 16 bits, 400 to 700 nm; a warm grey with texture."""
+def cave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cube as CAVE's are, but small: 31 pictures of 16 bits, 400 to 700 nm; a warm grey with texture."""
+    monkeypatch.setattr(cubes, "SMALLEST_PX", 64)
+    monkeypatch.setattr(cubes, "REACH_PX", 12)
     place = tmp_path / "cubes" / "toy_ms"
     place.mkdir(parents=True)
     texture = pictures.coffee()[100:180, 200:296, 1] / 255

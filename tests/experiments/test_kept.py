@@ -48,12 +48,12 @@ def test_a_changed_line_of_code_makes_kept_results_be_made_anew(
 ):
     calls: list[int] = []
     only(echo(restore=lambda photo, glare=None: calls.append(1) or photo))
-    for expected in (12, 12):  # three pictures at four noises, once
+    for expected in (24, 24):  # frame and whole of three pictures at four noises, once
         noise.run(tmp_path, silent, folder)
         assert len(calls) == expected
     monkeypatch.setattr(kept, "code_of", lambda folder: "another line")
     noise.run(tmp_path, silent, folder)
-    assert len(calls) == 24
+    assert len(calls) == 48
 
 
 def test_a_line_that_was_cut_short_is_passed_over(tmp_path: Path):

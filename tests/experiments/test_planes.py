@@ -17,10 +17,20 @@ from edofsim.experiments import fabrication, noise, planes, robustness, table
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
-from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
+from edofsim.experiments.systems import (
+    READ_NOISE,
+    Contestant,
+    Training,
+    contestant,
+    paper_test,
+    training_of,
+)
+from edofsim.experiments.told_depth import told_depth
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.report import page_html
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
+from edofsim.restore.linear import colour_error
+from edofsim.restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum
 
 pytestmark = pytest.mark.usefixtures("coarse")
 Echo = Callable[..., Contestant]
@@ -36,7 +46,7 @@ def test_the_photo_is_the_papers_model(folder: Path, tmp_path: Path, echo: Echo)
     system = echo()
     pictures = photographs(folder).pictures
     row = measure(system, pictures[:1], [at(0.5)], tmp_path, seed=0)[0]
-    assert row.restored_db == row.photo_db
+    assert (row.restored_db, row.whole_restored_db) == (row.photo_db, row.whole_photo_db)
     camera = planes.made(system.camera, paper_test(0))
     psf = psf_bank(camera, PAPER_COLOURS, [2.0]).values[0]
     sharp, reach = pictures[0].values, 24
@@ -47,15 +57,46 @@ def test_the_photo_is_the_papers_model(folder: Path, tmp_path: Path, echo: Echo)
     # of the mirrored picture, as far as the window reaches
     around = mirrored[:, start : start + sharp.shape[1] + 23, start : start + sharp.shape[2] + 23]
     blurred += ((1 - psf.sum((1, 2))) * around.mean((1, 2)))[:, None, None]
-    expected = -10 * math.log10(float((blurred - sharp).square().mean()) + 0.005**2)
-    assert row.photo_db == pytest.approx(expected, abs=0.02)
+    wrong = (blurred - sharp).square()
+    for error, found in ((wrong, row.whole_photo_db), (wrong[:, 12:-12, 12:-12], row.photo_db)):
+        assert found == pytest.approx(-10 * math.log10(float(error.mean()) + 0.005**2), abs=0.02)
+
+
+def test_a_frame_is_a_middle_and_nobody_is_told_what_lies_beyond(
+    folder: Path, tmp_path: Path, echo: Echo
+) -> None:
+    """A system is given the photo of the middle, whose light comes from the larger picture, exactly; and, by
+    the paper's protocol, that of the whole picture: the same photo, cut. Its scores are of each alone."""
+    given: list[torch.Tensor] = []
+
+    def restore(photo: torch.Tensor, glare: torch.Tensor) -> torch.Tensor:
+        given.append(photo)
+        return torch.zeros_like(photo)
+
+    picture = photographs(folder).pictures[0]
+    system = echo(restore=restore)
+    row = measure(system, [picture], [at(0.5, noise=0.0)], tmp_path, seed=0)[0]
+    middle, whole = given
+    assert torch.equal(middle, whole[:, 12:-12, 12:-12])
+    psf = psf_bank(planes.made(system.camera, paper_test(0)), PAPER_COLOURS, [2.0]).values[0]
+    # no picture beyond the frame is invented: only pixels of the picture itself, and its mean as glare
+    blurred = torch.nn.functional.conv2d(picture.values[None], psf.flip(-2, -1)[:, None], groups=3)[0]
+    veil = middle - blurred[:, 1:, 1:]  # a window of 24 pixels reaches 12 to one side and 11 to the other
+    assert float((veil - veil.mean((1, 2), keepdim=True)).abs().max()) < 1e-5
+    for db, truth in (
+        (row.restored_db, picture.values[:, 12:-12, 12:-12]),
+        (row.whole_restored_db, picture.values),
+    ):
+        assert db == pytest.approx(-10 * math.log10(float(truth.square().mean())), abs=1e-3)
 
 
 def test_defocus_blurs(folder: Path, tmp_path: Path, echo: Echo) -> None:
     """A clear aperture focused at 1.5 m blurs more the nearer the plane."""
     rows = measure(echo(), photographs(folder).pictures, [at(0.5), at(0.8), at(1.0)], tmp_path, seed=0)
-    means = list(planes.averages(rows).values())[::2]
-    assert means[0] < means[1] < means[2]
+    means = planes.averages(rows)
+    for kind in ("", "whole."):
+        at_depths = [means[f"psnr_db.echo.{kind}{depth}"] for depth in ("0.5", "0.8", "1.0")]
+        assert at_depths == sorted(at_depths)
 
 
 def test_read_noise_adds_its_variance(folder: Path, tmp_path: Path, echo: Echo, only: Callable) -> None:
@@ -91,7 +132,7 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, tmp_path: Path, echo: E
 
     def restore(photo: torch.Tensor, glare: torch.Tensor) -> torch.Tensor:
         calls.append(1)
-        if len(calls) == 6:
+        if len(calls) == 12:
             raise KeyboardInterrupt
         return photo
 
@@ -101,9 +142,9 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, tmp_path: Path, echo: E
     with (tmp_path / "cut/finished.jsonl").open("a") as file:
         file.write('{"key": "half a li')  # as a kill in the middle of a write leaves it
     resumed = noise.run(tmp_path / "cut", silent, folder)
-    assert len(calls) == 6 + 12 - 5  # five were finished, the sixth was not
+    assert len(calls) == 12 + 2 * (12 - 5)  # two frames each; five were finished, the sixth was not
     again = noise.run(tmp_path / "cut", silent, folder)
-    assert len(calls) == 13 and again.figures == resumed.figures
+    assert len(calls) == 26 and again.figures == resumed.figures
     only(echo())
     assert noise.run(tmp_path / "whole", silent, folder).figures == resumed.figures
 
@@ -144,12 +185,75 @@ def test_the_table_is_written_and_repeats(folder: Path, tmp_path: Path, network:
     ours = [row for row in rows if (row["system"], row["depth"]) == ("trained", "1m")]
     mean = np.mean([float(row["restored_db"]) for row in ours if row["picture"] != "USAF-1951"])
     assert result.figures["psnr_db.trained.1m"] == pytest.approx(mean, abs=1e-3)
+    whole = np.mean([float(row["whole_restored_db"]) for row in ours if row["picture"] != "USAF-1951"])
+    assert result.figures["psnr_db.trained.whole.1m"] == pytest.approx(whole, abs=1e-3)
+    chart_row = next(row for row in ours if row["picture"] == "USAF-1951")
+    for name, column in (("chart", "restored_db"), ("whole.chart", "whole_restored_db")):
+        assert result.figures[f"psnr_db.trained.{name}.1m"] == pytest.approx(
+            float(chart_row[column]), abs=1e-3
+        )
     # all systems see a picture at the same random depth
     depths = {(row["picture"], row["inverse_depth_per_m"]) for row in rows if row["depth"] == "random"}
     assert len(depths) == 2
     # cubic blur is removed by its filter
     cubic = "psnr_db.paper-cubic+wiener"
     assert result.figures[f"{cubic}.1m"] > result.figures[f"{cubic}.photo.1m"] + 1
+
+
+def test_the_paper_and_the_trainings_stand_beside_ours(folder: Path, tmp_path: Path, network: Path) -> None:
+    """Printed: both protocols; the paper's rows for its averages, its chart and its two pictures of Kodak's,
+    of which the mean of 30.98 and 31.33 dB at half a metre is 31.155; own steps apart from another's."""
+    systems = [str(network), "clear-dcnn"]
+    found = table.run(tmp_path, silent, folder, systems=systems, limit=1)
+    for printed in found.shown[:2]:
+        rows = {str(row[0]).split("\n")[0]: row for row in printed.rows if "BSDS" not in str(row[0])}
+        assert list(rows)[:2] == ["trained", "clear-dcnn"]
+        paper = rows["the paper: Proposed"]
+        assert paper[4:] == pytest.approx((26.26, 31.155, 30.74, 29.925, 28.31, 31.44, 30.00))
+        assert rows["clear-dcnn"][1] == "5839\nafter 11070 of another" and rows["clear-dcnn"][2] is None
+    bsds = [row for row in found.shown[0].rows if "Proposed" in str(row[0]) and "BSDS" in str(row[0])]
+    assert bsds[0][4] == 27.31 and set(bsds[0][5:]) == {None}
+    assert found.figures["steps.clear-dcnn"] == 2400 + 3439
+
+
+def test_a_filter_that_is_told_the_depth_shows_what_a_photo_holds(
+    folder: Path, tmp_path: Path, network: Path
+) -> None:
+    """Against the least mean square error in closed form: a scene drawn from the statistics of photographs,
+    blurred by PSFs of its own for each colour, with noise."""
+    size, noise = 192, 0.006
+    draw = torch.Generator().manual_seed(5)
+    like = torch.tensor(COLOUR_CORRELATION, dtype=torch.float64)
+    white = torch.randn(3, size, size, generator=draw, dtype=torch.float64)
+    power = power_spectrum(size, like)
+    power[0, 0] = 0
+    mixed = torch.einsum("cd,dyx->cyx", torch.linalg.cholesky(like), white)
+    scene = 0.5 + 0.2 * torch.fft.irfft2(torch.fft.rfft2(mixed) * power.sqrt(), s=(size, size))
+    place = torch.arange(17, dtype=torch.float64) - 8
+    widths = torch.tensor([2.5, 1.5, 0.8], dtype=torch.float64)[:, None, None]
+    psf = (-(place[:, None] ** 2 + place**2) / (2 * widths**2)).exp()
+    psf = psf / psf.sum((1, 2), keepdim=True)
+    photo = torch.nn.functional.conv2d(scene[None], psf[:, None], groups=3)[0]
+    photo = photo + 0.2 * noise * torch.randn(photo.shape, generator=draw, dtype=torch.float64)
+    truth = scene[:, 8:-8, 8:-8]
+    # a fifth of light and noise alike, so that nothing is clamped: the filter is the same
+    inside = (..., slice(16, -16), slice(16, -16))
+    found = planes.channels(told_depth(photo, psf, noise)[inside], truth[inside])
+    expected = -10 * (0.04 * colour_error(psf[None], noise)[0]).log10()
+    assert found == pytest.approx(expected.tolist(), abs=1.0)
+    # the table has it of the chart alone, each colour for itself
+    figures = table.run(tmp_path, silent, folder, [str(network)], limit=1).figures
+    told = "psnr_db.trained.told.chart.0.5m"
+    error = np.mean([10 ** (-figures[f"{told}.{c}"] / 10) for c in planes.CHANNELS])
+    assert figures[told] == pytest.approx(-10 * math.log10(error), abs=1e-6)
+
+
+def test_hours_are_told_where_all_cards_tell_them() -> None:
+    first = {"name": "a", "step": 100, "hours": 0.5}
+    last = {"name": "a", "step": 50, "hours": 1.5}
+    other = {"name": "b", "step": 7}
+    assert training_of({**last, "history": [other, first]}) == Training(150, 7, 2.0)
+    assert training_of({**last, "history": [{"name": "a", "step": 1}]}) == Training(51, 0, None)
 
 
 def test_the_tables_page_shows_the_paper_beside_ours(folder: Path, tmp_path: Path, network: Path) -> None:
@@ -192,6 +296,7 @@ def test_the_table_compares_all_that_ship(
 
     monkeypatch.setattr(table, "measure", nothing)
     monkeypatch.setattr(table, "page", lambda result: None)
+    monkeypatch.setattr(table, "methods", lambda result, protocol: None)
     table.run(tmp_path, silent, folder)
     found = {*shipped_checkpoints(), *comparison_checkpoints(), "paper-clear+wiener", "paper-cubic+wiener"}
     assert set(asked) == found and len(found) > 6

@@ -265,6 +265,24 @@ def test_ours_is_the_photo_through_parts_of_the_pupil(view: View):
     assert torch.allclose(ours.photo.image - whole.photo.image, found, atol=1e-6)
 
 
+def test_the_sensor_saturates_and_the_truth_alike(view: View, network: Path, folder: Path):
+    """A lamp of a hundred times full scale: photos and truth hold full scale and no more, though the camera
+    says nothing of saturation, and by the paper's protocol, too."""
+    camera = load_camera(str(folder / "camera.toml"))
+    assert not camera.recipe.sensor.saturation
+    lit = view.radiance.clone()
+    row, column = ROWS // 2 + MARGIN, COLUMNS // 2 + MARGIN
+    lit[:, view.pixel == row * (COLUMNS + 2 * MARGIN) + column] = 100
+    for system in systems_of(camera, [str(network)]):
+        for way in (WAYS[0], WAYS[2]):
+            shown = views_of(replace(view, radiance=lit), system.camera)[way.name]
+            taken = take(shown, way, system)
+            assert taken.truth.max() == 1
+            assert taken.photo.image.min() >= 0 and taken.photo.image.max() <= 1
+            if not way.flat:  # whose values are an 8-bit picture's
+                assert taken.photo.clean.max() > 2 and taken.photo.image.max() == 1
+
+
 def test_an_interrupted_evaluation_goes_on(folder: Path, network: Path, monkeypatch: pytest.MonkeyPatch):
     scenes = [load_scene(folder / f"{name}.toml") for name in ("cat", "cup")]
     done: list[str] = []

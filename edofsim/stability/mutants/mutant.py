@@ -11,7 +11,6 @@ from unittest.mock import patch
 
 from torch import Tensor
 
-from ...capture import factor_cache
 from ...optics import cache, transform
 
 R = TypeVar("R")
@@ -31,7 +30,6 @@ class Mutant:
 def forget() -> None:
     """Empty what is kept in memory of optics, so that nothing is left of another simulator."""
     cache.forget()
-    factor_cache.forget()
     transform.pixel_weights.cache_clear()
 
 
