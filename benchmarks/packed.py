@@ -136,6 +136,11 @@ class PackedScene:
             parameters["sky.data"] = mi.TensorXf(np.ascontiguousarray(around))
         parameters.update()
 
+    @property
+    def samples(self) -> int:
+        """Samples a pixel of the last image: what the sampler makes of the number that it is asked for."""
+        return int(self.scene.sensors()[0].sampler().sample_count())
+
     def image(self, samples: int, seed: int) -> np.ndarray:
         """One pass: float64 [3, y, x]."""
         pixels = self._mi.render(self.scene, spp=samples, seed=seed)

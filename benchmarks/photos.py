@@ -1,110 +1,114 @@
-"""What a photo costs: low rank against brute force, with the error that it buys; memory; how cost grows.
+"""What a photo costs: as plans take it, against four other ways, with the error that each buys; and its memory.
 
-Brute force convolves each of 475 depths and 31 bands on its own in float64, as the paper's 3D experiment
-does; depths at which the scene has nothing are skipped, to its advantage. Both sides blur the same view,
-without occlusion, which no brute force has. PSFs and factors are made before the clock starts; a second ratio
-has their making on both sides. Both run in one process, one after the other.
+All ways blur the light of one view, 31 bands, with the same threads, without occlusion, which others do not
+have; the truth is the same sum at `TRUTH_NODES` depth nodes. They are
+
+- gathered: as plans simulate photos: the bands of each channel in few groups with PSFs of few wavelengths;
+- layered: the package's layers of every band, float32, one batch of transforms a layer;
+- plain: what a competent user writes (`plain_photo`), with the nodes and PSFs of `layered`;
+- brute: every band at each of 475 depths by itself in float64, as everybody writes first;
+- paper: every depth of a picture in steps of 1 mm and three wavelengths by itself, float32, as the paper's 3D
+  experiment does; its error is that of three wavelengths.
+
+`gathered` and `layered` have the fewest groups, wavelengths and layers that meet the asked PSNR; that search
+is in no time, nor is it a plan's in a run. Time is told with PSFs at hand, and with their making on every side.
+`brute` and `paper` do the same work for each depth: some depths are timed, and stand for all that the view has.
 """
 
 from __future__ import annotations
 
-import gc
 import math
 import multiprocessing
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import torch
-from matplotlib.figure import Figure
 from torch import Tensor
 
+from benchmarks.plain_photo import plain_photo
 from edofsim.capture import Fidelity, capture
-from edofsim.capture.bands import merged_bands
 from edofsim.capture.convolution import Grid
-from edofsim.capture.factors import band_groups, factorise, joint_groups
-from edofsim.capture.kernels import HeldKernels, StreamedKernels
-from edofsim.capture.light import Light, light_of, seen
+from edofsim.capture.imaging import Axes, Imaging, imaging_of, spectrum_of
+from edofsim.capture.kernels import HeldKernels
+from edofsim.capture.light import light_of, seen
 from edofsim.capture.methods import METHODS
-from edofsim.capture.methods.low_rank import blur_with
 from edofsim.capture.photograph import all_in_focus
-from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights, choose_nodes
+from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights
 from edofsim.capture.sensor import automatic_exposure
-from edofsim.core.files import whole
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion import smooth_relief
+from edofsim.experiments.protocols import flattened
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe import load_camera, load_scene
 from edofsim.record import machine, peak_memory_mib
 from edofsim.render.view import View
-from edofsim.report.plot import BLUE, WIDE_IN, Plot, new_figure
 
 SCENES = ("desk", "hallway")
-MASKS = ("clear", "cubic", "smooth")
+MASKS, FULL_MASKS = ("clear", "cubic"), ("clear", "cubic", "smooth")
 TOLERANCES = (50.0, 40.0)
 SIZE = 512
 SAMPLES = 16
-REPEATS = 5
-BLOCK = 48
-"""Depths of brute force at a time: their PSFs fit into memory, and they are kept once done."""
-MEMORY_DEPTHS = (16, 64, BRUTE_DEPTHS)
+REPEATS = 3
+LAYERS = (5, 7, 9, 11, 13, 17, 21, 25, 33)
+GROUPS = ((1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 3), (4, 2), (4, 3), (6, 2))
+"""(groups of bands a channel, wavelengths a group)."""
+TRUTH_NODES = 65
+TIMED_DEPTHS = 6
+"""Of `brute` and `paper`."""
+MEMORY_LAYERS = (16, 64)
 
 
-def run(progress: Progress | None = None, out: Path | None = None) -> dict[str, float]:
-    """Figures, by scene (desk, hallway) and mask (clear, cubic, smooth), without occlusion on either side:
+def run(progress: Progress | None = None, out: Path | None = None, full: bool = False) -> dict[str, float]:
+    """Figures, by scene (desk, hallway), mask (clear, cubic) and asked PSNR (50db, 40db), without occlusion:
 
-    unoccluded.speedup.{scene}.{mask}.{50,40}db: low rank against brute, PSFs and factors at hand;
-    unoccluded.speedup_with_psfs.(same): PSFs and factors computed on both sides;
-    unoccluded.{psnr_db,rank,nodes,seconds,seconds_psfs,seconds_factors}.(same): of low rank;
-    unoccluded.{seconds_brute,seconds_brute_psfs,brute_depths}.{scene}.{mask};
-    occluded.seconds.{scene}.{mask}: a whole photo with hidden surfaces at 50 dB, PSFs and factors at hand;
-    growth.{depths,bands,pixels,tolerance_db}.{n}: seconds at n over seconds at the first n;
-    growth_rank.{n}: rank at that tolerance; growth.doubled_depths: seconds at 64 depth nodes over at 32;
-    peak_memory_mib.1024px_31b_{16,64,475}d: of a process that takes one photo, occlusion included.
-    out: a folder for the plot `expose-cost.png`, and for finished pieces, which are not measured again.
+    times_faster.strongest.SCENE.MASK.ASKED: seconds of the fastest other way that meets the PSNR over those of
+    `gathered`, PSFs at hand; times_faster_with_psfs.strongest.(same): PSFs computed on both sides; both least
+    first; {times_faster,times_faster_with_psfs}.{layered,plain,brute,paper}.(same): of each way;
+    {seconds,seconds_psfs,psnr_db}.WAY.(same); {groups,wavelengths,layers}.(same): of `gathered`, and
+    layers.layered.(same); depths.{brute,paper}.SCENE.MASK: what they sum over;
+    whole.{seconds,seconds_layered,psnr_db}.SCENE.MASK.ASKED: a photo with hidden surfaces, PSFs included, with
+    the same settings, of all bands, and how far the two are apart;
+    peak_memory_mib.1024px_31b_{16,64}d: of a process that takes one photo with hidden surfaces, in all bands.
+    out: a folder for finished pieces, which the same code does not measure again. full: also a smooth random
+    mask.
     """
     say = progress or silent
     figures: dict[str, float] = {}
     kept = None if out is None else Kept(out / "expose.jsonl")
     pieces: dict[str, Callable[[Progress], dict[str, float]]] = {
-        f"{mask}-{scene}": lambda tell, m=mask, s=scene: speed(
-            m, s, tell, None if out is None else out / f"expose-{m}-{s}.half"
-        )
-        for mask in MASKS
+        f"{mask}-{scene}": lambda tell, m=mask, s=scene: of_scene(m, s, tell)
+        for mask in (FULL_MASKS if full else MASKS)
         for scene in SCENES
     }
-    pieces["growth"] = growth
-    pieces |= {f"memory-{depths}d": lambda tell, n=depths: memory(n, tell) for depths in MEMORY_DEPTHS}
+    pieces |= {f"memory-{layers}d": lambda tell, n=layers: memory(n, tell) for layers in MEMORY_LAYERS}
     for number, (name, measure) in enumerate(pieces.items()):
-
-        def tell(fraction: float, text: str, number: int = number, name: str = name) -> None:
-            say((number + fraction) / len(pieces), f"{name}: {text}")
-
-        figures |= _once(kept, name, lambda m=measure: m(tell))
-    if out is not None:
-        plot(figures, out / "expose-cost.png")
+        tell = part(say, number / len(pieces), (number + 1) / len(pieces), name)
+        figures |= once(kept, name, lambda m=measure, t=tell: m(t))
     say(1.0, "done")
-    return figures
+    first = [
+        pair
+        for kind in ("times_faster", "times_faster_with_psfs")
+        for pair in sorted(
+            (item for item in figures.items() if item[0].startswith(f"{kind}.strongest.")),
+            key=lambda item: item[1],
+        )
+    ]
+    return dict(first) | figures
 
 
-def _once(kept: Kept | None, name: str, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
+def once(kept: Kept | None, name: str, measure: Callable[[], dict[str, float]]) -> dict[str, float]:
     """Figures of a piece that was finished before, by this code on this machine, or measured now."""
-    key = _key(piece=name)
+    key = key_of(machine=machine(), benchmarks=code_of(Path(__file__).parent), piece=name)
     found = None if kept is None else kept.get(key)
     if found is None:
         found = measure()
         if kept is not None:
             kept.put(key, found)
     return found
-
-
-def _key(**parts: object) -> str:
-    """A key of a measurement, which the benchmarks' own code decides too."""
-    return key_of(machine=machine(), benchmarks=code_of(Path(__file__).parent), **parts)
 
 
 def cameras() -> dict[str, Camera]:
@@ -125,188 +129,251 @@ def rendered(scene: str, progress: Progress) -> View:
     return render(recipe, loaded.base, progress=progress)
 
 
-def speed(mask: str, scene: str, say: Progress, kept: Path | None = None) -> dict[str, float]:
-    """Low rank against brute force for one mask and one scene; kept: a file for what is half done."""
-    view = rendered(scene, part(say, 0.0, 0.0))
-    camera = cameras()[mask]
-    figures = {
-        f"unoccluded.{kind}.{scene}.{mask}" + (f".{tolerance}" if tolerance else ""): value
-        for (kind, tolerance), value in against_brute(view, camera, say, kept=kept).items()
+def of_scene(mask: str, scene: str, say: Progress) -> dict[str, float]:
+    """Figures of one mask and one scene."""
+    view = rendered(scene, part(say, 0.0, 0.1))
+    found = compare(view, cameras()[mask], part(say, 0.1, 1.0))
+    return {
+        f"{kind}.{scene}.{mask}" + (f".{asked}" if asked else ""): value
+        for (kind, asked), value in found.items()
     }
-    say(0.9, "with occlusion")
-
-    def photo() -> None:
-        capture(view, camera, Fidelity(method="low_rank", layers_db=50.0, rank_db=50.0), exposure=1.0)
-
-    photo()
-    figures[f"occluded.seconds.{scene}.{mask}"] = min(_timed(photo)[1] for _ in range(2))
-    gc.collect()
-    if kept is not None:
-        kept.unlink(missing_ok=True)
-    return figures
-
-
-def against_brute(
-    view: View,
-    camera: Camera,
-    say: Progress,
-    depths: int = BRUTE_DEPTHS,
-    kept: Path | None = None,
-) -> dict[tuple[str, str], float]:
-    """Figures by (kind, tolerance) as `run` names them, for brute force at so many depths; kept: see
-    `_by_brute_force`."""
-    which = seen(view)
-    depth = view.inverse_depth[which]
-    weights = channel_weights(camera, view.wavelengths)
-    nodes = torch.linspace(float(depth.min()), float(depth.max()), depths, dtype=torch.float64)
-    exposure = automatic_exposure(view.crop_margin(all_in_focus(view, weights.float())))
-    truth, figures = _by_brute_force(view, camera, weights, nodes, say, kept)
-    truth = truth * exposure
-    brute_seconds, brute_psf_seconds = figures["seconds_brute", ""], figures["seconds_brute_psfs", ""]
-    grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
-    shortest = float(view.wavelengths.min())
-    groups = [joint_groups(weights.float()), band_groups(weights.float())]
-    for tolerance in TOLERANCES:
-        name = f"{tolerance:.0f}db"
-        say(0.85, f"low rank at {tolerance:.0f} dB")
-        few = choose_nodes(depth, view.coverage[which], camera, shortest, "low_rank", "auto", tolerance)
-        psfs, psf_seconds = _timed(lambda few=few: _bank(camera, view.wavelengths, few))
-        kernels = HeldKernels(psfs, few, view.wavelengths)
-        factors, factor_seconds = _timed(lambda k=kernels, t=tolerance: factorise(k, groups, t))
-        blur = blur_with(factors, weights.float())
-
-        def photo(blur: Any = blur, few: Tensor = few) -> Tensor:
-            return blur(light_of(view, few, which), grid)
-
-        error = view.crop_margin(photo()).double() * exposure - truth
-        seconds = _median_seconds(photo)
-        all_brute, all_low = brute_seconds + brute_psf_seconds, seconds + psf_seconds + factor_seconds
-        figures |= {
-            ("speedup", name): brute_seconds / seconds,
-            ("speedup_with_psfs", name): all_brute / all_low,
-            ("psnr_db", name): -10 * math.log10(float(error.square().mean())),
-            ("rank", name): float(sum(each.rank for each in factors)),
-            ("nodes", name): float(few.numel()),
-            ("seconds", name): seconds,
-            ("seconds_psfs", name): psf_seconds,
-            ("seconds_factors", name): factor_seconds,
-        }
-    return figures
 
 
 @dataclass(frozen=True)
-class _SomeNodes(Light):
-    """Light of which only some depth nodes are looked at."""
+class Way:
+    """A way to a photo: seconds with PSFs at hand; seconds that its PSFs take; its image, unexposed
+    [channel, y, x] of the frame."""
 
-    nodes: range = range(0)
+    seconds: float
+    seconds_psfs: float
+    image: Tensor
 
-    def occupied_nodes(self) -> list[int]:
-        return [node for node in super().occupied_nodes() if node in self.nodes]
+    @property
+    def all_seconds(self) -> float:
+        return self.seconds + self.seconds_psfs
 
 
-def _by_brute_force(
-    view: View, camera: Camera, weights: Tensor, nodes: Tensor, say: Progress, kept: Path | None
-) -> tuple[Tensor, dict[tuple[str, str], float]]:
-    """The unexposed photo in float64, [channel, y, x], and what it took.
+def compare(
+    view: View, camera: Camera, say: Progress | None = None, layers: tuple[int, ...] = LAYERS
+) -> dict[tuple[str, str], float]:
+    """Figures by (kind, asked) as `run` names them. layers: numbers that are tried."""
+    say = say or silent
+    weights = channel_weights(camera, view.wavelengths).float()
+    exposure = automatic_exposure(view.crop_margin(all_in_focus(view, weights)))
+    say(0.0, "the truth")
+    truth = by_layers(view, camera, Fidelity(layers=TRUTH_NODES), repeats=1).image
 
-    Block by block of depths; kept: file from which an interrupted photo is gone on with.
-    """
-    light = light_of(view.to(dtype=torch.float64), nodes, seen(view))
-    grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
-    key = _key(
-        light=float(view.radiance.double().sum()),
-        nodes=nodes.tolist(),
-        camera=camera.recipe.model_dump_json(),
-    )
-    state: dict[str, Any] = {"key": key, "photo": 0.0, "seconds": 0.0, "psf_seconds": 0.0, "done": 0}
-    if kept is not None and kept.is_file():
-        before = torch.load(kept, weights_only=True)
-        state = before if before.get("key") == key else state
-    while state["done"] < nodes.numel():
-        block = range(state["done"], min(state["done"] + BLOCK, nodes.numel()))
-        say(0.05 + 0.8 * block.start / nodes.numel(), f"brute force, {block.start} of {nodes.numel()} depths")
-        some = nodes[block.start : block.stop]
-        psfs, psf_seconds = _timed(lambda some=some: _bank(camera, view.wavelengths, some))
-        kernels = StreamedKernels(
-            lambda one, psfs=psfs, some=some: psfs[torch.searchsorted(some, one)].double(),
-            nodes,
-            view.wavelengths,
-            psfs.shape[-1],
-            ahead=1,
-        )
-        blur = METHODS["brute"](kernels, weights, tolerance_db=math.inf)
-        part = _SomeNodes(**vars(light), nodes=block)
-        photo, seconds = _timed(lambda blur=blur, part=part: blur(part, grid))
-        state = {
-            "key": key,
-            "photo": state["photo"] + photo,
-            "seconds": state["seconds"] + seconds,
-            "psf_seconds": state["psf_seconds"] + psf_seconds,
-            "done": block.stop,
+    def psnr_db(image: Tensor) -> float:
+        error = float(((image - truth).double() * exposure).square().mean())
+        return -10 * math.log10(max(error, 1e-30))
+
+    say(0.2, "brute force and the paper's protocol")
+    brute, brute_depths = by_brute_force(view, camera, torch.float64)
+    flat = flattened(view, camera, encoded=False)
+    lines = of_three_lines(camera)
+    paper, paper_depths = by_brute_force(flat, lines, torch.float32, own_depths=True)
+    paper = replace(paper, image=by_layers(flat, lines, Fidelity(layers=TRUTH_NODES), repeats=1).image / exposure)
+    figures: dict[tuple[str, str], float] = {
+        ("depths.brute", ""): float(brute_depths),
+        ("depths.paper", ""): float(paper_depths),
+    }
+    for number, asked_db in enumerate(TOLERANCES):
+        asked = f"{asked_db:.0f}db"
+        say(0.4 + 0.6 * number / len(TOLERANCES), f"{asked_db:.0f} dB")
+        few = fewest_layers(view, camera, Fidelity(), asked_db, psnr_db, layers)
+        gathered = cheapest(view, camera, asked_db, psnr_db, layers)
+        every = by_layers(view, camera, few)
+        ways = {
+            "gathered": by_layers(view, camera, gathered),
+            "layered": every,
+            "plain": by_plain_layers(view, camera, few, every.seconds_psfs),
+            "brute": brute,
+            "paper": paper,
         }
-        if kept is not None:
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            with whole(kept) as temporary:
-                torch.save(state, temporary)
-    return view.crop_margin(state["photo"]), {
-        ("seconds_brute", ""): state["seconds"],
-        ("seconds_brute_psfs", ""): state["psf_seconds"],
-        ("brute_depths", ""): float(len(light.occupied_nodes())),
-    }
-
-
-def growth(say: Progress) -> dict[str, float]:
-    """How the time of a photo grows, each quantity alone: depth nodes, bands, pixels, tolerance."""
-    camera = cameras()["cubic"]
-    view = synthetic_view(256, 31)
-    nodes = torch.linspace(0, 2, 129, dtype=torch.float64)
-    psfs = _bank(camera, view.wavelengths, nodes)
-
-    def seconds(view: View, step: int = 4, tolerance: float = 50.0, bands: int = 31) -> tuple[float, int]:
-        groups = torch.tensor_split(torch.arange(31), bands)
-        middle = torch.tensor([int(group[len(group) // 2]) for group in groups])
-        kernels = HeldKernels(psfs[::step][:, middle], nodes[::step], view.wavelengths)
-        weights = channel_weights(camera, view.wavelengths).float()
-        factors = factorise(kernels, [joint_groups(weights), band_groups(weights)], tolerance)
-        blur, grid = blur_with(factors, weights), Grid(*view.padded_shape, view.margin, kernels.window)
-        which = seen(view)
-        blur(light_of(view, kernels.nodes, which), grid)
-        time = _median_seconds(lambda: blur(light_of(view, kernels.nodes, which), grid), 3 * REPEATS)
-        return time, sum(each.rank for each in factors)
-
-    tries: dict[str, dict[int, Callable[[], tuple[float, int]]]] = {
-        "depths": {n: (lambda n=n: seconds(view, step=128 // n)) for n in (16, 32, 64, 128)},
-        "bands": {n: (lambda n=n: seconds(merged_bands(view, n), bands=n)) for n in (4, 8, 16, 31)},
-        "pixels": {n * n: (lambda n=n: seconds(synthetic_view(n, 31))) for n in (128, 256, 512)},
-        "tolerance_db": {n: (lambda n=n: seconds(view, tolerance=n)) for n in (30, 40, 50, 60, 70)},
-    }
-    figures: dict[str, float] = {}
-    for number, (name, of) in enumerate(tries.items()):
-        say(number / len(tries), f"growth with {name}")
-        found = {n: measure() for n, measure in of.items()}
-        first = next(iter(found.values()))[0]
-        figures |= {f"growth.{name}.{n}": time / first for n, (time, _) in found.items()}
-        if name == "tolerance_db":
-            figures |= {f"growth_rank.{n}": float(rank) for n, (_, rank) in found.items()}
-    figures["growth.doubled_depths"] = figures["growth.depths.64"] / figures["growth.depths.32"]
+        ours = ways["gathered"]
+        figures |= {
+            ("groups", asked): float(gathered.band_groups),
+            ("wavelengths", asked): float(gathered.group_wavelengths),
+            ("layers", asked): float(gathered.layers or 0),
+            ("layers.layered", asked): float(few.layers or 0),
+        }
+        for name, way in ways.items():
+            figures[f"seconds.{name}", asked] = way.seconds
+            figures[f"seconds_psfs.{name}", asked] = way.seconds_psfs
+            # the images of brute force are those of its depths; the truth has as good as the same
+            figures[f"psnr_db.{name}", asked] = math.inf if name == "brute" else psnr_db(way.image)
+            if name != "gathered":
+                figures[f"times_faster.{name}", asked] = way.seconds / ours.seconds
+                figures[f"times_faster_with_psfs.{name}", asked] = way.all_seconds / ours.all_seconds
+        rivals = [way for name, way in ways.items() if name in ("layered", "plain", "brute")]
+        figures["times_faster.strongest", asked] = min(way.seconds for way in rivals) / ours.seconds
+        figures["times_faster_with_psfs.strongest", asked] = (
+            min(way.all_seconds for way in rivals) / ours.all_seconds
+        )
+        del figures["psnr_db.brute", asked]
+        figures |= {(f"whole.{kind}", asked): value for kind, value in whole(view, camera, gathered, few).items()}
     return figures
 
 
-def memory(depths: int, say: Progress) -> dict[str, float]:
-    """Peak memory of a photo of 1024 x 1024 pixels at so many depths, in a process of its own."""
+def by_layers(view: View, camera: Camera, fidelity: Fidelity, repeats: int = REPEATS) -> Way:
+    """Layers as the package blurs them, without occlusion."""
+    fidelity = replace(fidelity, occlusion="none")
+    axes = axes_of(view, camera, fidelity)
+    imaging, seconds_psfs = median_of(lambda: new_imaging(camera, fidelity, axes), repeats)
+    image, seconds = median_of(lambda: imaging.image(imaging.light(view)), repeats)
+    return Way(seconds, seconds_psfs, image)
+
+
+def new_imaging(camera: Camera, fidelity: Fidelity, axes: Axes) -> Imaging:
+    """The optics of a fidelity, their PSFs computed anew: those that are at hand would take no time."""
+    from edofsim.optics import cache
+
+    cache.forget()
+    return imaging_of(camera, fidelity, axes)
+
+
+def axes_of(view: View, camera: Camera, fidelity: Fidelity) -> Axes:
+    """What images of a view share, with as many depth nodes as a fidelity has layers."""
+    depth = view.inverse_depth[seen(view)]
+    ends = (float(depth.min()), float(depth.max()))
+    nodes = torch.linspace(*ends, fidelity.layers or 1, dtype=torch.float64)
+    return Axes(channel_weights(camera, view.wavelengths), view.wavelengths, spectrum_of(view), ends, nodes)
+
+
+def fewest_layers(
+    view: View,
+    camera: Camera,
+    fidelity: Fidelity,
+    asked_db: float,
+    psnr_db: Callable[[Tensor], float],
+    layers: tuple[int, ...],
+) -> Fidelity:
+    """The fidelity with the fewest layers of those tried that meets a PSNR; the most where none does."""
+    for count in layers:
+        tried = replace(fidelity, layers=count)
+        if psnr_db(by_layers(view, camera, tried, repeats=1).image) >= asked_db:
+            return tried
+    return replace(fidelity, layers=layers[-1])
+
+
+def cheapest(
+    view: View, camera: Camera, asked_db: float, psnr_db: Callable[[Tensor], float], layers: tuple[int, ...]
+) -> Fidelity:
+    """The groups of bands, wavelengths and layers that meet a PSNR in the least time, PSFs included."""
+    found: list[tuple[float, Fidelity]] = []
+    for groups, wavelengths in GROUPS:
+        bands = Fidelity(band_groups=groups, group_wavelengths=wavelengths)
+        if psnr_db(by_layers(view, camera, replace(bands, layers=layers[-1]), repeats=1).image) < asked_db:
+            continue
+        few = fewest_layers(view, camera, bands, asked_db, psnr_db, layers)
+        found.append((by_layers(view, camera, few).all_seconds, few))
+        if len(found) == 3:  # those that follow have more to do
+            break
+    if not found:
+        return fewest_layers(view, camera, Fidelity(), asked_db, psnr_db, layers)
+    return min(found, key=lambda each: each[0])[1]
+
+
+def by_plain_layers(view: View, camera: Camera, fidelity: Fidelity, seconds_psfs: float) -> Way:
+    """`plain_photo` with the nodes and PSFs of a fidelity, which take so many seconds."""
+    axes = axes_of(view, camera, fidelity)
+    psfs = psf_bank(camera, view.wavelengths, axes.nodes).values
+    response, which = axes.response.float(), seen(view)
+
+    def photo() -> Tensor:
+        radiance = view.radiance.index_select(1, which)
+        pixel, depth = view.pixel[which], view.inverse_depth[which].double()
+        image = plain_photo(radiance, pixel, depth, view.padded_shape, axes.nodes, psfs, response)
+        return view.crop_margin(image)
+
+    image, seconds = median_of(photo, REPEATS)
+    return Way(seconds, seconds_psfs, image)
+
+
+def by_brute_force(
+    view: View, camera: Camera, dtype: torch.dtype, own_depths: bool = False, timed_depths: int = TIMED_DEPTHS
+) -> tuple[Way, int]:
+    """Every band at every depth by itself, and how many depths the view has: `BRUTE_DEPTHS` between its
+    nearest and farthest, or, with `own_depths`, exactly those of its surfaces.
+
+    So many depths are blurred and timed, at equal steps; the seconds are those of all, the image theirs alone.
+    """
+    which = seen(view)
+    depth = view.inverse_depth[which].double()
+    if own_depths:
+        nodes = torch.unique(depth)
+    else:
+        nodes = torch.linspace(float(depth.min()), float(depth.max()), BRUTE_DEPTHS, dtype=torch.float64)
+    light = light_of(view.to(dtype=dtype), nodes, which)
+    occupied = light.occupied_nodes()
+    step = max(1, len(occupied) // timed_depths)
+    some = occupied[::step][:timed_depths]
+    grid = Grid(*view.padded_shape, view.margin, camera.recipe.psf.window_px)
+    weights = channel_weights(camera, view.wavelengths).to(dtype)
+
+    def bank() -> Tensor:
+        from edofsim.optics import cache
+
+        cache.forget()
+        return psf_bank(camera, view.wavelengths, nodes[some]).values
+
+    psfs, seconds_psfs = timed(bank)
+    kernels = HeldKernels(psfs.to(dtype), nodes[some], view.wavelengths)
+    # of the light at the nodes that are timed, none is between nodes
+    at = [light.at_node(node) for node in some]
+    flat = torch.cat([image.reshape(view.bands, -1) for image in at], 1)
+    pixels = torch.arange(at[0][0].numel()).repeat(len(some))
+    layers = replace(
+        light,
+        pixel=pixels,
+        radiance=flat,
+        share=torch.zeros(pixels.numel(), dtype=dtype),
+        starts=tuple(at[0][0].numel() * k for k in range(len(some) + 1)),
+    )
+    photo, seconds = timed(lambda: METHODS["brute"](kernels, weights, tolerance_db=math.inf)(layers, grid))
+    scale = len(occupied) / len(some)
+    return Way(seconds * scale, seconds_psfs * scale, view.crop_margin(photo)), len(occupied)
+
+
+def of_three_lines(camera: Camera) -> Camera:
+    """The same camera with a sensor whose colours are three wavelengths, as the paper's simulations have."""
+    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
+    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))
+
+
+def whole(view: View, camera: Camera, gathered: Fidelity, every: Fidelity) -> dict[str, float]:
+    """A photo with hidden surfaces in groups of bands and in all: seconds of each, PSFs included, and the PSNR
+    of one against the other."""
+    from edofsim.optics import cache
+
+    def photo(fidelity: Fidelity) -> tuple[Tensor, float]:
+        cache.forget()
+        return timed(lambda: capture(view, camera, replace(fidelity, occlusion="hidden")).clean)
+
+    (few, seconds), (all_bands, seconds_layered) = photo(gathered), photo(every)
+    error = float((few - all_bands).double().square().mean())
+    return {
+        "seconds": seconds,
+        "seconds_layered": seconds_layered,
+        "psnr_db": -10 * math.log10(max(error, 1e-30)),
+    }
+
+
+def memory(layers: int, say: Progress) -> dict[str, float]:
+    """Peak memory of a photo of 1024 x 1024 pixels in so many layers, in a process of its own."""
     say(0.0, "a photo of 1024 x 1024 pixels")
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return {f"peak_memory_mib.1024px_31b_{depths}d": pool.apply(memory_of_a_photo, (depths,))}
+        return {f"peak_memory_mib.1024px_31b_{layers}d": pool.apply(memory_of_a_photo, (layers,))}
 
 
-def memory_of_a_photo(depths: int) -> float:
-    """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands.
+def memory_of_a_photo(layers: int) -> float:
+    """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands with what surfaces
+    hide, each band blurred.
 
     To be called in a process of its own.
     """
     camera = cameras()["clear"]
-    view = synthetic_view(1024, 31, camera.pixel_angle)
-    capture(view, camera, Fidelity(method="low_rank", layers=depths, rank_db=50.0))
+    capture(synthetic_view(1024, 31, camera.pixel_angle), camera, Fidelity(layers=layers))
     return peak_memory_mib()
 
 
@@ -336,44 +403,14 @@ def synthetic_view(size: int, bands: int, pixel_angle: float = 1.626e-4, margin:
     )
 
 
-def plot(figures: dict[str, float], path: Path) -> Path:
-    """Time against depth nodes, bands, pixels and rank, each relative to its first. Returns the path."""
-    labels = {"depths": "depth nodes", "bands": "bands", "pixels": "pixels", "tolerance_db": "rank"}
-
-    def paint() -> Figure:
-        figure = new_figure(WIDE_IN, 2.8)
-        grid = figure.subplots(1, len(labels))
-        for axes, (name, label) in zip(grid, labels.items(), strict=True):
-            points = {
-                key.rsplit(".", 1)[1]: value
-                for key, value in figures.items()
-                if key.startswith(f"growth.{name}.")
-            }
-            ranks = {n: figures[f"growth_rank.{n}"] for n in points} if name == "tolerance_db" else {}
-            pairs = sorted((ranks.get(n, float(n)), value) for n, value in points.items())
-            axes.plot(*zip(*pairs, strict=True), "o-", color=BLUE)
-            axes.set_xlabel(label)
-            axes.set_ylabel("time, relative to the first")
-            axes.set_ylim(bottom=0)
-        return figure
-
-    about = "Time of a photo against depth nodes, bands, pixels and rank, relative to the first."
-    return Plot(paint, about, about).save(path)
-
-
-def _bank(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> Tensor:
-    """PSFs computed anew: a bank that is at hand already would take no time."""
-    from edofsim.optics import cache
-
-    cache.forget()
-    return psf_bank(camera, wavelengths, nodes).values
-
-
-def _timed(work: Callable[[], Any]) -> tuple[Any, float]:
+def timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
+    """A result and the seconds that it took, by the clock."""
     start = time.perf_counter()
     result = work()
     return result, time.perf_counter() - start
 
 
-def _median_seconds(work: Callable[[], Any], repeats: int = REPEATS) -> float:
-    return statistics.median(_timed(work)[1] for _ in range(repeats))
+def median_of(work, repeats: int):
+    """A result and the median of the seconds that it took."""
+    found = [timed(work) for _ in range(repeats)]
+    return found[-1][0], statistics.median(seconds for _, seconds in found)
