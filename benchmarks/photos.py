@@ -1,4 +1,5 @@
-"""What a photo costs: as plans take it, against four other ways, with the error that each buys; and its memory.
+"""What a photo costs: as plans take it, against four other ways, with the error that each buys; and its
+memory.
 
 All ways blur the light of one view, 31 bands, with the same threads, without occlusion, which others do not
 have; the truth is the same sum at `TRUTH_NODES` depth nodes. They are
@@ -11,9 +12,9 @@ have; the truth is the same sum at `TRUTH_NODES` depth nodes. They are
   experiment does; its error is that of three wavelengths.
 
 `gathered` and `layered` have the fewest groups, wavelengths and layers that meet the asked PSNR; that search
-is in no time, nor is it a plan's in a run. Time is told with PSFs at hand, and with their making on every side.
-`brute` and `paper` do the same work for each depth: some depths are timed, and stand for all that the view has.
-"""
+is in no time, nor is it a plan's in a run. Time is told with PSFs at hand, and with their making on every
+side. `brute` and `paper` do the same work for each depth: some depths are timed, and stand for all that the
+view has."""
 
 from __future__ import annotations
 
@@ -24,6 +25,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -41,12 +43,13 @@ from edofsim.capture.sensor import automatic_exposure
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion import smooth_relief
-from edofsim.experiments.protocols import flattened
+from edofsim.experiments.protocols import flattened, of_three_lines
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe import load_camera, load_scene
 from edofsim.record import machine, peak_memory_mib
 from edofsim.render.view import View
 
+T = TypeVar("T")
 SCENES = ("desk", "hallway")
 MASKS, FULL_MASKS = ("clear", "cubic"), ("clear", "cubic", "smooth")
 TOLERANCES = (50.0, 40.0)
@@ -65,14 +68,14 @@ MEMORY_LAYERS = (16, 64)
 def run(progress: Progress | None = None, out: Path | None = None, full: bool = False) -> dict[str, float]:
     """Figures, by scene (desk, hallway), mask (clear, cubic) and asked PSNR (50db, 40db), without occlusion:
 
-    times_faster.strongest.SCENE.MASK.ASKED: seconds of the fastest other way that meets the PSNR over those of
-    `gathered`, PSFs at hand; times_faster_with_psfs.strongest.(same): PSFs computed on both sides; both least
-    first; {times_faster,times_faster_with_psfs}.{layered,plain,brute,paper}.(same): of each way;
+    times_faster.strongest.SCENE.MASK.ASKED: seconds of the fastest other way that meets the PSNR over those
+    of `gathered`, PSFs at hand; times_faster_with_psfs.strongest.(same): PSFs computed on both sides; both
+    least first; {times_faster,times_faster_with_psfs}.{layered,plain,brute,paper}.(same): of each way;
     {seconds,seconds_psfs,psnr_db}.WAY.(same); {groups,wavelengths,layers}.(same): of `gathered`, and
     layers.layered.(same); depths.{brute,paper}.SCENE.MASK: what they sum over;
-    whole.{seconds,seconds_layered,psnr_db}.SCENE.MASK.ASKED: a photo with hidden surfaces, PSFs included, with
-    the same settings, of all bands, and how far the two are apart;
-    peak_memory_mib.1024px_31b_{16,64}d: of a process that takes one photo with hidden surfaces, in all bands.
+    whole.{seconds,seconds_layered,psnr_db}.SCENE.MASK.ASKED: a photo with hidden surfaces, PSFs included,
+    with the same settings, of all bands, and how far the two are apart; peak_memory_mib.1024px_31b_{16,64}d:
+    of a process that takes one photo with hidden surfaces, in all bands.
     out: a folder for finished pieces, which the same code does not measure again. full: also a smooth random
     mask.
     """
@@ -172,7 +175,8 @@ def compare(
     flat = flattened(view, camera, encoded=False)
     lines = of_three_lines(camera)
     paper, paper_depths = by_brute_force(flat, lines, torch.float32, own_depths=True)
-    paper = replace(paper, image=by_layers(flat, lines, Fidelity(layers=TRUTH_NODES), repeats=1).image / exposure)
+    exposed = by_layers(flat, lines, Fidelity(layers=TRUTH_NODES), repeats=1).image
+    paper = replace(paper, image=exposed / exposure)
     figures: dict[tuple[str, str], float] = {
         ("depths.brute", ""): float(brute_depths),
         ("depths.paper", ""): float(paper_depths),
@@ -200,8 +204,8 @@ def compare(
         for name, way in ways.items():
             figures[f"seconds.{name}", asked] = way.seconds
             figures[f"seconds_psfs.{name}", asked] = way.seconds_psfs
-            # the images of brute force are those of its depths; the truth has as good as the same
-            figures[f"psnr_db.{name}", asked] = math.inf if name == "brute" else psnr_db(way.image)
+            if name != "brute":  # whose depths are the truth's, as good as
+                figures[f"psnr_db.{name}", asked] = psnr_db(way.image)
             if name != "gathered":
                 figures[f"times_faster.{name}", asked] = way.seconds / ours.seconds
                 figures[f"times_faster_with_psfs.{name}", asked] = way.all_seconds / ours.all_seconds
@@ -210,8 +214,8 @@ def compare(
         figures["times_faster_with_psfs.strongest", asked] = (
             min(way.all_seconds for way in rivals) / ours.all_seconds
         )
-        del figures["psnr_db.brute", asked]
-        figures |= {(f"whole.{kind}", asked): value for kind, value in whole(view, camera, gathered, few).items()}
+        hidden = whole(view, camera, gathered, few)
+        figures |= {(f"whole.{kind}", asked): value for kind, value in hidden.items()}
     return figures
 
 
@@ -296,8 +300,8 @@ def by_brute_force(
     """Every band at every depth by itself, and how many depths the view has: `BRUTE_DEPTHS` between its
     nearest and farthest, or, with `own_depths`, exactly those of its surfaces.
 
-    So many depths are blurred and timed, at equal steps; the seconds are those of all, the image theirs alone.
-    """
+    So many depths are blurred and timed, at equal steps; the seconds are those of all, the image theirs
+    alone."""
     which = seen(view)
     depth = view.inverse_depth[which].double()
     if own_depths:
@@ -335,15 +339,9 @@ def by_brute_force(
     return Way(seconds * scale, seconds_psfs * scale, view.crop_margin(photo)), len(occupied)
 
 
-def of_three_lines(camera: Camera) -> Camera:
-    """The same camera with a sensor whose colours are three wavelengths, as the paper's simulations have."""
-    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
-    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))
-
-
 def whole(view: View, camera: Camera, gathered: Fidelity, every: Fidelity) -> dict[str, float]:
-    """A photo with hidden surfaces in groups of bands and in all: seconds of each, PSFs included, and the PSNR
-    of one against the other."""
+    """A photo with hidden surfaces in groups of bands and in all: seconds of each, PSFs included, and the
+    PSNR of one against the other."""
     from edofsim.optics import cache
 
     def photo(fidelity: Fidelity) -> tuple[Tensor, float]:
@@ -367,8 +365,8 @@ def memory(layers: int, say: Progress) -> dict[str, float]:
 
 
 def memory_of_a_photo(layers: int) -> float:
-    """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands with what surfaces
-    hide, each band blurred.
+    """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands with what
+    surfaces hide, each band blurred.
 
     To be called in a process of its own.
     """
@@ -403,14 +401,14 @@ def synthetic_view(size: int, bands: int, pixel_angle: float = 1.626e-4, margin:
     )
 
 
-def timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
+def timed(work: Callable[[], T]) -> tuple[T, float]:
     """A result and the seconds that it took, by the clock."""
     start = time.perf_counter()
     result = work()
     return result, time.perf_counter() - start
 
 
-def median_of(work, repeats: int):
+def median_of(work: Callable[[], T], repeats: int) -> tuple[T, float]:
     """A result and the median of the seconds that it took."""
     found = [timed(work) for _ in range(repeats)]
     return found[-1][0], statistics.median(seconds for _, seconds in found)

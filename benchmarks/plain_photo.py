@@ -1,5 +1,6 @@
-"""What a competent user writes: layers in float32, all bands of a layer in one batch of transforms, the channels
-summed as spectra. It shares no code with the package, which it is compared with in time and in image."""
+"""What a competent user writes: layers in float32, all bands of a layer in one batch of transforms, the
+channels summed as spectra. It shares no code with the package, which it is compared with in time and in
+image."""
 
 from __future__ import annotations
 
@@ -16,8 +17,8 @@ def plain_photo(
     psfs: Tensor,
     response: Tensor,
 ) -> Tensor:
-    """Surfaces blurred by the PSFs of their depths, linearly between depth nodes: [channel, y, x] of the frame
-    with its margin, from whose far side light comes in at the borders.
+    """Surfaces blurred by the PSFs of their depths, linearly between depth nodes: [channel, y, x] of the
+    frame with its margin. Light that leaves it comes in at the other side, and must stay in the margin.
 
     radiance: [band, surface]; pixel: int64 [surface], row by row in a frame of `shape` (rows, columns);
     inverse_depth: [surface] in 1/m; nodes: [node] in 1/m, ascending, at least two, over all depths;

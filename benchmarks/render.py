@@ -1,10 +1,11 @@
-"""What a view costs: against Mitsuba's own ways to many bands, each with its best sampler, and against its own
-size.
+"""What a view costs: against Mitsuba's own ways to many bands, each with its best sampler, and against its
+own size.
 
-All ways get the same scene, frame, bounces and threads, use no roulette, and are asked for the same numbers of
-samples a pixel; Mitsuba's samplers round these as they must (`orthogonal` takes 25, 121 and 289 for 16, 64 and
-256), and the noise is of what they took. Every way of Mitsuba's is tried with each of `SAMPLERS`. Ours has
-samplers of its own: Owen-scrambled Sobol pairs, stratified within a pass, of which a view has at least two.
+All ways get the same scene, frame, bounces and threads, use no roulette, and are asked for the same numbers
+of samples a pixel; Mitsuba's samplers round these as they must (`orthogonal` takes 25, 121 and 289 for 16, 64
+and 256), and the noise is of what they took. Every way of Mitsuba's is tried with each of `SAMPLERS`. Ours
+has samplers of its own: Owen-scrambled Sobol pairs, stratified within a pass, of which a view has at least
+two.
 
 Ours is one path for all bands: its noise is the same in all of them, and the sum over the bands of a sensor
 channel has no less. The noise of `specfilm`, whose paths carry four wavelengths each, and of rgb passes with
@@ -62,9 +63,9 @@ def run(progress: Progress | None = None, full: bool = False) -> dict[str, float
     """Figures, each the name and a number; N: samples a pixel that were asked for, 16, 64 or 256.
 
     channel_ratio.strongest.{specfilm,packed,rgb}.Ns: seconds times noise squared of a sensor channel, over
-    ours: below 1 the other way is faster at equal noise; of the sampler that makes it least; band_ratio.(same):
-    of one band; both least first. `packed`: ceil(bands / 3) rgb passes; `rgb`: one of them, an image of three
-    bands without the others;
+    ours: below 1 the other way is faster at equal noise; of the sampler that makes it least;
+    band_ratio.(same): of one band; both least first. `packed`: ceil(bands / 3) rgb passes; `rgb`: one of
+    them, an image of three bands without the others;
     {channel_ratio,band_ratio,channel_noise,band_noise,seconds,samples}.{specfilm,rgb}.SAMPLER.Ns, of `packed`
     with the sampler that is best for one of its passes, and of `bands`, ours;
     times_path_image.Ns: seconds of all bands over the median of one rgb image; times_path_image.view.Ns: with
@@ -221,12 +222,14 @@ def figures_of(costs: Costs) -> dict[str, float]:
             continue
         ours = costs["bands", "", count]
         for which, least in strongest.items():
+            if (way, which) == ("rgb", "band"):
+                continue  # it has three of the bands
             ratio = cost.product(which) / ours.product(which)
             ratios[f"{which}_ratio.{name}"] = ratio
             key = f"{which}_ratio.strongest.{way}.{count}s"
             least[key] = min(ratio, least.get(key, ratio))
     times: dict[str, float] = {}
-    for count in {count for _, _, count in costs}:
+    for count in sorted({count for _, _, count in costs}):
         one = statistics.median(
             cost.seconds / cost.samples for (way, _, n), cost in costs.items() if way == "rgb" and n == count
         )

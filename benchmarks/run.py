@@ -13,16 +13,20 @@ BENCHES = {"optics": "optics", "render": "render", "expose": "photos", "learn": 
 """Names as they are asked for, and their modules."""
 
 
+SIZED = ("render", "expose")
+"""Benchmarks that take more cases on request."""
 WRITE = ("expose",)
-"""Benchmarks that draw, and keep what they have finished, in a folder."""
+"""Benchmarks that keep what they have finished in a folder."""
 
 
 def run(
     names: Sequence[str],
     progress: Progress | None = None,
     out: Path | None = None,
+    full: bool = False,
 ) -> dict[str, float]:
-    """Figures of the named benchmarks, each under its own prefix; out: a folder for what they write.
+    """Figures of the named benchmarks, each under its own prefix; out: a folder for what they write; full:
+    larger frames and more cases.
 
     Raises InputError for an unknown name.
     """
@@ -33,6 +37,7 @@ def run(
     for index, name in enumerate(names):
         tell = part(progress, index / len(names), (index + 1) / len(names), name)
         bench = import_module(f".{BENCHES[name]}", __package__)
-        more = {"out": out} if name in WRITE else {}
+        more: dict[str, object] = {"out": out} if name in WRITE else {}
+        more |= {"full": full} if name in SIZED else {}
         found |= {f"{name}.{key}": value for key, value in bench.run(progress=tell, **more).items()}
     return found

@@ -65,7 +65,7 @@ LayersOption = Annotated[
 ]
 MethodOption = Annotated[
     str | None,
-    typer.Option("--method", help="brute, layered, low_rank or constant; default: what the plan says."),
+    typer.Option("--method", help="brute, layered or constant; default: layered."),
 ]
 AccuracyOption = Annotated[
     str | None,

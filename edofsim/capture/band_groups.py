@@ -139,8 +139,6 @@ class GatheredKernels:
     base: Kernels
     psfs: Tensor
     wavelengths: Tensor
-    key: None = None
-    folder: None = None
 
     @property
     def nodes(self) -> Tensor:

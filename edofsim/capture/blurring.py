@@ -25,14 +25,12 @@ class Blurring:
         kernels: Kernels,
         response: Tensor,
         prepare: Method,
-        tolerance_db: float = 50.0,
         gap: float = 0.0,
     ) -> None:
         self.kernels = kernels
         self.response = response
         self.gap = gap
         self._prepare = prepare
-        self._tolerance_db = tolerance_db
         self._light: Blur | None = None
         self._coverage: Blur | None = None
 
@@ -48,7 +46,7 @@ class Blurring:
         """
         radiance = None if part is None else view.radiance.index_select(1, which) * part
         if self._light is None:
-            self._light = self._prepare(self.kernels, self.response, tolerance_db=self._tolerance_db)
+            self._light = self._prepare(self.kernels, self.response)
         return self._light(light_of(view, self.kernels.nodes, which, radiance), self._grid(view))
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
@@ -62,7 +60,7 @@ class Blurring:
         if self._coverage is None:
             one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
             opaque = opaque_kernels(self.kernels, self.response)
-            self._coverage = self._prepare(opaque, one_each, tolerance_db=self._tolerance_db)
+            self._coverage = self._prepare(opaque, one_each)
         return self._coverage(light_of(view, self.kernels.nodes, which, white), self._grid(view))
 
     def _grid(self, view: View) -> Grid:
@@ -76,5 +74,4 @@ def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
         psf = kernels.layer(node)
         layers.append(torch.einsum("cb,byx->cyx", response, psf / psf.sum((-2, -1), keepdim=True)))
     colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
-    key = None if kernels.key is None else f"{kernels.key} opaque {response.tolist()}"
-    return HeldKernels(torch.stack(layers), kernels.nodes, colours, key, kernels.folder)
+    return HeldKernels(torch.stack(layers), kernels.nodes, colours)

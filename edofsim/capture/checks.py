@@ -8,7 +8,7 @@ from torch import Tensor
 from ..errors import InputError
 from ..render.view import View
 from .fidelity import Fidelity
-from .methods import METHODS
+from .methods import METHODS, unknown_method
 from .occlusion import OCCLUSIONS
 
 PIXEL_ANGLE_SLACK = 1e-3
@@ -17,12 +17,12 @@ PIXEL_ANGLE_SLACK = 1e-3
 
 def check_fidelity(fidelity: Fidelity) -> None:
     """Refuse ways to blur and to composite that there are not. Raises InputError."""
-    for what, name, names in (
-        ("method", fidelity.method, METHODS),
-        ("occlusion", fidelity.occlusion, OCCLUSIONS),
-    ):
-        if name not in names:
-            raise InputError(f"{what} {name!r} is not known: choose one of {', '.join(names)}")
+    if fidelity.method not in METHODS:
+        raise InputError(unknown_method(fidelity.method))
+    if fidelity.occlusion not in OCCLUSIONS:
+        raise InputError(
+            f"occlusion {fidelity.occlusion!r} is not known: choose one of {', '.join(OCCLUSIONS)}"
+        )
 
 
 def check_view(view: View) -> None:

@@ -85,12 +85,11 @@ class Fidelity:
         False, "sub-apertures", "", "in all bands and nodes, in place of one group a channel and 13 nodes"
     )
     method: str = _knob(
-        "layered", "rank", "", "`layered`, `low_rank`, `brute` or `constant`: how light becomes images"
+        "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
     )
     layers_db: float = _knob(
         FULL_DB, "depth layers", "dB", "PSNR that depth nodes keep where `layers` is None"
     )
-    rank_db: float = _knob(FULL_DB, "rank", "dB", "PSNR that the factors of `low_rank` keep")
     window_px: int | None = _knob(
         None, "PSF window", "px", "side of the PSFs, light beyond is veiling glare; None: the recipe's"
     )
@@ -148,9 +147,8 @@ class Fidelity:
             problems.append(f"{self.layers} depth layers: give a whole number from 1 to {MOST_LAYERS}")
         if self.sub_apertures < 1:
             problems.append(f"{self.sub_apertures} sub-apertures: give a whole number of at least 1")
-        for name in ("layers_db", "rank_db"):
-            if not getattr(self, name) > 0:
-                problems.append(f"{name} = {getattr(self, name)}: give a positive number of decibels")
+        if not self.layers_db > 0:
+            problems.append(f"layers_db = {self.layers_db}: give a positive number of decibels")
         if problems:
             raise InputError(problems)
 

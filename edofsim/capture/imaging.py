@@ -104,7 +104,6 @@ def imaging_of(
             gathered_kernels(kernels, gathering) if fidelity.band_groups else kernels,
             gathering.response.to(device, dtype),
             METHODS[fidelity.method],
-            fidelity.rank_db,
             gap=1 / blur_per_dioptre(camera),
         ),
     )

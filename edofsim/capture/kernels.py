@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Protocol
 
 import torch
@@ -19,15 +18,8 @@ class Kernels(Protocol):
 
     nodes: [node] inverse depths in 1/m; wavelengths: [band], metres; window: side of the PSFs in pixels;
     layer(k): [band, y, x] at node k, each pixel the fraction of the light through the pupil that lands in it;
-    truncated(k): [band], the fraction that lands outside the window. key: what names these very PSFs, None
-    for those that carry gradients; folder: where what follows from them may be kept, None for in memory only.
+    truncated(k): [band], the fraction that lands outside the window.
     """
-
-    @property
-    def key(self) -> str | None: ...
-
-    @property
-    def folder(self) -> Path | None: ...
 
     @property
     def nodes(self) -> Tensor: ...
@@ -50,8 +42,6 @@ class HeldKernels:
     values: Tensor
     nodes: Tensor
     wavelengths: Tensor
-    key: str | None = None
-    folder: Path | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 4 or self.values.shape[:2] != (self.nodes.numel(), self.wavelengths.numel()):
@@ -83,8 +73,6 @@ class StreamedKernels:
     wavelengths: Tensor
     window: int
     ahead: int = 4
-    key: str | None = None
-    folder: Path | None = None
     _block: dict[str, object] = field(default_factory=dict, repr=False, compare=False)
     _rest: dict[int, Tensor] = field(default_factory=dict, repr=False, compare=False)
 

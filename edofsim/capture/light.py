@@ -56,19 +56,6 @@ class Light:
                 image.index_add_(1, self.pixel[part], self.radiance[bands, part] * weight)
         return image.reshape(-1, self.rows, self.columns)
 
-    def mixed(self, coefficients: Tensor) -> Tensor:
-        """Images in which each node and band counts with its own coefficient: [k, y, x].
-
-        coefficients: [node, k, band]. Between two nodes they are interpolated, as the hat weights say.
-        """
-        last, count = len(coefficients) - 1, coefficients.shape[1]
-        image = self.radiance.new_zeros(count, self.rows * self.columns)
-        for cell, part in self.cells():
-            low, high = coefficients[cell], coefficients[min(cell + 1, last)]
-            both = torch.cat([low, high - low]) @ self.radiance[:, part]
-            image.index_add_(1, self.pixel[part], torch.addcmul(both[:count], self.share[part], both[count:]))
-        return image.reshape(-1, self.rows, self.columns)
-
 
 def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None = None) -> Light:
     """Some of a view's fragments, between depth nodes.

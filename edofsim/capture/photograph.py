@@ -116,7 +116,6 @@ def capture(
         "bands": imaging.gathering.groups,
         "window_px": imaging.window,
         "layers_db": fidelity.layers_db,
-        "rank_db": fidelity.rank_db,
         "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),
         "transmission": transmission(camera),
         "sensor": [effect.model_dump() for effect in effects],

@@ -11,7 +11,6 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, psf_bank, response, response_curves, sub_aperture_psfs
-from ..optics.cache import key as bank_key
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
 BRUTE_DEPTHS = 475
@@ -72,11 +71,10 @@ def kernels_of(
         ).values
 
     trained = camera.height_map is not None and camera.height_map.requires_grad
-    key = None if trained else bank_key(camera, _on_cpu(wavelengths), _on_cpu(nodes), window, None, dtype)
     size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
     if size <= HELD_BYTES or trained:
-        return HeldKernels(compute(nodes), nodes, wavelengths, key, cache)
-    return StreamedKernels(compute, nodes, wavelengths, window, key=key, folder=cache)
+        return HeldKernels(compute(nodes), nodes, wavelengths)
+    return StreamedKernels(compute, nodes, wavelengths, window)
 
 
 def kernels_of_sub_apertures(
@@ -95,10 +93,6 @@ def kernels_of_sub_apertures(
         camera, wavelengths, nodes, across, window_px=window, dtype=dtype, device=device
     ):
         yield HeldKernels(values, nodes, wavelengths)
-
-
-def _on_cpu(values: Tensor) -> Tensor:
-    return values.detach().double().cpu().contiguous()
 
 
 def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 from typing import Annotated
 
@@ -21,11 +22,14 @@ def run(
         list[str] | None,
         typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
     ] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")
+    ] = False,
 ) -> Findings:
     """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
 
-    It takes a source checkout. `expose` keeps each piece that it has finished in --out; delete them there to
-    measure anew.
+    It takes a source checkout. `expose` keeps each piece that it has finished in --out, for this code and
+    machine; delete them there to measure anew.
     """
     try:
         from benchmarks import run as benches
@@ -35,11 +39,21 @@ def run(
         raise InputError(
             "benchmarks come with the source checkout, not with the installed package: run this there"
         ) from None
-    figures = benches.run(names or tuple(benches.BENCHES), progress, folder)
+    figures = benches.run(names or tuple(benches.BENCHES), progress, folder, full)
     table = Table(
         (Column("figure"), Column("value")), tuple((name, f"{value:.4g}") for name, value in figures.items())
     )
     about = machine()
     line = f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}"
-    outputs = {path.stem: path for path in sorted(folder.glob("*.png"))}
-    return Findings(figures, shown=[table, line], outputs=outputs)
+    commit = commit_of(Path(benches.__file__).parent)
+    return Findings(figures, shown=[table, f"{line}; commit {commit}"], record={"commit": commit})
+
+
+def commit_of(folder: Path) -> str:
+    """The commit of a folder's checkout, with `-dirty` where files differ from it; `unknown` without git."""
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--match="]
+    try:
+        said = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return said.stdout.strip()

@@ -39,8 +39,8 @@ DEPTH_STEP_M = 1e-3
 HEIGHT_ERROR_M = 30e-9
 LENS_ALONE = "lens_alone"
 FILTER_DEPTHS = 9
-TOLERANCE_DB = 50.0
-"""PSNR that depth nodes and factors keep against the layers of all bands."""
+LAYERS = 25
+"""Depth nodes: on the shipped scenes photos are more than 60 dB from those of twice as many."""
 
 
 @dataclass(frozen=True)
@@ -121,17 +121,14 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
 
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
     """
-    camera = _of_three_lines(system.camera) if way.flat else system.camera
+    camera = of_three_lines(system.camera) if way.flat else system.camera
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     direct = direct_light(system.camera, view.wavelengths)
     full = full_fidelity(camera, view)
-    one_depth = float(view.inverse_depth.min()) == float(view.inverse_depth.max())
     fidelity = Fidelity(
-        method="layered" if one_depth else "low_rank",
-        layers_db=TOLERANCE_DB,
-        rank_db=TOLERANCE_DB,
+        layers=LAYERS,
         occlusion=way.occlusion or full.occlusion,
         sub_apertures=min(way.sub_apertures, full.sub_apertures),
     )
@@ -147,7 +144,7 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
             photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, glare=glare
         )
         taker = system.designed or system.camera
-        taker = _of_three_lines(taker) if way.flat else taker
+        taker = of_three_lines(taker) if way.flat else taker
         images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, glare=glare)
     return Taken(photo, images)
 
@@ -211,7 +208,7 @@ def _depth_of_most(view: View) -> Tensor:
     return empty.scatter_reduce(0, pixel[first], view.inverse_depth[which][first], "amax").clamp_min(0)
 
 
-def _of_three_lines(camera: Camera) -> Camera:
+def of_three_lines(camera: Camera) -> Camera:
     """The same camera with a sensor whose colours are three wavelengths."""
     sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
     return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))

@@ -6,10 +6,10 @@ import logging
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..capture.methods import METHODS
+from ..capture.methods import METHODS, unknown_method
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
-from .effects import EFFECTS, RENAMED
+from .effects import EFFECTS, GONE, RENAMED
 from .target import Target
 
 LOG = logging.getLogger(__name__)
@@ -24,13 +24,14 @@ def checked_overrule(overrule: Mapping[str, Any] | None) -> dict[str, Any]:
     effects = list(EFFECTS)
     for option in ("with_", "without"):
         if option in given:
-            given[option] = [_today(name) for name in given[option]]
+            given[option] = [_today(name) for name in given[option] if not _gone(name)]
     added, left = given.get("with_", ()), given.get("without", ())
     problems = [_unknown("effect", name, effects) for name in (*added, *left) if name not in effects]
     problems += [f"--with and --without {name!r}: ask for one of them" for name in sorted({*added} & {*left})]
-    for option, known in (("occlusion", OCCLUSIONS), ("method", METHODS)):
-        if option in given and given[option] not in known:
-            problems.append(_unknown(option, given[option], known))
+    if given.get("occlusion", "hidden") not in OCCLUSIONS:
+        problems.append(_unknown("occlusion", given["occlusion"], OCCLUSIONS))
+    if given.get("method", "layered") not in METHODS:
+        problems.append(unknown_method(given["method"]))
     way = given.get("occlusion", "hidden")
     if given.get("sub_apertures", 1) != 1 and way in OCCLUSIONS and way != "hidden":
         problems.append(f"sub-apertures belong to the occlusion `hidden` alone, not to {way!r}")
@@ -52,6 +53,13 @@ def _today(name: str) -> str:
         return name
     LOG.warning("the effect %r is called %r now", name, RENAMED[name])
     return RENAMED[name]
+
+
+def _gone(name: str) -> bool:
+    """Whether there is no such effect any more, said in one line."""
+    if name in GONE:
+        LOG.warning("there is no effect %r any more: %s", name, GONE[name])
+    return name in GONE
 
 
 def _unknown(what: str, name: str, known: Iterable[str]) -> str:

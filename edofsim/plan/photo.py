@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..capture.fidelity import Fidelity
@@ -197,7 +197,10 @@ def plan_photo(
             asked |= set(costs.worth_asking(effects, target.seconds if target.kind == "time" else 0.0))
     found = remembered(facts, effects, more, asked, progress)
     planner = Planner(facts, costs, found, disk_mib)
-    return planner.plan(target, fixed_levels(found, given, more))
+    plan = planner.plan(target, fixed_levels(found, given, more))
+    # how light becomes images errs by nothing of its own: no effect weighs it
+    method = given.get("method", plan.fidelity.method)
+    return replace(plan, fidelity=replace(plan.fidelity, method=method))
 
 
 def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
@@ -213,8 +216,6 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
     if across is not None:
         said = "the whole pupil" if across == 1 else f"{across} x {across}"
         more["sub-apertures"] = Level(said, {"sub_apertures": across})
-    if "method" in insisted:
-        more["rank"] = Level(insisted["method"], {"method": insisted["method"]})
     return more
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from .alike import CASES as ALIKE
 from .case import Case, Finding
 from .depth_cases import CASES as DEPTH
 from .light_cases import CASES as LIGHT
@@ -11,6 +10,6 @@ from .rendering import CASES as RENDERING
 from .restoration import CASES as RESTORATION
 from .training import CASES as TRAINING
 
-CASES: tuple[Case, ...] = (*DEPTH, *ALIKE, *LIGHT, *PUPILS, *RESTORATION, *TRAINING, *RENDERING)
+CASES: tuple[Case, ...] = (*DEPTH, *LIGHT, *PUPILS, *RESTORATION, *TRAINING, *RENDERING)
 
 __all__ = ["CASES", "Case", "Finding"]

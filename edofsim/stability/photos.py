@@ -23,12 +23,12 @@ from ..render.view import View
 from .case import Case, Finding, timed
 from .views import MASKS, WINDOW, camera_with, uniform, with_free_height
 
-METHODS = ("brute", "layered", "low_rank")
+METHODS = ("brute", "layered")
 OCCLUSIONS = ("over", "normalised", "hidden")
 SUB_APERTURES = 3
 """Along each axis of the pupil, where something is hidden."""
-SHIPPED: Mapping[str, Any] = {"layers_db": 50.0, "rank_db": 50.0}
-"""How accurately depth nodes and factors are asked for, unless a case says otherwise."""
+SHIPPED: Mapping[str, Any] = {"layers_db": 50.0}
+"""How accurately depth nodes are asked for, unless a case says otherwise."""
 
 SINGLE = 1e-4
 """float32 against float64, relative to the brightest value of the photo."""
@@ -36,11 +36,6 @@ SINGLE = 1e-4
 LAYERED = 0.01
 """Photos in layers against each fragment's own PSF: root mean square error relative to the brightest value,
 40 dB. The views are of white noise, for which the methods' tolerance (of natural images) does not speak."""
-FINE = {"coded": 2.0}
-"""Times LAYERED, for masks whose PSFs have so much fine detail that low rank, which leaves the finest out
-first, shows more of an error on white noise."""
-
-
 SLOPE = 1e-5
 """Derivatives in float64 against what they stand for."""
 STEP = 1e-10
@@ -88,8 +83,7 @@ def findings(hard: HardView) -> Iterator[Finding]:
         camera = with_free_height(camera_with(mask))
         truth = true_photo(hard.view, camera)
         for method in hard.methods:
-            bound = hard.layered * (FINE.get(name, 1.0) if method == "low_rank" else 1.0)
-            yield from _method(hard, camera, truth, f"{method}, {name}", method, bound)
+            yield from _method(hard, camera, truth, f"{method}, {name}", method, hard.layered)
         for occlusion in OCCLUSIONS:
             yield from _occlusion(hard, camera, f"{occlusion}, {name}", occlusion=occlusion)
         if bool(hard.view.hidden.any()):

@@ -1,25 +1,66 @@
-"""The benchmark of photos, small: what it calls brute force is compared with what it calls low rank."""
+"""The benchmark of photos, small: ways that are compared in time have the same image, to the PSNR asked for."""
 
 from __future__ import annotations
 
 import pytest
 import torch
 
-from benchmarks import photos as bench_expose
+from benchmarks import photos
+from edofsim.capture import Fidelity
 from edofsim.experiments.kept import Kept
 
+LAYERS = (5, 9, 17, 33)
 
-def test_low_rank_against_brute_force_on_a_small_view():
-    camera = bench_expose.cameras()["clear"]
-    view = bench_expose.synthetic_view(48, 3, camera.pixel_angle, margin=64)
-    said = []
-    found = bench_expose.against_brute(view, camera, lambda fraction, text: said.append(text), depths=20)
-    for tolerance in ("50db", "40db"):
-        # noise in every pixel is harder than the photographs that the prior expects
-        assert found["psnr_db", tolerance] > float(tolerance[:2]) - 8
-    assert found["rank", "50db"] > found["rank", "40db"]
-    assert 10 < found["brute_depths", ""] <= 20
-    assert said[0].startswith("brute force")
+
+@pytest.fixture(scope="module")
+def camera():
+    return photos.cameras()["clear"]
+
+
+@pytest.fixture(scope="module")
+def view(camera):
+    """The benchmark's slanted surface, with a spectrum that is smooth over its bands."""
+    return photos.synthetic_view(48, 9, camera.pixel_angle, margin=64)
+
+
+def test_what_a_user_writes_has_the_image_of_the_layers(view, camera):
+    """Two codes for one sum, which share the PSFs alone: float32 rounding apart."""
+    few = Fidelity(layers=7)
+    ours = photos.by_layers(view, camera, few, repeats=1)
+    theirs = photos.by_plain_layers(view, camera, few, 1.0)
+    assert (ours.image - theirs.image).abs().max() < 1e-5 * ours.image.max()
+
+
+def test_brute_force_has_the_image_of_the_layers(camera):
+    """With all of its depths blurred, at as many nodes; in float64."""
+    view = photos.synthetic_view(24, 2, camera.pixel_angle, margin=64)
+    brute, depths = photos.by_brute_force(view, camera, torch.float64, timed_depths=photos.BRUTE_DEPTHS)
+    assert depths > 100
+    ours = photos.by_layers(view, camera, Fidelity(layers=photos.BRUTE_DEPTHS), repeats=1)
+    assert (ours.image - brute.image).abs().max() < 1e-5 * ours.image.max()
+
+
+def test_seconds_of_some_depths_stand_for_all(view, camera, monkeypatch):
+    """A clock that says 2 s for anything: of 3 timed depths, so many times as many seconds."""
+    monkeypatch.setattr(photos, "timed", lambda work: (work(), 2.0))
+    way, depths = photos.by_brute_force(view, camera, torch.float32, timed_depths=3)
+    assert way.seconds == pytest.approx(2.0 * depths / 3)
+    assert way.seconds_psfs == pytest.approx(2.0 * depths / 3)
+
+
+def test_the_compared_ways_meet_what_is_asked(view, camera):
+    """Each by the setting that the benchmark finds for it; and the ratio is against the fastest of the others
+    that meet it."""
+    found = photos.compare(view, camera, layers=LAYERS)
+    for asked in (50, 40):
+        name = f"{asked}db"
+        for way in ("gathered", "layered", "plain"):
+            assert found[f"psnr_db.{way}", name] >= asked
+        others = [found[f"times_faster.{way}", name] for way in ("layered", "plain", "brute")]
+        assert found["times_faster.strongest", name] == min(others)
+        with_psfs = found["times_faster_with_psfs.strongest", name]
+        assert with_psfs <= found["times_faster_with_psfs.plain", name]
+    assert found["layers.layered", "50db"] >= found["layers.layered", "40db"]
 
 
 def test_finished_pieces_are_not_measured_again(tmp_path, monkeypatch):
@@ -32,47 +73,9 @@ def test_finished_pieces_are_not_measured_again(tmp_path, monkeypatch):
 
     kept = Kept(tmp_path / "pieces.jsonl")
     for _ in range(2):
-        assert bench_expose._once(kept, "piece", measure) == {"figure": 2.0}
+        assert photos.once(kept, "piece", measure) == {"figure": 2.0}
     assert len(calls) == 1
-    bench_expose._once(kept, "another", measure)
-    monkeypatch.setattr(bench_expose, "code_of", lambda folder: "a line was changed")
-    bench_expose._once(kept, "piece", measure)
+    photos.once(kept, "another", measure)
+    monkeypatch.setattr(photos, "code_of", lambda folder: "a line was changed")
+    photos.once(kept, "piece", measure)
     assert len(calls) == 3
-
-
-def test_plot_of_growth(tmp_path):
-    figures = {f"growth.{name}.{n}": float(n) for name in ("depths", "bands", "pixels") for n in (1, 2)}
-    figures |= {"growth.tolerance_db.30": 1.0, "growth.tolerance_db.40": 1.4}
-    figures |= {"growth_rank.30": 5.0, "growth_rank.40": 9.0}
-    path = bench_expose.plot(figures, tmp_path / "cost.png")
-    assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
-def test_interrupted_brute_force_is_gone_on_with(tmp_path, monkeypatch):
-    """Killed after the second block of depths, it does the other blocks alone and gives the same photo."""
-    monkeypatch.setattr(bench_expose, "BLOCK", 3)
-    camera = bench_expose.cameras()["clear"]
-    view = bench_expose.synthetic_view(16, 1, camera.pixel_angle, margin=64)
-    nodes = torch.linspace(0, 2, 9, dtype=torch.float64)
-    weights = torch.ones(1, 1, dtype=torch.float64)
-
-    def photo(kept, stop=None):
-        blocks = []
-
-        def say(fraction, text):
-            blocks.append(text)
-            if len(blocks) == stop:
-                raise KeyboardInterrupt
-
-        found, figures = bench_expose._by_brute_force(view, camera, weights, nodes, say, kept)
-        return found, figures, blocks
-
-    whole, _, blocks = photo(None)
-    assert len(blocks) == 3
-    kept = tmp_path / "half"
-    with pytest.raises(KeyboardInterrupt):
-        photo(kept, stop=3)
-    again, figures, blocks = photo(kept)
-    assert len(blocks) == 1
-    assert torch.allclose(again, whole, atol=1e-12)
-    assert figures["seconds_brute", ""] > 0

@@ -87,7 +87,7 @@ def test_picture_is_upright(bench):
     assert photo.how["transmission"] == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize("method", ["brute", "layered", "low_rank", "constant"])
+@pytest.mark.parametrize("method", ["brute", "layered", "constant"])
 def test_energy_in_is_energy_out(bench, method):
     """Of a point's light, what the window holds lands around it, the rest in equal parts on every pixel."""
     image = torch.zeros(3, 80, 81, dtype=torch.float64)
@@ -106,7 +106,7 @@ def test_energy_in_is_energy_out(bench, method):
     assert (photo.truncated > 0.01).all()  # at 0.5 m this window is narrower than the blur
 
 
-@pytest.mark.parametrize("method", ["layered", "low_rank"])
+@pytest.mark.parametrize("method", ["layered", "constant"])
 def test_constant_scene(bench, method):
     """A constant scene is constant to the frame's edge, margin or not, and as bright as it is."""
     view = view_of(bench, torch.ones(3, 50, 53, dtype=torch.float64), 0.9, margin=5)
@@ -131,18 +131,16 @@ def test_a_veil_stands_for_what_wider_windows_hold(bench):
 
 
 def test_methods_agree_on_a_deep_scene(bench):
-    """Brute force over many depths, layers at 16, and low rank: one photo, to the accuracies asked for."""
+    """Brute force over many depths and layers at 17: one photo, to the accuracy asked for."""
     view = deep(bench)
     settings = dict(dtype=torch.float64, exposure=1.0)
     brute = capture(view, camera(), Fidelity(method="brute", layers=33), **settings).clean
     layered = capture(view, camera(), Fidelity(method="layered", layers=17), **settings).clean
-    low = capture(view, camera(), Fidelity(method="low_rank", layers=17, rank_db=55), **settings).clean
 
     def psnr(a, b):
         return -10 * torch.log10((a - b).square().mean()).item()
 
     assert psnr(layered, brute) > 50
-    assert psnr(low, layered) > 52
 
 
 def test_single_precision_and_device_argument(bench):
@@ -156,11 +154,10 @@ def test_single_precision_and_device_argument(bench):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_cuda_agrees_with_cpu(bench):
     view = deep(bench)
-    for method in ("layered", "low_rank"):
-        cpu = capture(view, camera(), Fidelity(method=method), exposure=1.0, seed=3)
-        cuda = capture(view, camera(), Fidelity(method=method), exposure=1.0, seed=3, device="cuda")
-        assert cuda.image.device.type == "cuda"
-        assert (cuda.image.cpu() - cpu.image).abs().max() < 1e-4
+    cpu = capture(view, camera(), exposure=1.0, seed=3)
+    cuda = capture(view, camera(), exposure=1.0, seed=3, device="cuda")
+    assert cuda.image.device.type == "cuda"
+    assert (cuda.image.cpu() - cpu.image).abs().max() < 1e-4
 
 
 def test_gradcheck_from_the_height_map_to_the_photo_with_occlusion(bench):
@@ -220,8 +217,10 @@ def test_bad_input_is_refused(bench):
         capture(view, camera(), Fidelity(window_px=64))
     with pytest.raises(InputError, match="from 1 to"):
         capture(view, camera(), Fidelity(layers=0))
-    with pytest.raises(InputError, match="method 'fast' is not known.*low_rank"):
+    with pytest.raises(InputError, match="method 'fast' is not known.*layered"):
         capture(view, camera(), Fidelity(method="fast"))
+    with pytest.raises(InputError, match="no method 'low_rank' any more: leave the method out"):
+        capture(view, camera(), Fidelity(method="low_rank"))
     with pytest.raises(InputError, match="occlusion 'some' is not known.*hidden"):
         capture(view, camera(), Fidelity(occlusion="some"))
     with pytest.raises(InputError, match="mrad"):

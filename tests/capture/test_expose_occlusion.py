@@ -14,7 +14,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture import Fidelity, capture
 from edofsim.capture.blurring import Blurring
 from edofsim.capture.crop import crop
 from edofsim.capture.kernels import HeldKernels
@@ -23,11 +22,6 @@ from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
 from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
-from edofsim.optics import Camera
-from edofsim.optics.lenses.plano_convex import PlanoConvexLens
-from edofsim.recipe import CameraRecipe
-from edofsim.recipe.camera import PsfSettings
-from edofsim.render.view import View
 
 BANDS, MARGIN, REACH = 2, 12, 4
 SIZE = 40
@@ -175,39 +169,6 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
         change = view.crop_margin(change_by_sub_apertures(view, alone, pupil))
         assert slow.abs().max() > 0.01
         assert (change - slow).abs().max() < 1e-12
-
-
-@pytest.mark.parametrize("across", [1, 3])
-def test_parts_by_low_rank_are_as_near_as_the_whole(across):
-    """What sub-apertures change is never factored: shares of the light would err far beyond the whole."""
-    lens = PlanoConvexLens(aperture_radius_mm=1.5)
-    recipe = CameraRecipe(name="parts", lens=lens, psf=PsfSettings(window_px=48))
-    camera = Camera.from_recipe(recipe)
-    draw = torch.Generator().manual_seed(4)
-    side = 48 + 2 * 24
-    near = (torch.arange(side * side) % side) < side // 2
-    behind = torch.nonzero(near).squeeze(1)
-    pixel = torch.cat([torch.arange(side * side), behind])
-    hidden = torch.arange(len(pixel)) >= side * side
-    order = torch.argsort(pixel * 2 + hidden)
-    view = View(
-        height=48,
-        width=48,
-        margin=24,
-        pixel=pixel[order],
-        coverage=torch.ones(len(pixel)),
-        inverse_depth=torch.cat([2.0 * near, 0.3 * torch.rand(len(behind), generator=draw)])[order],
-        radiance=torch.rand(1, len(pixel), generator=draw)[:, order],
-        hidden=hidden[order],
-        wavelengths=torch.tensor([546e-9], dtype=torch.float64),
-        pixel_angle=camera.pixel_angle,
-    )
-    fidelity = Fidelity(sub_apertures=across, layers=9, rank_db=50.0)
-    low, every = (
-        capture(view, camera, fidelity.changed({"method": name}), exposure=1.0).clean
-        for name in ("low_rank", "layered")
-    )
-    assert psnr(low, every) > 50
 
 
 def test_dark_fringe_of_compositors_without_hidden_surfaces(bench):

@@ -248,7 +248,6 @@ def test_ours_is_the_photo_through_parts_of_the_pupil(view: View):
     by_name = {way.name: way for way in WAYS}
     ours, whole = (take(layered, by_name[name], System("lens_alone", CAMERA)) for name in (OURS, "hidden"))
     across = min(by_name[OURS].sub_apertures, full_fidelity(CAMERA, layered).sub_apertures)
-    # layered: light without neighbours that resemble each other is not what low rank is made for
     slow, one = (
         capture(
             layered,

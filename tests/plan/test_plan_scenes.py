@@ -93,7 +93,6 @@ def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(n
         "hidden surfaces",
         "sub-apertures",
         "dispersion of scene glass",
-        "rank",
     }
     assert not called_for(plan) & {*never, "interreflection"}
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0

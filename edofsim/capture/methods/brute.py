@@ -15,8 +15,8 @@ from ..light import Light
 from .base import Blur
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
-    """Nothing to prepare and no tolerance: the error is that of the depth nodes alone."""
+def prepare(kernels: Kernels, response: Tensor) -> Blur:
+    """Nothing to prepare: the error is that of the depth nodes alone."""
 
     def blur(light: Light, grid: Grid) -> Tensor:
         photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)

@@ -9,8 +9,8 @@ from . import layered
 from .base import Blur
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
+def prepare(kernels: Kernels, response: Tensor) -> Blur:
     """The layered method with a single node, which all light is taken to lie at."""
     if kernels.nodes.numel() != 1:
         raise ValueError(f"the constant method has one depth, not {kernels.nodes.numel()}")
-    return layered.prepare(kernels, response, tolerance_db=tolerance_db)
+    return layered.prepare(kernels, response)

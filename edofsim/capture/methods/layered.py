@@ -19,8 +19,8 @@ BLOCK_PIXELS = 1 << 22
 """Pixels of all transforms at work at one time: bounds memory whatever the bands and the frame."""
 
 
-def prepare(kernels: Kernels, response: Tensor, *, tolerance_db: float = 50.0) -> Blur:
-    """Nothing to prepare; the tolerance is met by the choice of the nodes."""
+def prepare(kernels: Kernels, response: Tensor) -> Blur:
+    """Nothing to prepare: the error is that of the depth nodes alone."""
 
     def blur(light: Light, grid: Grid) -> Tensor:
         block = max(1, BLOCK_PIXELS // math.prod(grid.transform))

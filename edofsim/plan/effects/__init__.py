@@ -27,7 +27,6 @@ EFFECTS: Registry[Effect] = Registry(
         "pixel integration": f"{HERE}.pixel:EFFECT",
         "PSF window": f"{HERE}.window:EFFECT",
         "pupil sampling": f"{HERE}.pupil:EFFECT",
-        "rank": f"{HERE}.rank:EFFECT",
         "light from outside": f"{HERE}.outside:EFFECT",
         "fabrication error": f"{HERE}.fabrication:EFFECT",
         "read noise": f"{HERE}.read_noise:EFFECT",
@@ -46,6 +45,8 @@ RENAMED = {
     "hero wavelengths": "dispersion of scene glass",
 }
 """Names that effects had, and theirs now."""
+GONE = {"rank": "no PSFs are factored any more: bands are gathered in groups instead, see the effect `bands`"}
+"""Effects that there were, and what became of them; asking for them changes nothing."""
 
 
 def all_effects() -> tuple[Effect, ...]:
@@ -56,4 +57,4 @@ def all_effects() -> tuple[Effect, ...]:
     return tuple(EFFECTS.values())
 
 
-__all__ = ["EFFECTS", "RENAMED", "all_effects"]
+__all__ = ["EFFECTS", "GONE", "RENAMED", "all_effects"]
