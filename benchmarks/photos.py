@@ -334,7 +334,7 @@ def by_brute_force(
         share=torch.zeros(pixels.numel(), dtype=dtype),
         starts=tuple(at[0][0].numel() * k for k in range(len(some) + 1)),
     )
-    photo, seconds = timed(lambda: METHODS["brute"](kernels, weights, tolerance_db=math.inf)(layers, grid))
+    photo, seconds = timed(lambda: METHODS["brute"](kernels, weights)(layers, grid))
     scale = len(occupied) / len(some)
     return Way(seconds * scale, seconds_psfs * scale, view.crop_margin(photo)), len(occupied)
 

@@ -1,4 +1,4 @@
-"""The benchmark of photos, small: ways that are compared in time have the same image, to the PSNR asked for."""
+"""The benchmark of photos, small: ways that are compared in time have one image, to the PSNR asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The benchmark of rendering, small: what is compared shows the same scene, and noise is what it is called."""
+"""The benchmark of rendering, small: all ways show the same scene, and noise is what it is called."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_relative_noise_is_the_standard_deviation_over_the_mean():
 
 @pytest.mark.parametrize(("alike", "expected"), [(True, 0.25), (False, 0.25 / np.sqrt(8))])
 def test_noise_of_a_channel_averages_only_where_bands_differ(alike: bool, expected: float):
-    """Eight bands with weights of one eighth: noise that is one for all of them stays, other falls by root 8."""
+    """Eight bands with weights of one eighth: noise that is one for all stays, other falls by root 8."""
     draw = np.random.default_rng(1).standard_normal((4, 1 if alike else 8, 150, 150))
     images = list(np.broadcast_to(4 + draw, (4, 8, 150, 150)))
     cost = bench.cost_of(images, [1.0, 3.0, 2.0, 2.0], 16, np.full((1, 8), 1 / 8))
@@ -52,7 +52,7 @@ def test_opponents_show_what_ours_shows(make, sampler: str):
     """A grey card under a sky with a sloping spectrum, whose image is one number a band: by ours, by rgb
     passes, and by the spectral film, which counts light per band, the same up to one factor for all bands."""
     rho = np.linspace(0.1, 0.9, 7)
-    card = make.thing("card", make.facing(4, 4, 1.0), make.matt(make.flat(rho)))
+    card = make.thing("card", make.facing(4, 4, 1.0), make.matt(make.flat(rho, 7)))
     model = make.model([card], sky=2.0, bands=7)
     settings = make.settings(8, 8, max_depth=2, samples=64, hidden=False)
     mi = use_engine()
@@ -67,5 +67,6 @@ def test_opponents_show_what_ours_shows(make, sampler: str):
     film = SpectralFilm(use_engine(colours="spectral"), model, settings, sampler)
     spectral = film.image(256, 1).mean((1, 2))
     inner = slice(1, -1)  # the outermost bands reach beyond the wavelengths that Mitsuba draws for the scene
-    assert spectral[inner] / spectral[inner].mean() == pytest.approx(ours[inner] / ours[inner].mean(), rel=0.1)
+    shape = ours[inner] / ours[inner].mean()
+    assert spectral[inner] / spectral[inner].mean() == pytest.approx(shape, rel=0.1)
     use_engine()
