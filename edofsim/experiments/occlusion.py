@@ -6,12 +6,14 @@ so that the references take minutes.
 
 The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
 is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
-thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction.
+thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction. It is a mean
+over random rays: no way can be nearer to it than its own noise, which is told from its two halves.
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
 band along the edge, and goes where sub-apertures are composited one by one. The other ways know the visible
-surfaces alone.
+surfaces alone. `over` and `normalised` snap surfaces to layers: many layers of one slanted surface hide each
+other, few blur it wrongly. Each is judged with the number of layers that is best for it, case by case.
 """
 
 from __future__ import annotations
@@ -29,13 +31,8 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
-from ..capture import Fidelity, capture
 from ..capture.bands import chosen_bands
-from ..capture.crop import crop as cropped
-from ..capture.occlusion import OCCLUSIONS
-from ..capture.photograph import all_in_focus
 from ..capture.prepare import channel_weights
-from ..capture.sensor import automatic_exposure
 from ..core.progress import Progress, part
 from ..core.store import keep
 from ..errors import InputError
@@ -60,6 +57,7 @@ from ..scene import build_scene
 from ..scene.model import SceneModel
 from .experiment import Findings
 from .kept import Kept, key_of
+from .occlusion_ways import SNAPPED, WAYS, composites
 
 SCENES = ("desk", "foliage", "bench")
 MASKS = ("clear", "cubic", "smooth")
@@ -72,15 +70,10 @@ GAPS = (0.25, 1.3)
 """Depth edges of so many dioptres count: blurs are then no wider than the window."""
 GREEN = 1
 """Index of the band that is used."""
-SUB_APERTURES = 4
-"""Along each axis of the pupil."""
-WAYS = (*OCCLUSIONS, "sub_apertures")
 THIN_LENS = "thin-lens"
 """Stands in place of a mask: the clear aperture, judged by rays."""
 LENS_SAMPLES = 1024
 """A pixel, of the thin lens and of the view that is judged by it, which has other grain."""
-TOLERANCE_DB = 60.0
-"""Of the depth nodes of the compositors: their step is then no part of what is measured."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +114,9 @@ def run(
 
     Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,sub_apertures}, {near,far}_dpt.SCENE; MASK
     also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is `hidden` through 4 x 4
-    of them.
+    of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, of 2 to 24, with which that way
+    is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS: PSNR that the noise of
+    that truth leaves to a perfect photo.
     """
     loaded = [load_scene(scene) for scene in scenes or SCENES]
     kept = Kept(folder / "finished.jsonl")
@@ -131,22 +126,47 @@ def run(
         scene = source.recipe.name
         tell = part(progress, number / len(loaded), (number + 1) / len(loaded), scene)
         picture = outputs[f"picture of {scene}"] = folder / f"occlusion-{scene}.png"
-        key = key_of(view=view_key(three_bands(source), source.base), device=str(device))
+        key = scene_key(source, str(device))
         found = kept.get(key)
         if found is None or not picture.is_file():
             found = of_scene(source, folder, cache, str(device), tell)
             kept.put(key, found)
         figures |= found
-    header, rows = ("scene", "mask", "focus", *WAYS), table(figures)
+    counts = tuple(f"layers of {way}" for way in SNAPPED)
+    header, rows = ("scene", "mask", "focus", *WAYS, *counts, "noise of the truth"), table(figures)
     outputs["table"] = write_csv(folder / "occlusion.csv", header, rows)
-    columns = (*(Column(name) for name in header[:3]), *(Column(way, "dB", 2) for way in WAYS))
+    columns = (
+        *(Column(name) for name in header[:3]),
+        *(Column(way, "dB", 2) for way in WAYS),
+        *(Column(name, "", 0) for name in counts),
+        Column(header[-1], "dB", 1),
+    )
     return Findings(figures, shown=[Table(columns, tuple(rows))], outputs=outputs)
 
 
 def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
-    """Rows (scene, mask, focus, PSNR of each way to composite) of the figures."""
+    """Rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, PSNR that the truth's
+    noise leaves or NaN) of the figures."""
     cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
-    return [(*case, *(figures[".".join(("psnr_db", *case, way))] for way in WAYS)) for case in cases]
+    rows = []
+    for case in cases:
+        scores = [figures[".".join(("psnr_db", *case, way))] for way in WAYS]
+        counts = [figures[".".join(("layers", *case, way))] for way in SNAPPED]
+        rows.append((*case, *scores, *counts, figures.get(".".join(("noise_db", *case)), math.nan)))
+    return rows
+
+
+def scene_key(loaded: Loaded[SceneRecipe], device: str) -> str:
+    """A key of everything that decides a scene's figures: the views, the cameras, and the code."""
+    views = [view_key(three_bands(loaded, samples), loaded.base) for samples in (SAMPLES, LENS_SAMPLES)]
+    cameras = [camera_key(take(mask, 1.0, loaded.recipe.frame.pixel_angle)) for mask in (*MASKS, THIN_LENS)]
+    return key_of(views=views, cameras=cameras, device=device)
+
+
+def camera_key(camera: Camera) -> str:
+    """Of a camera's recipe and height map."""
+    height = b"" if camera.height_map is None else camera.height_map.cpu().numpy().tobytes()
+    return camera.recipe.model_dump_json() + hashlib.sha256(height).hexdigest()
 
 
 def of_scene(
@@ -154,7 +174,7 @@ def of_scene(
 ) -> dict[str, float]:
     """Figures of one scene, and its picture."""
     scene = loaded.recipe.name
-    recipe = three_bands(loaded)
+    recipe = three_bands(loaded, SAMPLES)
     view = render(recipe, loaded.base, cache=cache, device=device, progress=part(say, 0.0, 0.2))
     view = chosen_bands(view, [GREEN])
     edge = busiest_edge(view)
@@ -177,10 +197,9 @@ def of_scene(
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
     shown: dict[tuple[str, str], dict[str, Tensor]] = {}
     for (mask, focus), truth in zip(takes, truths, strict=True):
-        photos, factor = composites(view, edge.where, takes[mask, focus])
-        for way, photo in photos.items():
-            figures[f"psnr_db.{scene}.{mask}.{focus}.{way}"] = psnr(photo, truth * factor)
-        shown[mask, focus] = {"reference": truth * factor, **photos}
+        judged = composites(view, edge.where, takes[mask, focus], truth)
+        figures |= judged.figures(f"{scene}.{mask}.{focus}")
+        shown[mask, focus] = {"reference": judged.truth, **judged.photos}
     fine = render(
         three_bands(loaded, LENS_SAMPLES),
         loaded.base,
@@ -191,11 +210,12 @@ def of_scene(
     for focus, distance in focus_distances(edge).items():
         taken = take(THIN_LENS, distance, view.pixel_angle)
         depth, where = recipe.render.max_depth, edge.where
-        truth = by_rays(model, fine, GREEN, where, taken, depth, device, part(say, 0.95, 1.0))
-        photos, factor = composites(chosen_bands(fine, [GREEN]), where, taken)
-        for way, photo in photos.items():
-            figures[f"psnr_db.{scene}.{THIN_LENS}.{focus}.{way}"] = psnr(photo, truth * factor)
-        shown[THIN_LENS, focus] = {"reference": truth * factor, **photos}
+        halves = by_rays(model, fine, GREEN, where, taken, depth, device, part(say, 0.95, 1.0))
+        judged = composites(chosen_bands(fine, [GREEN]), where, taken, (halves[0] + halves[1]) / 2)
+        case = f"{scene}.{THIN_LENS}.{focus}"
+        figures |= judged.figures(case)
+        figures[f"noise_db.{case}"] = noise_db(*(half * judged.exposure for half in halves))
+        shown[THIN_LENS, focus] = {"reference": judged.truth, **judged.photos}
     crops_plot(shown).save(folder / f"occlusion-{scene}.png")
     return figures
 
@@ -209,22 +229,34 @@ def by_rays(
     max_depth: int,
     device: str = "auto",
     progress: Progress | None = None,
-) -> Tensor:
-    """A crop in one band of a view through the camera's lens without a mask, by rays: [channel, y, x]."""
+) -> tuple[Tensor, Tensor]:
+    """A crop in one band of a view through the camera's lens without a mask, by rays: two images
+    [channel, y, x] of half of the samples each, whose mean is the truth."""
     wavelength = view.wavelengths[band : band + 1]
-    image = thin_lens(
-        model,
-        view,
-        where,
-        aperture_radius=camera.aperture_radius,
-        focus_distances=focus_distance(camera, wavelength).tolist(),
-        samples=LENS_SAMPLES,
-        max_depth=max_depth,
-        device=device,
-        progress=progress,
-    )
-    weights = channel_weights(camera, wavelength).to(image)
-    return torch.einsum("cb,byx->cyx", weights, image[band : band + 1])
+
+    def half(seed: int) -> Tensor:
+        image = thin_lens(
+            model,
+            view,
+            where,
+            aperture_radius=camera.aperture_radius,
+            focus_distances=focus_distance(camera, wavelength).tolist(),
+            samples=LENS_SAMPLES // 2,
+            max_depth=max_depth,
+            seed=seed,
+            device=device,
+            progress=part(progress, seed / 2, (seed + 1) / 2),
+        )
+        weights = channel_weights(camera, wavelength).to(image)
+        return torch.einsum("cb,byx->cyx", weights, image[band : band + 1])
+
+    return half(0), half(1)
+
+
+def noise_db(one: Tensor, other: Tensor) -> float:
+    """PSNR that the noise of the mean of two images with independent noise leaves."""
+    # the error of the mean is half of their difference
+    return psnr(one, other) + 20 * math.log10(2)
 
 
 def references(
@@ -238,7 +270,8 @@ def references(
 ) -> list[Tensor]:
     """The reference photo of each take, from the file if it holds those of this very view and crop."""
     light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
-    said = key_of(view=light, where=asdict(where), takes=[".".join(take) for take in takes])
+    cameras = {".".join(take): camera_key(camera) for take, camera in takes.items()}
+    said = key_of(view=light, where=asdict(where), cameras=cameras)
     if kept.is_file():
         with safe_open(kept, "pt") as file:
             if (file.metadata() or {}).get("of") == said:
@@ -251,7 +284,7 @@ def references(
     return truths
 
 
-def three_bands(loaded: Loaded[SceneRecipe], samples: int = SAMPLES) -> SceneRecipe:
+def three_bands(loaded: Loaded[SceneRecipe], samples: int) -> SceneRecipe:
     """The scene at 482, 546.5 and 611 nm: a band for each colour, near those of the paper."""
     bands = loaded.recipe.bands.model_copy(update={"start_nm": 482.0, "stop_nm": 611.0, "count": 3})
     coarse = loaded.recipe.render.model_copy(update={"samples": samples})
@@ -307,31 +340,6 @@ def take(
     sensor = recipe.sensor.model_copy(update={"pixel_um": pixel})
     camera = Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}))
     return camera.with_height(smooth_relief()) if mask == "smooth" else camera
-
-
-def composites(view: View, where: Crop, camera: Camera) -> tuple[dict[str, Tensor], float]:
-    """The crop photographed each way, noise-free, and the exposure, which is automatic for the crop.
-
-    The slow truth has no light beyond the PSFs' windows, so that the glare that it becomes is taken off.
-    """
-    window = camera.recipe.psf.window_px
-    part = cropped(view, where.top, where.left, where.height, where.width, window // 2)
-    part = part.to(dtype=torch.float32)
-    weights = channel_weights(camera, part.wavelengths).float()
-    sharp = all_in_focus(part, weights)
-    factor = automatic_exposure(part.crop_margin(sharp))
-    photos = {}
-    for way in WAYS:
-        fidelity = Fidelity(
-            layers_db=TOLERANCE_DB,
-            occlusion="hidden" if way == "sub_apertures" else way,
-            sub_apertures=SUB_APERTURES if way == "sub_apertures" else 1,
-            sub_apertures_in_full=True,
-        )
-        photo = capture(part, camera, fidelity, exposure=factor)
-        glare = photo.truncated * sharp.mean((1, 2)) * factor
-        photos[way] = photo.clean - glare[:, None, None]
-    return photos, factor
 
 
 def crops_plot(shown: dict[tuple[str, str], dict[str, Tensor]]) -> Plot:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,13 +10,17 @@ import torch
 
 from edofsim.core.progress import silent
 from edofsim.errors import InputError
-from edofsim.experiments import occlusion
+from edofsim.experiments import kept, occlusion, occlusion_ways
 from edofsim.experiments.occlusion import Edge
 from edofsim.optics import focus_distance
 from edofsim.reference import clipped_pupils
 from edofsim.reference.pinhole import Crop
 
 ANGLE = 1.626e-4
+
+
+def scores_of(judged: occlusion_ways.Judged) -> dict[str, float]:
+    return {way: occlusion.psnr(photo, judged.truth) for way, photo in judged.photos.items()}
 
 
 def test_focus_lies_in_front_between_and_behind():
@@ -51,16 +56,15 @@ def test_ways_to_composite_against_clipped_pupils(screens):
     behind = occlusion.focus_distances(edge)["behind"]
     taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=1.2)
     truth = clipped_pupils(view, model, [taken], edge.where, rays=32)[0]
-    photos, factor = occlusion.composites(view, edge.where, taken)
-    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    scores = scores_of(occlusion_ways.composites(view, edge.where, taken, truth))
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
     assert scores["hidden"] > 30
     beside = Crop(10, 28, 4, 4)
     taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=0.3)
     truth = clipped_pupils(view, model, [taken], beside, rays=32)[0]
-    photos, factor = occlusion.composites(view, beside, taken)
-    for photo in photos.values():
-        assert torch.allclose(photo.double(), truth * factor, atol=0.02)
+    judged = occlusion_ways.composites(view, beside, taken, truth)
+    for photo in judged.photos.values():
+        assert torch.allclose(photo.double(), judged.truth, atol=0.02)
 
 
 def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
@@ -71,9 +75,8 @@ def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
     where = Crop(10, 8, 8, 16)
     behind = occlusion.focus_distances(Edge(where, 2.5, 1.25))["behind"]
     taken = occlusion.take(occlusion.THIN_LENS, behind, ANGLE, window, aperture_mm=1.2)
-    truth = occlusion.by_rays(model, view, 0, where, taken, 1)
-    photos, factor = occlusion.composites(view, where, taken)
-    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
+    scores = scores_of(occlusion_ways.composites(view, where, taken, truth))
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
     assert scores["hidden"] > 25
 
@@ -86,11 +89,66 @@ def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, foc
     where = Crop(10, 8, 8, 16)
     distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))[focus]
     taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE)
-    truth = occlusion.by_rays(model, view, 0, where, taken, 1)
-    photos, factor = occlusion.composites(view, where, taken)
-    scores = {way: occlusion.psnr(photo, truth * factor) for way, photo in photos.items()}
+    truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
+    scores = scores_of(occlusion_ways.composites(view, where, taken, truth))
     assert scores["sub_apertures"] > 36
-    assert scores["sub_apertures"] > max(scores[way] for way in occlusion.OCCLUSIONS) + 5
+    assert scores["sub_apertures"] > max(scores[way] for way in occlusion_ways.OCCLUSIONS) + 5
+
+
+def test_layers_that_hide_each_other_are_judged_by_their_best_number(screens):
+    """`over` gets the number of layers that is best for it: it is nowhere better with another one."""
+    window = 32
+    model, view = screens.two(ANGLE, 32, window // 2)
+    where = Crop(10, 8, 8, 16)
+    distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))["between"]
+    taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE, window, aperture_mm=1.2)
+    truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
+    judged = occlusion_ways.composites(view, where, taken, truth)
+    assert set(judged.layers) == {"over", "normalised"}
+    found = judged.figures("case")
+    for count in occlusion_ways.LAYERS:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(occlusion_ways, "LAYERS", (count,))
+            one = occlusion_ways.composites(view, where, taken, truth).figures("case")
+        for way in occlusion.SNAPPED:
+            assert one[f"psnr_db.case.{way}"] <= found[f"psnr_db.case.{way}"] + 1e-9
+            if count == judged.layers[way]:
+                assert one[f"psnr_db.case.{way}"] == pytest.approx(found[f"psnr_db.case.{way}"])
+
+
+def test_noise_of_the_mean_of_two_images():
+    """Two images with noise of 0.02 each: their mean has 0.02 / sqrt(2), 37 dB."""
+    draw = torch.Generator().manual_seed(0)
+    one, other = (0.5 + 0.02 * torch.randn(3, 200, 200, generator=draw) for _ in range(2))
+    assert occlusion.noise_db(one, other) == pytest.approx(-20 * math.log10(0.02 / math.sqrt(2)), abs=0.1)
+
+
+@pytest.mark.parametrize("change", ["code", "view", "camera"])
+def test_a_finished_scene_is_measured_anew_once_it_is_another(tmp_path, monkeypatch, change: str):
+    """Another line of code, another view, or another camera; and not otherwise."""
+    calls = []
+
+    def of_scene(source, folder, *_):
+        calls.append(source.recipe.name)
+        name = source.recipe.name
+        (folder / f"occlusion-{name}.png").write_bytes(b"picture")
+        case = f"{name}.clear.front"
+        scores = {f"psnr_db.{case}.{way}": 30.0 for way in occlusion.WAYS}
+        return scores | {f"layers.{case}.{way}": 4.0 for way in occlusion.SNAPPED}
+
+    monkeypatch.setattr(occlusion, "of_scene", of_scene)
+    for _ in range(2):
+        occlusion.run(tmp_path, silent, ["bench"])
+    assert calls == ["bench"]
+    if change == "code":
+        monkeypatch.setattr(kept, "code_of", lambda folder: "another line")
+    elif change == "view":
+        monkeypatch.setattr(occlusion, "SAMPLES", 2 * occlusion.SAMPLES)
+    else:
+        take = occlusion.take
+        monkeypatch.setattr(occlusion, "take", lambda *given: take(*given, aperture_mm=2.0))
+    occlusion.run(tmp_path, silent, ["bench"])
+    assert calls == ["bench", "bench"]
 
 
 @pytest.mark.slow
@@ -101,7 +159,7 @@ def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     rows = occlusion.table(figures)
     assert len(rows) == 12
     hidden = {}
-    for _, mask, focus, none, over, normalised, with_hidden, with_parts in rows:
+    for _, mask, focus, none, over, normalised, with_hidden, with_parts, *_ in rows:
         assert with_hidden > max(none, over, normalised) + 1
         assert with_parts > with_hidden - 0.5
         hidden[mask, focus] = with_hidden
