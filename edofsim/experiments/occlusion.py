@@ -148,7 +148,7 @@ def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
     """Rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, PSNR that the truth's
     noise leaves or NaN) of the figures."""
     cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
-    rows = []
+    rows: list[tuple[str | float, ...]] = []
     for case in cases:
         scores = [figures[".".join(("psnr_db", *case, way))] for way in WAYS]
         counts = [figures[".".join(("layers", *case, way))] for way in SNAPPED]

@@ -70,7 +70,8 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
         glare = photo.truncated * sharp.mean((1, 2)) * factor
         return photo.clean - glare[:, None, None]
 
-    photos, best = {}, {}
+    photos: dict[str, Tensor] = {}
+    best: dict[str, int] = {}
     for way in WAYS:
         if way in SNAPPED:
             tried = {count: taken(way, count) for count in LAYERS}
