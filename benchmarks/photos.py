@@ -62,7 +62,7 @@ GROUPS = ((1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 3), (4, 2), (4, 3)
 TRUTH_NODES = 65
 TIMED_DEPTHS = 6
 """Of `brute` and `paper`."""
-MEMORY_LAYERS = (16, 64)
+MEMORY_LAYERS, FULL_MEMORY_LAYERS = (16,), (16, 64)
 
 
 def run(progress: Progress | None = None, out: Path | None = None, full: bool = False) -> dict[str, float]:
@@ -87,7 +87,8 @@ def run(progress: Progress | None = None, out: Path | None = None, full: bool = 
         for mask in (FULL_MASKS if full else MASKS)
         for scene in SCENES
     }
-    pieces |= {f"memory-{layers}d": lambda tell, n=layers: memory(n, tell) for layers in MEMORY_LAYERS}
+    counts = FULL_MEMORY_LAYERS if full else MEMORY_LAYERS
+    pieces |= {f"memory-{layers}d": lambda tell, n=layers: memory(n, tell) for layers in counts}
     for number, (name, measure) in enumerate(pieces.items()):
         tell = part(say, number / len(pieces), (number + 1) / len(pieces), name)
         figures |= once(kept, name, lambda m=measure, t=tell: m(t))
@@ -366,12 +367,13 @@ def memory(layers: int, say: Progress) -> dict[str, float]:
 
 def memory_of_a_photo(layers: int) -> float:
     """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands with what
-    surfaces hide, each band blurred.
+    surfaces hide, in two groups of bands a channel.
 
     To be called in a process of its own.
     """
     camera = cameras()["clear"]
-    capture(synthetic_view(1024, 31, camera.pixel_angle), camera, Fidelity(layers=layers))
+    fidelity = Fidelity(layers=layers, band_groups=2, group_wavelengths=2)
+    capture(synthetic_view(1024, 31, camera.pixel_angle), camera, fidelity)
     return peak_memory_mib()
 
 
