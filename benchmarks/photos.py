@@ -74,10 +74,11 @@ def run(progress: Progress | None = None, out: Path | None = None, full: bool = 
     {seconds,seconds_psfs,psnr_db}.WAY.(same); {groups,wavelengths,layers}.(same): of `gathered`, and
     layers.layered.(same); depths.{brute,paper}.SCENE.MASK: what they sum over;
     whole.{seconds,seconds_layered,psnr_db}.SCENE.MASK.ASKED: a photo with hidden surfaces, PSFs included,
-    with the same settings, of all bands, and how far the two are apart; peak_memory_mib.1024px_31b_{16,64}d:
-    of a process that takes one photo with hidden surfaces, in all bands.
+    with the same settings, of all bands, and how far the two are apart;
+    peak_memory_mib.1024px_31b_16d: of a process that takes one photo with hidden surfaces in two groups of
+    bands a channel.
     out: a folder for finished pieces, which the same code does not measure again. full: also a smooth random
-    mask.
+    mask, and 64 layers.
     """
     say = progress or silent
     figures: dict[str, float] = {}
