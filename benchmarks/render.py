@@ -12,6 +12,11 @@ channel has no less. The noise of `specfilm`, whose paths carry four wavelengths
 seeds of their own averages over the bands of a channel. So noise is told twice: of one band, which is what a
 spectral cube needs, and of one sensor channel, which is what a photo needs.
 
+Tried for the noise of a channel, and left: bands in two, three and six interleaved groups, each on paths of
+its own, took 1.0, 1.2 and 1.4 to 2.2 times as long at equal noise. All samples in one pass, stratified
+together, have 0.79, 0.96 and 0.75 of the variance at 16, 64 and 256 samples, but leave no passes to tell the
+noise by.
+
 Times are of rendering alone, kernels compiled and scene loaded, the medians of turns; on processors they are
 processor seconds, which other work on the machine disturbs least. Noise is the root mean square difference of
 images with other seeds, relative to the mean of each band or channel. Seconds times noise squared is what an

@@ -18,9 +18,7 @@ METHODS: Mapping[str, Method] = {
     "layered": layered.prepare,
     "constant": constant.prepare,
 }
-GONE: Mapping[str, str] = {
-    "low_rank": "leave the method out: groups of bands, which plans choose, are faster at the same accuracy"
-}
+GONE: Mapping[str, str] = {"low_rank": "leave the method out: plans gather bands in groups instead"}
 """Methods that there were, and what to do instead."""
 
 
