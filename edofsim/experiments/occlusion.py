@@ -114,7 +114,7 @@ def run(
 
     Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,sub_apertures}, {near,far}_dpt.SCENE; MASK
     also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is `hidden` through 4 x 4
-    of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, of 2 to 24, with which that way
+    of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, from 2 on, with which that way
     is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS: PSNR that the noise of
     that truth leaves to a perfect photo.
     """

@@ -25,8 +25,8 @@ TOLERANCE_DB = 60.0
 """Of the depth nodes of the compositors: their step is then no part of what is measured."""
 SNAPPED = ("over", "normalised")
 """Ways whose layers are of whole surfaces."""
-LAYERS = (2, 3, 4, 5, 6, 8, 12, 16, 24)
-"""Numbers of layers that these are tried with."""
+LAYERS = (2, 3, 4, 5, 6, 8, 12, 16, 24, None)
+"""Numbers of layers that these are tried with; None: as many as `TOLERANCE_DB` asks for."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
     factor = automatic_exposure(part.crop_margin(sharp))
     truth = truth * factor
 
-    def taken(way: str, layers: int | None = None) -> Tensor:
+    def taken(way: str, layers: int | None = None) -> tuple[int, Tensor]:
         fidelity = Fidelity(
             layers=layers,
             layers_db=TOLERANCE_DB,
@@ -68,16 +68,16 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
         )
         photo = capture(part, camera, fidelity, exposure=factor)
         glare = photo.truncated * sharp.mean((1, 2)) * factor
-        return photo.clean - glare[:, None, None]
+        return int(photo.how["layers"]), photo.clean - glare[:, None, None]
 
     photos: dict[str, Tensor] = {}
     best: dict[str, int] = {}
     for way in WAYS:
         if way in SNAPPED:
-            tried = {count: taken(way, count) for count in LAYERS}
+            tried = dict(taken(way, count) for count in LAYERS)
             scores = {count: psnr(photo, truth) for count, photo in tried.items()}
             best[way] = max(scores, key=scores.__getitem__)
             photos[way] = tried[best[way]]
         else:
-            photos[way] = taken(way)
+            photos[way] = taken(way)[1]
     return Judged(photos, truth, best, factor)

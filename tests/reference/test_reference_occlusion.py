@@ -112,7 +112,7 @@ def test_layers_that_hide_each_other_are_judged_by_their_best_number(screens):
             one = occlusion_ways.composites(view, where, taken, truth).figures("case")
         for way in occlusion.SNAPPED:
             assert one[f"psnr_db.case.{way}"] <= found[f"psnr_db.case.{way}"] + 1e-9
-            if count == judged.layers[way]:
+            if one[f"layers.case.{way}"] == judged.layers[way]:
                 assert one[f"psnr_db.case.{way}"] == pytest.approx(found[f"psnr_db.case.{way}"])
 
 
