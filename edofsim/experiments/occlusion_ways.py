@@ -68,7 +68,9 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
         )
         photo = capture(part, camera, fidelity, exposure=factor)
         glare = photo.truncated * sharp.mean((1, 2)) * factor
-        return int(photo.how["layers"]), photo.clean - glare[:, None, None]
+        count = photo.how["layers"]
+        assert isinstance(count, int)
+        return count, photo.clean - glare[:, None, None]
 
     photos: dict[str, Tensor] = {}
     best: dict[str, int] = {}
