@@ -108,7 +108,7 @@ def run(
     )
     with watch.stage("expose", 0.7, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
-    if compute.type == "cpu":
+    if compute == "cpu":
         learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):
         lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)

@@ -115,7 +115,7 @@ def expose(
             check_crop(view, where)
         with watch.stage("expose", 0.7, 0.8):
             photo = capture(view, optics, fidelity, seed=seed, device=compute)
-        if compute.type == "cpu" and bands is None:
+        if compute == "cpu" and bands is None:
             learn_rates(plan.seconds, photo.seconds)
         numbers = {
             "psnr_db.photo": psnr(photo.image, photo.ideal),

@@ -68,9 +68,7 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
         )
         photo = capture(part, camera, fidelity, exposure=factor)
         glare = photo.truncated * sharp.mean((1, 2)) * factor
-        count = photo.how["layers"]
-        assert isinstance(count, int)
-        return count, photo.clean - glare[:, None, None]
+        return int(str(photo.how["layers"])), photo.clean - glare[:, None, None]
 
     photos: dict[str, Tensor] = {}
     best: dict[str, int] = {}
