@@ -68,8 +68,8 @@ def camera(
         raise InputError("the mask is that of height, or that of network: give one of them")
     tables: dict[str, dict[str, object]] = {}
     if focal_length is not None and f_number is not None:
-        lens = {"kind": "ideal", "focal_length_mm": focal_length * 1e3, "f_number": f_number}
-        tables["lens"] = lens
+        tables["lens"] = {"kind": "ideal"}
+        tables["lens"] |= {"focal_length_mm": focal_length * 1e3, "f_number": f_number}
     told = recipe.model_dump(mode="json", exclude_unset=True)
     for table, key, value in (
         ("focus", "distance_m", focus),

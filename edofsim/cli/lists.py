@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 from rich.markup import escape
@@ -32,6 +32,8 @@ class Things(StrEnum):
     checkpoints = "checkpoints"
     trainings = "trainings"
 
+
+T = TypeVar("T")
 
 USUAL = (Things.scenes, Things.cameras, Things.masks, Things.networks, Things.checkpoints)
 """What is listed where nothing is asked for."""
@@ -107,7 +109,7 @@ def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) ->
     return found
 
 
-def _kinds(registry: Registry[type[object]]) -> dict[str, str]:
+def _kinds(registry: Registry[type[T]]) -> dict[str, str]:
     return {name: first_sentence(registry.about(name)) for name in registry}
 
 

@@ -1,0 +1,90 @@
+"""The site: `make docs`. Needs no network, neither to build nor to read."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from pathlib import Path
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
+import edofsim
+
+os.environ.setdefault("MPLBACKEND", "agg")
+warnings.filterwarnings("ignore", message=".*non-interactive.*")
+
+project = "edofsim"
+author = "the edofsim authors"
+copyright = "the edofsim authors, Apache-2.0"
+release = version = edofsim.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build", "tutorials/README.rst", "tutorials/*.py", "results/figures"]
+suppress_warnings = ["config.cache"]
+nitpicky = False
+
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+autodoc_class_signature = "mixed"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "tutorials",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/\d\d_",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_memory": False,
+    "capture_repr": ("_repr_html_",),
+    "min_reported_time": 0,
+    "show_signature": False,
+    "remove_config_comments": True,
+    "abort_on_example_error": True,
+    "plot_gallery": os.environ.get("DOCS_RUN", "1") == "1",
+    "image_scrapers": ("matplotlib",),
+    "reset_modules": ("matplotlib",),
+    "matplotlib_animations": False,
+}
+
+html_theme = "furo"
+html_title = "edofsim"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_theme_options = {"navigation_with_keys": True}
+html_show_sourcelink = False
+html_copy_source = False
+html_math_renderer = "mathml"
+copybutton_prompt_text = "$ "
+
+
+def _math(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(latex2mathml.tex2mathml(node.astext(), as_block=False))
+    raise nodes.SkipNode
+
+
+def _display(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Docstrings are plain text: names in single backquotes are code."""
+    lines[:] = [line.replace("``", "`").replace("`", "``") for line in lines]
+
+
+def setup(app: Sphinx) -> None:
+    """Equations as MathML, which browsers draw by themselves."""
+    app.add_html_math_renderer("mathml", (_math, None), (_display, None))
+    app.connect("autodoc-process-docstring", _plain)
