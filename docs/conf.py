@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import warnings
-from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml
@@ -80,8 +79,14 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: names in single backquotes are code."""
-    lines[:] = [line.replace("``", "`").replace("`", "``") for line in lines]
+    """Docstrings are plain text: names in single backquotes are code, indented lines go on with the one
+    before, and a trailing underscore is part of a name."""
+    plain = []
+    for line in lines:
+        text = line.replace("``", "`").replace("`", "``").replace("with_,", "``with_``,")
+        inside = bool(plain) and bool(plain[-1].strip())
+        plain.append(text.strip() if inside else text)
+    lines[:] = plain
 
 
 def setup(app: Sphinx) -> None:

@@ -11,10 +11,10 @@ from skimage.data import stereo_motorcycle
 import edofsim
 
 # %%
-# Here the picture is the left one of a stereo pair that comes with scikit-image, and the depth follows from its
-# disparity and the calibration of the pair (Scharstein et al., 2014). Yours may come from any sensor or network:
-# what is needed is an array of metres. ``inf`` is background; NaN, 0 and negative values are holes, which are
-# filled with the farther of their neighbours.
+# Here the picture is the left one of a stereo pair that comes with scikit-image, and the depth follows from
+# its disparity and the calibration of the pair (Scharstein et al., 2014). Yours may come from any sensor or
+# network: what is needed is an array of metres. ``inf`` is background; NaN, 0 and negative values are
+# holes, which are filled with the farther of their neighbours.
 
 left, _, disparity = stereo_motorcycle()
 rgb = left[200:392, 300:556]
@@ -33,14 +33,14 @@ for name in ("paper-clear", "paper-cubic"):
     photo.show()
 
 # %%
-# One pixel of the picture becomes one pixel of the photo, whatever angle it saw when it was taken. With a camera
-# whose pixels see another angle than the paper's, say so:
+# One pixel of the picture becomes one pixel of the photo, whatever angle it saw when it was taken. With a
+# camera whose pixels see another angle than the paper's, say so:
 #
 # .. code-block:: python
 #
 #    view = edofsim.View.from_image(rgb, depth, pixel_angle=camera.pixel_angle)
 #
-# A picture holds no light from behind its edges, and its colours become smooth spectra. Both are guesses, and a
-# plan says what they leave out.
+# A picture holds no light from behind its edges, and its colours become smooth spectra. Both are guesses,
+# and a plan says what they leave out.
 
 print(f"{np.isinf(disparity[200:392, 300:556]).mean():.1%} of the depths were holes")

@@ -51,8 +51,8 @@ surface = { kind = "plastic", reflectance = "#2471a3", roughness = 0.1 }
 """)
 
 # %%
-# The path is relative to the recipe; ``size_mm`` is the longest side, whatever units the file is in. A frame of
-# 128 pixels is 15 mm wide at 0.7 m: the paper's camera looks through a long lens.
+# The path is relative to the recipe; ``size_mm`` is the longest side, whatever units the file is in. A
+# frame of 128 pixels is 15 mm wide at 0.7 m: the paper's camera looks through a long lens.
 
 view = edofsim.view(folder / "ring.toml", cache=folder)
 view

@@ -16,8 +16,8 @@ from skimage.io import imsave
 import edofsim
 
 # %%
-# Cubes come as a folder with one picture a band, as a MAT file, or as OpenEXR. To have one at hand, here each
-# band of a photograph is a mixture of its red, green and blue that moves with the wavelength.
+# Cubes come as a folder with one picture a band, as a MAT file, or as OpenEXR. To have one at hand, here
+# each band of a photograph is a mixture of its red, green and blue that moves with the wavelength.
 
 folder = Path(tempfile.mkdtemp())
 (folder / "cube").mkdir()
@@ -28,7 +28,8 @@ for band, nm in enumerate(np.linspace(420, 720, 31)):
     imsave(folder / "cube" / f"band_{band:02d}.png", (65535 * image).astype(np.uint16), check_contrast=False)
 
 # %%
-# A recipe says which wavelengths these are, and how far away the plane is. CAVE's cubes are read the same way.
+# A recipe says which wavelengths these are, and how far away the plane is. CAVE's cubes are read the same
+# way.
 
 (folder / "cube.toml").write_text("""
 name = "cube"

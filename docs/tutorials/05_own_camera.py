@@ -19,8 +19,8 @@ camera = edofsim.camera(focal_length=0.025, f_number=2.8, focus=1.0, pixel=4.5e-
 camera
 
 # %%
-# How far the blur of a point spreads, from near to far: its PSFs at 550 nm, and the square root of their second
-# moment.
+# How far the blur of a point spreads, from near to far: its PSFs at 550 nm, and the square root of their
+# second moment.
 
 depths = [0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0]
 bank = edofsim.psfs(camera, depths, [550e-9])
@@ -40,8 +40,9 @@ axes.set_ylabel("blur / pixels, rms")
 axes.legend()
 
 # %%
-# In a recipe the same camera can be kept, and given to every command: ``edofsim new camera mine`` writes one with
-# a remark to each key, and ``edofsim psf mine.toml`` shows it. A shipped camera with one number changed:
+# In a recipe the same camera can be kept, and given to every command: ``edofsim new camera mine`` writes
+# one with a remark to each key, and ``edofsim psf mine.toml`` shows it. A shipped camera with one number
+# changed:
 
 noisy = edofsim.camera("paper-learned", read_noise=0.02)
 noisy

@@ -13,8 +13,8 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# An axicon: a cone, which draws each point out into a line along the axis. Row 0 of the map is the top of the
-# pupil as the sensor sees it. The paper's pupil is 5 mm wide, which 239 samples of 21 µm cover.
+# An axicon: a cone, which draws each point out into a line along the axis. Row 0 of the map is the top of
+# the pupil as the sensor sees it. The paper's pupil is 5 mm wide, which 239 samples of 21 µm cover.
 
 pitch, samples = 21e-6, 239
 across = (np.arange(samples) - samples // 2) * pitch
@@ -44,5 +44,6 @@ for name, camera in (("lens alone", clear), ("axicon", axicon)):
     print(f"{name}: {float(rest.mean()):.2%} of the light of 0.5 m outside of the window")
 
 # %%
-# A mask of one of the known families needs no array: ``edofsim list masks`` names them, and a camera's recipe
-# gives their numbers. A height map in a file (``.npy``) is named there as well, as ``kind = "height-map"``.
+# A mask of one of the known families needs no array: ``edofsim list masks`` names them, and a camera's
+# recipe gives their numbers. A height map in a file (``.npy``) is named there as well, as ``kind =
+# "height-map"``.

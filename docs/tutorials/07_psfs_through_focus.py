@@ -28,8 +28,9 @@ for row, name in zip(axes, names, strict=True):
     row[0].set_ylabel(name.removeprefix("paper-"))
 
 # %%
-# Without a mask the lens is sharp at another distance for each colour, since glass disperses light. A good mask
-# for an extended depth of field has PSFs that are alike: the correlation of each with the one at 1.5 m, in green.
+# Without a mask the lens is sharp at another distance for each colour, since glass disperses light. A good
+# mask for an extended depth of field has PSFs that are alike: the correlation of each with the one at 1.5
+# m, in green.
 
 figure, axes = pyplot.subplots(figsize=(6, 3), layout="constrained")
 for name, bank in banks.items():

@@ -22,8 +22,8 @@ view = edofsim.View.from_image(rgb, depth)
 camera = edofsim.camera("paper-cubic", window=64)
 
 # %%
-# The plan names every effect, how far the photo would be off without it, what it takes, and why. It asks for less
-# error than half of the sensor's noise.
+# The plan names every effect, how far the photo would be off without it, what it takes, and why. It asks
+# for less error than half of the sensor's noise.
 
 plan = edofsim.plan_for(view, camera)
 plan
@@ -55,4 +55,5 @@ right.plot(seconds, found, "o")
 right.set(xlabel="seconds of the photo", ylabel="found / dB")
 
 # %%
-# ``edofsim cost SCENE`` measures all of this for a scene, with every effect left out in turn, and writes a page.
+# ``edofsim cost SCENE`` measures all of this for a scene, with every effect left out in turn, and writes a
+# page.

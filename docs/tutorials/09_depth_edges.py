@@ -2,8 +2,8 @@
 Depth edges against rays
 ========================
 
-A surface in front hides what is behind it from one side of the lens only. How near does a fast composite come to
-the truth?
+A surface in front hides what is behind it from one side of the lens only. How near does a fast composite
+come to the truth?
 """
 
 import json
@@ -17,7 +17,8 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# A card in front of a page of text, at one wavelength, and a lens without aberrations, which rays can judge.
+# A card in front of a page of text, at one wavelength, and a lens without aberrations, which rays can
+# judge.
 
 folder = Path(tempfile.mkdtemp())
 (folder / "card.toml").write_text("""
@@ -72,17 +73,18 @@ read_noise = 0.0
 view = edofsim.view(folder / "card.toml", cache=folder)
 
 # %%
-# ``edofsim expose --reference`` sets a slow and true photo beside the fast one. ``thinlens`` traces rays from the
-# whole lens to the scene; ``pupil`` clips the pupil of each point and diffracts at what is in the way, with any
-# mask. Compared are adding all light up (``none``), what a picture with a depth map allows (``normalised``), and
-# what views that know hidden surfaces allow (``hidden``).
+# ``edofsim expose --reference`` sets a slow and true photo beside the fast one. ``thinlens`` traces rays
+# from the whole lens to the scene; ``pupil`` clips the pupil of each point and diffracts at what is in the
+# way, with any mask. Compared are adding all light up (``none``), what a picture with a depth map allows
+# (``normalised``), and what views that know hidden surfaces allow (``hidden``).
 
 
 def against_rays(occlusion: str) -> tuple[float, Path]:
     """PSNR of a crop against rays, and the folder with its pictures."""
     out = folder / occlusion
-    command = ["expose", "card.toml", "--occlusion", occlusion, "--reference", "thinlens", "--crop", "12,12,24,24"]
-    options = ["--out", str(out), "--json", str(out / "figures.json"), "--cache", str(folder), "--quiet"]
+    command = ["expose", "card.toml", "--occlusion", occlusion]
+    options = ["--reference", "thinlens", "--crop", "12,12,24,24", "--out", str(out)]
+    options += ["--json", str(out / "figures.json"), "--cache", str(folder), "--quiet"]
     out.mkdir()
     run = [sys.executable, "-m", "edofsim", *command, *options]
     subprocess.run(run, check=True, cwd=folder, stdout=subprocess.DEVNULL)

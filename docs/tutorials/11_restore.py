@@ -32,8 +32,8 @@ def psnr(image) -> float:
 
 
 # %%
-# ``paper-dcnn`` is the network that learned together with this mask; ``paper-bank`` restores photos through the
-# same mask, and tells how far each place is; Wiener deconvolution knows the PSFs alone.
+# ``paper-dcnn`` is the network that learned together with this mask; ``paper-bank`` restores photos through
+# the same mask, and tells how far each place is; Wiener deconvolution knows the PSFs alone.
 
 ways = {
     "paper-dcnn": edofsim.restored(photo, camera),
@@ -46,8 +46,8 @@ for name, image in ways.items():
     print(f"{name}: {psnr(image):.2f} dB")
 
 # %%
-# Any camera, with any mask, can be restored by Wiener deconvolution, and that is what happens where no network was
-# trained with the mask. A network for a camera of your own is trained by ``edofsim train``.
+# Any camera, with any mask, can be restored by Wiener deconvolution, and that is what happens where no
+# network was trained with the mask. A network for a camera of your own is trained by ``edofsim train``.
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")

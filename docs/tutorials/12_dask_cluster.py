@@ -12,8 +12,6 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-import edofsim
-
 # %%
 # A family is a recipe of which some values are drawn from ranges: each member is another scene.
 
@@ -65,7 +63,7 @@ if __name__ == "__main__":
     print(done.stdout)
 
 # %%
-# What is finished is in the cache: the same command renders only what is missing, after an interrupt too, and a
-# worker that dies loses nothing that is complete.
+# What is finished is in the cache: the same command renders only what is missing, after an interrupt too,
+# and a worker that dies loses nothing that is complete.
 
 print(len(list(folder.glob("*.exr"))), "views")
