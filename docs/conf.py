@@ -29,7 +29,7 @@ extensions = [
 ]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build", "tutorials/README.rst", "tutorials/*.py", "results/figures"]
+exclude_patterns = ["_build", "sg_execution_times.rst", "tutorials/README.rst", "tutorials/*.py", "results/figures"]
 suppress_warnings = ["config.cache"]
 nitpicky = False
 
@@ -46,6 +46,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "download_all_examples": False,
     "show_memory": False,
+    "write_computation_times": False,  # their page asks the network for its table
     "capture_repr": ("_repr_html_",),
     "min_reported_time": 0,
     "show_signature": False,
