@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import re
 import warnings
 
 from docutils import nodes
@@ -80,14 +82,26 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: names in single backquotes are code, indented lines go on with the one
-    before, and a trailing underscore is part of a name."""
-    plain = []
-    for line in lines:
-        text = line.replace("``", "`").replace("`", "``").replace("with_,", "``with_``,")
-        inside = bool(plain) and bool(plain[-1].strip())
-        plain.append(text.strip() if inside else text)
-    lines[:] = plain
+    """Docstrings are plain text: names in single backquotes are code, and what stands behind the name of a
+    parameter and a colon is about that parameter."""
+    try:
+        names = "|".join(sorted(inspect.signature(obj).parameters, key=len, reverse=True))
+    except (TypeError, ValueError):
+        names = ""
+    told = re.compile(rf"(?:^|(?<=[.;,] )|(?<=\n))((?:{names})(?:, (?:{names}))*): ")
+    found: list[str] = []
+    for paragraph in re.split(r"\n\s*\n", "\n".join(lines)):
+        text = re.sub(r"\n\s*", "\n", paragraph.strip()).replace("``", "`").replace("`", "``")
+        text, _, raises = text.partition("Raises ")
+        if names and told.match(text):
+            parts = [" ".join(part.split()) for part in told.split(text)]
+            pairs = zip(parts[1::2], parts[2::2], strict=True)
+            found += [f":param {each}: {said}" for each, said in pairs] + [""]
+        elif text:
+            found += [*text.replace("with_,", "``with_``,").split("\n"), ""]
+        if raises:
+            found += [*f"Raises {raises}".split("\n"), ""]
+    lines[:] = found
 
 
 def setup(app: Sphinx) -> None:

@@ -50,11 +50,12 @@ def camera(
     """A camera: a shipped one by name, a recipe's, or one given by numbers.
 
     source: name such as `paper-learned`, or a TOML file; None for the paper's lens without a mask.
-    focal_length [m] and f_number, together: an ideal lens in place of that one's. focus: the distance that is
-    sharp [m]. pixel: pitch of the sensor [m]. read_noise: standard deviation, full scale 1. window: width of
-    the PSFs in pixels. height: height map of the mask [n, n] in metres, row 0 the top of the pupil, with
-    `pitch` [m] (None: it just covers the pupil) and `material` (None: the photoresist S1813); gradients reach
-    a tensor. network: checkpoint whose mask the camera has.
+    focal_length: of an ideal lens in place of that one's [m], which takes an f_number too. f_number: focal
+    length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
+    [m]. read_noise: standard deviation, full scale 1. window: width of the PSFs in pixels. height: height map
+    of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
+    [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
+    network: checkpoint whose mask the camera has.
     Raises InputError for what cannot be a camera, naming every problem.
     """
     given = CameraRecipe(name="paper-clear") if source is None else None
