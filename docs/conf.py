@@ -31,7 +31,7 @@ extensions = [
 ]
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build", "sg_execution_times.rst", "tutorials/README.rst", "tutorials/*.py", "results/figures"]
+exclude_patterns = ["_build", "sg_execution_times.rst", "tutorials/README.rst", "tutorials/*.py"]
 suppress_warnings = ["config.cache"]
 nitpicky = False
 
