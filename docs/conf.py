@@ -55,6 +55,7 @@ sphinx_gallery_conf = {
     "remove_config_comments": True,
     "abort_on_example_error": True,
     "plot_gallery": os.environ.get("DOCS_RUN", "1") == "1",
+    "default_thumb_file": str(Path(__file__).parents[1] / "scenes" / "pictures" / "desk.jpg"),
     "image_scrapers": ("matplotlib",),
     "reset_modules": ("matplotlib",),
     "matplotlib_animations": False,

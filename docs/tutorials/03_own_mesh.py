@@ -61,4 +61,4 @@ view
 # Rendered views know what is behind an edge: the wall goes on behind the ring, and a blur uncovers it.
 
 photo = edofsim.photograph(view, edofsim.camera("paper-clear"))
-photo
+axes = photo.show()

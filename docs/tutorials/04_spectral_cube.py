@@ -69,4 +69,4 @@ plan
 
 # %%
 photo = edofsim.photograph(view, camera, plan)
-photo
+axes = photo.show()

@@ -5,12 +5,14 @@ A job on a Dask cluster
 Many views at once, on one machine or on a cluster.
 """
 
+import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from distributed import LocalCluster
+from matplotlib import pyplot
 
 # %%
 # A family is a recipe of which some values are drawn from ranges: each member is another scene.
@@ -67,3 +69,11 @@ if __name__ == "__main__":
 # and a worker that dies loses nothing that is complete.
 
 print(len(list(folder.glob("*.exr"))), "views")
+
+# %%
+# The manifest says of each view where it was rendered, with how much noise, and how long it took.
+
+rendered = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+figure, axes = pyplot.subplots(figsize=(5, 2), layout="constrained")
+axes.barh([each["name"] for each in rendered], [each["seconds"] for each in rendered])
+axes.set_xlabel("seconds of rendering")
