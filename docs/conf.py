@@ -6,6 +6,7 @@ import inspect
 import os
 import re
 import warnings
+from pathlib import Path
 
 from docutils import nodes
 from docutils.utils.math import latex2mathml

@@ -1,4 +1,4 @@
-"""The site and the README: their examples run, their links lead somewhere, and they build without a warning."""
+"""The site and the README: their examples run, links lead somewhere, and it builds without a warning."""
 
 from __future__ import annotations
 
@@ -114,9 +114,8 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     shutil.copytree(DOCS, copy / "docs", ignore=shutil.ignore_patterns("_build", "gallery", "sg_*"))
     build = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
     environment = {**os.environ, "DOCS_RUN": "0", "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [*build, copy / "docs", tmp_path / "html"], env=environment, capture_output=True, text=True, check=False
-    )
+    command = [*build, copy / "docs", tmp_path / "html"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "<math" in (tmp_path / "html" / "ideas" / "psfs.html").read_text()
     pages = "".join(path.read_text() for path in (tmp_path / "html").rglob("*.html"))
