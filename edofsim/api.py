@@ -69,8 +69,9 @@ def camera(
         raise InputError("the mask is that of height, or that of network: give one of them")
     tables: dict[str, dict[str, object]] = {}
     if focal_length is not None and f_number is not None:
-        tables["lens"] = {"kind": "ideal"}
-        tables["lens"] |= {"focal_length_mm": focal_length * 1e3, "f_number": f_number}
+        lens: dict[str, object] = {"kind": "ideal", "f_number": f_number}
+        lens["focal_length_mm"] = focal_length * 1e3
+        tables["lens"] = lens
     told = recipe.model_dump(mode="json", exclude_unset=True)
     for table, key, value in (
         ("focus", "distance_m", focus),

@@ -118,7 +118,9 @@ def test_numbers_that_make_no_camera_are_refused(numbers: dict, said: str):
 
 
 def test_a_height_map_of_numpy_is_the_mask():
-    """A prism: a slope of the height moves the PSF by (n - 1) times the slope times the sensor's distance."""
+    """A prism, thicker to the right as the sensor sees it, bends light there by (n - 1) times its slope.
+
+    The point's image moves right by that times the sensor's distance, and so left in the upright picture."""
     pitch, slope, green = 21e-6, 2e-3, 543e-9
     across = (np.arange(239) - 119) * pitch
     height = np.broadcast_to(slope * across, (239, 239))
@@ -130,8 +132,8 @@ def test_a_height_map_of_numpy_is_the_mask():
         psf = edofsim.psfs(camera, [1.5], [green]).values[0, 0].double()
         return float((psf.sum(0) * torch.arange(64)).sum() / psf.sum())
 
-    moved = abs(centre(prism) - centre(flat))
-    assert moved == pytest.approx((index - 1) * slope * prism.sensor_distance / prism.pixel, rel=0.1)
+    moved = centre(prism) - centre(flat)
+    assert moved == pytest.approx(-(index - 1) * slope * prism.sensor_distance / prism.pixel, rel=0.1)
 
 
 def test_psfs_are_the_bank_of_inverse_depths():
