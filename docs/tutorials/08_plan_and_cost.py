@@ -31,9 +31,10 @@ plan
 # %%
 # Ask for more, and more is simulated; ask for a time, and the best within it is chosen.
 
-for asked in ("35dB", "45dB", "55dB"):
-    print(asked, "->", edofsim.plan_for(view, camera, accuracy=asked).summary())
-print("0.1 s ->", edofsim.plan_for(view, camera, time="0.1s").summary())
+for asked in ({"accuracy": "35dB"}, {"accuracy": "45dB"}, {"accuracy": "55dB"}, {"time": "0.1s"}):
+    chosen = edofsim.plan_for(view, camera, **asked)
+    seconds = sum(chosen.seconds.values())
+    print(f"{asked}: predicted are {chosen.error_db:.1f} dB in {seconds:.2g} s")
 
 # %%
 # Is it true? The photos of these plans against a simulation in which next to nothing is left out:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from torch import Tensor
 
-WIDEST_PX = 640
-"""Of a picture in a notebook; larger ones are scaled by the browser."""
+SHOWN_PX = (320, 640)
+"""Least and greatest width of a picture in a notebook; the browser scales it."""
 
 
 def srgb_pixels(image: Tensor) -> np.ndarray:
@@ -54,7 +54,7 @@ def show(image: Tensor, title: str = "", axes: Axes | None = None) -> Axes:
 def picture_html(image: Tensor, caption: str) -> str:
     """A linear image with a line below it."""
     data = base64.b64encode(picture_png(image)).decode("ascii")
-    width = min(WIDEST_PX, image.shape[-1])
+    width = min(max(SHOWN_PX[0], image.shape[-1]), SHOWN_PX[1])
     return (
         f'<figure style="margin:0"><img alt="{escape(caption)}" src="data:image/png;base64,{data}" '
         f'style="max-width:100%;width:{width}px"><figcaption>{escape(caption)}</figcaption></figure>'
@@ -63,7 +63,7 @@ def picture_html(image: Tensor, caption: str) -> str:
 
 def table_html(caption: str, heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table with a line above it; heads may be empty."""
-    top = "".join(f"<th>{escape(head)}</th>" for head in heads)
+    top = "".join(f'<th style="text-align:left">{escape(head)}</th>' for head in heads)
     body = "".join(
         "<tr>" + "".join(f'<td style="text-align:left">{escape(cell)}</td>' for cell in row) + "</tr>"
         for row in rows

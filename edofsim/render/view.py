@@ -257,9 +257,10 @@ class View:
     def _caption(self) -> str:
         inverse = self.inverse_depth
         far, near = (f"{1 / float(end):.3g}" if end > 0 else "infinity" for end in inverse.aminmax())
+        depths = f"at {near} m" if near == far else f"{near} to {far} m"
         behind = int(self.hidden.sum())
         return (
-            f"View of {self.width} x {self.height} pixels, {self.bands} bands, {near} to {far} m, "
+            f"View of {self.width} x {self.height} pixels, {self.bands} bands, {depths}, "
             f"{self.pixel.numel()} fragments, {behind} of them hidden"
         )
 
