@@ -28,7 +28,7 @@ photo = edofsim.photograph(view, camera)
 photo
 
 # %%
-# The network undoes that blur.
+# The network undoes that blur. Photos have the sensor's own colours, which are not those that the eye sees.
 
 sharp = edofsim.restored(photo, camera)
 axes = edofsim.show(sharp, "restored")

@@ -13,7 +13,7 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# An axicon: a cone, which draws each point out into a line along the axis. Row 0 of the map is the top of
+# An axicon: a cone, which bends all light inwards by the same angle. Row 0 of the map is the top of
 # the pupil as the sensor sees it. The paper's pupil is 5 mm wide, which 239 samples of 21 µm cover.
 
 pitch, samples = 21e-6, 239
@@ -25,7 +25,7 @@ axicon = edofsim.camera(height=height, pitch=pitch, window=64)
 clear = edofsim.camera(window=64)
 
 # %%
-# Its PSFs from half a metre to infinity change far less than those of the lens alone:
+# Near points, whose light comes out of the lens too wide, become smaller, and far ones become rings:
 
 depths = [0.5, 0.7, 1.0, 1.5, 3.0, math.inf]
 figure, axes = pyplot.subplots(2, len(depths), figsize=(9, 3.4), layout="constrained")
