@@ -159,9 +159,8 @@ def plan_for(
     """Which effects a photo calls for, what leaving each out would cost, and what each takes.
 
     accuracy: `noise` (the default: less error than half of the sensor's noise), `full`, or decibels such as
-    `45dB`; or time, such as `2s`: the best within it. The first plan on a machine measures how fast it is,
-    which takes half a minute or more. with_, without: names of effects that are simulated in full, or not at
-    all, whatever the plan says.
+    `45dB`; or time, such as `2s`: the best within it. with_, without: names of effects that are simulated in
+    full, or not at all, whatever the plan says.
     Raises InputError for what is not known.
     """
     overrule = {"with_": list(with_) or None, "without": list(without) or None}
