@@ -2,6 +2,7 @@
 #   make run      set up what is missing, then the main job on the shipped desk scene
 #   make test     set up what is missing, then the test suite
 #   make check    set up what is missing, then the linter, the type checker and the test suite
+#   make docs     set up what is missing, then the site, in docs/_build/html
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,15 +13,16 @@ OUT ?= out
 # processes that share the tests; slow ones are run by themselves, since some measure seconds and memory
 WORKERS ?= $(shell nproc 2>/dev/null || getconf _NPROCESSORS_ONLN)
 
-.PHONY: help setup run check lint types test test-all bench paper clean
+.PHONY: help setup run check lint types test test-all bench paper docs clean
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -4; echo "targets: setup run check lint types test test-all bench paper clean"
+	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all bench paper docs clean"
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
-# Two stamps: what running needs, and what tests, benchmarks, the linter and the type checker need besides.
+# Three stamps: what running needs, and what tests, benchmarks, the linter and the type checker, and what the site
+# need besides.
 $(VENV)/.installed: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "edofsim needs Python 3.11 or newer; install it and try again"; exit 2; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -29,6 +31,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 
 $(VENV)/.installed-tools: $(VENV)/.installed
 	$(INSTALL) -e '.[test]'
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(INSTALL) -e '.[docs]'
 	touch $@
 
 # A working LLVM: where no engine renders, apt as root or through password-less sudo, else the command to type.
@@ -46,7 +52,7 @@ run: setup
 check: lint types test
 
 lint: $(VENV)/.installed-tools
-	$(BIN)/ruff check edofsim tests benchmarks
+	$(BIN)/ruff check edofsim tests benchmarks docs
 
 types: $(VENV)/.installed-tools
 	$(BIN)/pyrefly check
@@ -65,5 +71,10 @@ paper: setup
 	$(BIN)/edofsim evaluate paper --out $(OUT)/paper $(if $(PHOTOS),--photos $(PHOTOS)) $(if $(CUBES),--cubes $(CUBES)) \
 	  $(if $(CHART),--chart $(CHART)) $(if $(FULL),--full)
 
+# without a network once the tools are there; a warning is a failure
+docs: setup $(VENV)/.installed-docs
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
+
 clean:
-	rm -rf $(VENV) $(OUT) build dist *.egg-info
+	rm -rf $(VENV) $(OUT) build dist *.egg-info docs/_build docs/gallery docs/sg_execution_times.rst

@@ -1,7 +1,7 @@
 """The camera: from views to a photo."""
 
 from .fidelity import Fidelity, full_fidelity
-from .files import read_image, write_image, write_photo
+from .files import read_image, save_image, write_image, write_photo
 from .photo import Photo
 from .photograph import capture, ideal_image
 
@@ -12,6 +12,7 @@ __all__ = [
     "full_fidelity",
     "ideal_image",
     "read_image",
+    "save_image",
     "write_image",
     "write_photo",
 ]

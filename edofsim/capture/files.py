@@ -9,7 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.files import write_bytes
 from ..core.images import existing, read_exr_rgb, read_picture, srgb_decode, unit_rgb, write_exr
+from ..core.notebook import picture_png
 from ..errors import InputError
 from .photo import Photo
 
@@ -31,6 +33,19 @@ def write_photo(path: Path, photo: Photo) -> Path:
 def write_image(path: Path, image: Tensor) -> Path:
     """A linear image [3 or 1, y, x] as an OpenEXR file. Raises what `core.files.whole` raises."""
     return write_exr(path, _channels(image, ""), {})
+
+
+def save_image(path: str | Path, image: Tensor) -> Path:
+    """A linear image [3 or 1, y, x] as a file: `.exr` keeps it linear, `.png` has the transfer curve of sRGB,
+    full scale 1 white. Returns the path. Raises InputError for another suffix, and what `core.files.whole`
+    raises."""
+    path = Path(path)
+    match path.suffix.lower():
+        case ".exr":
+            return write_image(path, image)
+        case ".png":
+            return write_bytes(path, picture_png(image))
+    raise InputError(f"{path}: images are written as .exr (linear) or .png (sRGB)")
 
 
 def read_image(path: Path) -> Tensor:

@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from torch import Tensor
+
+from ..core.notebook import picture_html, picture_png, show
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 PHOTO_MODEL_VERSION = 7
 """Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
@@ -28,3 +35,24 @@ class Photo:
     truncated: Tensor
     how: Mapping[str, object] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def show(self, which: Literal["image", "clean", "ideal"] = "image", axes: Axes | None = None) -> Axes:
+        """Draw one of its images with Matplotlib; returns the axes."""
+        return show(getattr(self, which), which, axes)
+
+    def save(self, path: str | Path) -> Path:
+        """Write it: as `.exr`, linear, with `clean` and `ideal` beside the image; as `.png`, the image in
+        sRGB. Returns the path. Raises InputError for another suffix."""
+        from .files import save_image, write_photo
+
+        path = Path(path)
+        return write_photo(path, self) if path.suffix.lower() == ".exr" else save_image(path, self.image)
+
+    def _repr_png_(self) -> bytes:
+        return picture_png(self.image)
+
+    def _repr_html_(self) -> str:
+        rows, columns = self.image.shape[-2:]
+        told = [name for name in ("method", "layers", "occlusion", "sub_apertures") if name in self.how]
+        said = ", ".join(f"{name} {self.how[name]}" for name in told)
+        return picture_html(self.image, f"Photo of {columns} x {rows} pixels: {said}")

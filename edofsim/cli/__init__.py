@@ -13,6 +13,7 @@ from .cache import cache_app
 from .cost import cost
 from .evaluate import evaluate_app
 from .expose import expose
+from .lists import list_, new
 from .plan import plan
 from .psf import psf
 from .render import render
@@ -39,7 +40,8 @@ for command in (run, render, expose, plan, cost, restore, train, psf):
     app.command()(command)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(cache_app, name="cache")
-for command in (doctor, schema):
+app.command("list")(list_)
+for command in (new, doctor, schema):
     app.command()(command)
 
 

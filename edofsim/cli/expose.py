@@ -78,14 +78,13 @@ def expose(
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     with begun("expose", json, quiet=quiet) as progress:
-        from ..capture import capture, write_image, write_photo
+        from ..capture import capture, save_image, write_image, write_photo
         from ..capture.bands import merged_bands
         from ..capture.device import torch_device
         from ..optics import Camera
         from ..pipeline import Stopwatch, planned_view
         from ..plan import learn_rates, parse_target, plan_figures
         from ..reference import check_crop, check_reference, crop_of, reference_photo
-        from ..report import save_srgb
         from ..restore.scores import psnr
 
         target, compute = parse_target(accuracy, time), torch_device(device.value)
@@ -127,8 +126,8 @@ def expose(
         }
         outputs = {
             "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
-            "photo (PNG, sRGB)": save_srgb(folder / "photo.png", photo.image),
-            "ideal (PNG, sRGB)": save_srgb(folder / "ideal.png", photo.ideal),
+            "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
+            "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
         }
         lines = [
             *plan_lines(plan),
@@ -148,7 +147,7 @@ def expose(
                 )
             numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
             outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
-            outputs["reference (PNG, sRGB)"] = save_srgb(folder / "reference.png", true)
+            outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true)
             lines.append(
                 f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
                 f"{reference} reference, which took {watch.seconds['reference']:.0f} s"

@@ -46,10 +46,9 @@ def restore(
     with begun("restore", json, quiet=quiet) as progress:
         import torch
 
-        from ..capture import read_image, write_image
+        from ..capture import read_image, save_image, write_image
         from ..capture.device import torch_device
         from ..recipe.scene import Bands
-        from ..report import save_srgb
         from ..restore import restore
         from ..restore.choice import choose_network, depths_between
 
@@ -64,7 +63,7 @@ def restore(
         numbers = {"seconds.restore": time.perf_counter() - started, "peak_memory_mib": peak_memory_mib()}
         outputs = {
             "restored (EXR, linear)": write_image(folder / "restored.exr", restored),
-            "restored (PNG, sRGB)": save_srgb(folder / "restored.png", restored),
+            "restored (PNG, sRGB)": save_image(folder / "restored.png", restored),
         }
         lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
         inputs = {"photo": str(photo), "camera": camera, "network": network}

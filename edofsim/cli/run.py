@@ -74,9 +74,9 @@ def run(
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     with begun("run", json, quiet=quiet) as progress:
         from .. import pipeline
-        from ..capture import write_photo
+        from ..capture import save_image, write_photo
         from ..plan import parse_target
-        from ..report import save_srgb, write_run_report
+        from ..report import write_run_report
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
@@ -94,7 +94,7 @@ def run(
         progress(0.98, "report")
         started = clock.perf_counter()
         chart = _cost_chart(result, folder, progress) if cost else None
-        outputs = {name: save_srgb(folder / f"{name}.png", image) for name, image in _images(result).items()}
+        outputs = {name: save_image(folder / f"{name}.png", image) for name, image in _images(result).items()}
         outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
         outputs["report"] = write_run_report(folder / "report.html", result, chart)
         numbers = pipeline.figures(result)

@@ -114,24 +114,10 @@ def plan_rows(plan: Plan) -> list[dict[str, object]]:
 
 def plan_lines(plan: Plan) -> list[str | Table]:
     """The plan's table, and what it comes to as a whole."""
-    from ..plan import decibels, overall
-
-    table = Table("effect", "called for", "simulated", "left out / dB", "cost / s", "why", box=None)
-    for d in plan.decisions:
-        table.add_row(
-            d.effect,
-            "yes" if d.called_for else "no",
-            d.chosen + (" (overruled)" if d.overruled else ""),
-            f"{decibels(overall(d.error)):.1f}" if d.error is not None else "",
-            f"{d.seconds:.2f}" if d.error is not None else "",
-            d.why,
-        )
-    stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in plan.seconds.items() if value)
-    summary = (
-        f"asked for: {plan.target}; predicted {plan.error_db:.1f} dB in {sum(plan.seconds.values()):.2g} s "
-        f"({stages}), {plan.memory_mib:.0f} MiB of memory, {plan.disk_mib:.0f} MiB of disk"
-    )
-    return [table, summary, *([plan.note] if plan.note else [])]
+    table = Table(*plan.HEADS, box=None)
+    for row in plan.rows():
+        table.add_row(*row)
+    return [table, plan.summary(), *([plan.note] if plan.note else [])]
 
 
 def _as_text(table: PageTable) -> Table:

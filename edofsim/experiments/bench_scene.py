@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..capture import save_image
 from ..core.progress import Progress, part
 from ..optics import Camera
 from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
@@ -34,7 +35,6 @@ from ..report import (
     Text,
     choose_crops,
     picture,
-    save_srgb,
     write_page,
 )
 from ..report.page import Block
@@ -107,10 +107,10 @@ def run(
         for system in systems:
             ours = taken[OURS, system.name]
             for image, values in ours.images.items():
-                save_srgb(pictures / f"{system.name}-{image}.png", values)
+                save_image(pictures / f"{system.name}-{image}.png", values)
             if system.name in files:
                 write_page(files[system.name], page(measured, seen, system, parts))
-        save_srgb(pictures / "ideal.png", taken[OURS, LENS_ALONE].truth)
+        save_image(pictures / "ideal.png", taken[OURS, LENS_ALONE].truth)
         kept.put(key, asdict(measured))
     outputs = {"scores": write_table(folder / "bench-scene.csv", SceneScores((measured,)))}
     outputs |= {"pictures": pictures, **{f"page of {name}": path for name, path in files.items()}}

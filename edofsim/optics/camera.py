@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..core.notebook import table_html
 from ..errors import InputError
 from ..recipe.camera import CameraRecipe
 from .lenses import Lens
@@ -85,6 +86,19 @@ class Camera:
     def pixel_angle(self) -> float:
         """Tangent of the angle that one pixel sees, on the axis."""
         return self.pixel / self.sensor_distance
+
+    def _repr_html_(self) -> str:
+        recipe, green = self.recipe, 543e-9
+        sharp = float(focus_distance(self, green))
+        rows = {
+            "lens": f"{recipe.lens.kind}, f = {float(focal_length(self, green)) * 1e3:.4g} mm at 543 nm",
+            "aperture": f"{2e3 * self.aperture_radius:.4g} mm across",
+            "sharp at 543 nm": f"{sharp:.4g} m" if 0 < sharp < math.inf else "infinity",
+            "mask": recipe.mask.kind if self.height_map is None else "a height map given in Python",
+            "pixel": f"{self.pixel * 1e6:g} um, {self.pixel_angle * 1e3:.4g} mrad",
+            "read noise": f"{self.read_noise:g} of full scale",
+        }
+        return table_html(f"Camera {recipe.name}", (), rows.items())
 
     def oversampling(self, wavelength: float) -> int:
         """Samples along a pixel's side for PSFs at `wavelength` [m]: the recipe's number, or 2, or one for

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity
+from ..core.notebook import table_html
 
 if TYPE_CHECKING:
     from .facts import Facts
@@ -106,3 +107,31 @@ class Plan:
     disk_mib: float = 0.0
     target: str = ""
     note: str = ""
+
+    HEADS: ClassVar = ("effect", "called for", "simulated", "left out / dB", "cost / s", "why")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The decisions as words, under `HEADS`."""
+        return [
+            (
+                each.effect,
+                "yes" if each.called_for else "no",
+                each.chosen + (" (overruled)" if each.overruled else ""),
+                f"{decibels(overall(each.error)):.1f}" if each.error is not None else "",
+                f"{each.seconds:.2f}" if each.error is not None else "",
+                each.why,
+            )
+            for each in self.decisions
+        ]
+
+    def summary(self) -> str:
+        """What they come to as a whole, a sentence."""
+        stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
+        whole = sum(self.seconds.values())
+        return (
+            f"asked for: {self.target}; predicted {self.error_db:.1f} dB in {whole:.2g} s "
+            f"({stages}), {self.memory_mib:.0f} MiB of memory, {self.disk_mib:.0f} MiB of disk"
+        )
+
+    def _repr_html_(self) -> str:
+        return table_html(". ".join(filter(None, (self.summary(), self.note))), self.HEADS, self.rows())

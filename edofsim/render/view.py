@@ -9,13 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..core.json_values import Json
+from ..core.notebook import picture_html, picture_png, show
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -124,6 +129,65 @@ class View:
             metadata=metadata or {},
         )
 
+    @classmethod
+    def from_image(
+        cls,
+        rgb: np.ndarray | Tensor,
+        depth: np.ndarray | Tensor | float,
+        *,
+        pixel_angle: float | None = None,
+        wavelengths: np.ndarray | None = None,
+        illuminant: str = "D65",
+        margin: int | None = None,
+    ) -> View:
+        """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
+
+        rgb: [y, x, 3], uint8 or floats from 0 to 1, as picture files hold them; its colours become smooth
+        reflectances under `illuminant`. depth: [y, x] in metres along the axis, or one number for all; `inf`
+        is background; NaN, 0 and negative values are holes, filled with the farther neighbour in the row.
+        pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
+        the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
+        from 420 to 720 nm. margin: pixels around the frame that light comes from, the picture's mirror image;
+        None for 64.
+        Raises InputError for shapes that do not fit each other and a depth map that holds no depth.
+        """
+        from ..core.images import mirrored, srgb_decode, unit_rgb
+        from ..recipe.scene import Bands, Frame
+        from ..scene import depth_maps, spectra
+
+        colours = srgb_decode(unit_rgb(np.asarray(rgb)))
+        rows, columns = colours.shape[:2]
+        metres = np.asarray(depth, float)
+        if metres.ndim and metres.shape != (rows, columns):
+            raise InputError(
+                f"the depth map has the shape {list(metres.shape)}, the picture {[rows, columns]}: give "
+                "[y, x] in metres for each pixel, or one number"
+            )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = np.where(metres > 0, 1 / metres, np.nan)
+        if not np.isfinite(inverse).any():
+            raise InputError("the depth map holds no depth: metres above 0, inf for background")
+        inverse = np.broadcast_to(inverse, (rows, columns))
+        inverse = depth_maps.fill_holes(inverse, "background", "the depth map")
+        frame = Frame()
+        margin = frame.margin_px if margin is None else margin
+        around = np.ix_(
+            mirrored(np.arange(-margin, rows + margin), rows),
+            mirrored(np.arange(-margin, columns + margin), columns),
+        )
+        bands = Bands().wavelengths() if wavelengths is None else np.asarray(wavelengths, float)
+        return cls.flat(
+            spectra.upsampled(colours[around], bands, illuminant),
+            inverse[around],
+            wavelengths=bands,
+            pixel_angle=frame.pixel_angle if pixel_angle is None else pixel_angle,
+            margin=margin,
+            metadata={
+                "route": "made of a picture with depths",
+                "hidden": "missing: a picture holds no light from behind its edges",
+            },
+        )
+
     @property
     def padded_shape(self) -> tuple[int, int]:
         """(rows, columns) of the frame with its margin."""
@@ -175,3 +239,33 @@ class View:
         total.index_add_(0, self.pixel[seen], (self.coverage * self.inverse_depth)[seen])
         weight.index_add_(0, self.pixel[seen], self.coverage[seen])
         return (total / weight.clamp_min(torch.finfo(weight.dtype).tiny)).reshape(rows, columns)
+
+    def picture(self) -> Tensor:
+        """What the eye would see, linear sRGB [3, y, x] without the margin, its 99th percentile at 0.9."""
+        from ..scene.spectra import srgb_weights
+
+        weights = torch.as_tensor(srgb_weights(self.wavelengths.cpu().numpy()))
+        image = weights.to(self.radiance) @ self.all_in_focus().detach().flatten(1)
+        image = self.crop_margin(image.reshape(3, *self.padded_shape))
+        bright = float(np.percentile(image.cpu().numpy(), 99))
+        return image * (0.9 / bright) if bright > 0 else image
+
+    def show(self, axes: Axes | None = None) -> Axes:
+        """Draw it, all in focus, with Matplotlib; returns the axes."""
+        return show(self.picture(), self._caption(), axes)
+
+    def _caption(self) -> str:
+        inverse = self.inverse_depth
+        far, near = (f"{1 / float(end):.3g}" if end > 0 else "infinity" for end in inverse.aminmax())
+        depths = f"at {near} m" if near == far else f"{near} to {far} m"
+        behind = int(self.hidden.sum())
+        return (
+            f"View of {self.width} x {self.height} pixels, {self.bands} bands, {depths}, "
+            f"{self.pixel.numel()} fragments, {behind} of them hidden"
+        )
+
+    def _repr_png_(self) -> bytes:
+        return picture_png(self.picture())
+
+    def _repr_html_(self) -> str:
+        return picture_html(self.picture(), self._caption())

@@ -27,7 +27,7 @@ from .page import (
     page_html,
     write_page,
 )
-from .pictures import Picture, picture, save_srgb
+from .pictures import Picture, picture
 from .plot import Plot, line_plot
 from .run_page import report_page, verdict, write_report
 
@@ -63,7 +63,6 @@ __all__ = [
     "page_html",
     "picture",
     "report_page",
-    "save_srgb",
     "verdict",
     "write_page",
     "write_report",

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..core.images import png_bytes, srgb_encode, write_png
+from ..core.images import png_bytes, srgb_encode
 from ..errors import InputError
 
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
@@ -104,8 +104,3 @@ def with_boxes(shown: Picture, boxes: tuple[Box, ...], full_width: int) -> Pictu
     scale = shown.width / full_width
     scaled = (Box(b.x * scale, b.y * scale, b.width * scale, b.height * scale, b.name) for b in boxes)
     return replace(shown, boxes=tuple(scaled))
-
-
-def save_srgb(path: Path, image: Tensor) -> Path:
-    """A linear image [3, y, x] as an sRGB PNG at its full size; full scale 1 is white. Returns the path."""
-    return write_png(path, srgb_encode(image.detach().cpu().float().nan_to_num()))

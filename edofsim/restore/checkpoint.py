@@ -76,6 +76,16 @@ def _checkpoints_in(folder: Path) -> dict[str, Path]:
     return {path.name.removesuffix(SUFFIX): path for path in sorted(folder.glob("*" + SUFFIX))}
 
 
+def purpose_of(path: Path) -> str:
+    """What a checkpoint says of itself, read without its weights; why it cannot be read, where it cannot."""
+    try:
+        with safe_open(path, framework="pt", device="cpu") as file:
+            recipe = json.loads((file.metadata() or {})["card"])["recipe"]
+        return str(recipe.get("purpose") or recipe.get("name"))
+    except (SafetensorError, OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return f"cannot be read: {first_line(error)}"
+
+
 def find_checkpoint(source: str | Path) -> Path:
     """The file of a checkpoint given by path, or of a shipped one by name. Raises InputError."""
     path = Path(source)

@@ -111,6 +111,33 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
     return basis / basis.sum(axis=0)
 
 
+def upsampled(linear: np.ndarray, wavelengths: np.ndarray, light: str = "D65") -> np.ndarray:
+    """Linear sRGB [y, x, 3] as light [band, y, x], float32: the colours' smooth reflectances (see
+    `srgb_basis`) under an illuminant. Raises InputError for an unknown illuminant, and for wavelengths beyond
+    the data."""
+    basis = srgb_basis(wavelengths) * illuminant(light, wavelengths)
+    return np.ascontiguousarray(np.moveaxis(linear @ basis, -1, 0), np.float32)
+
+
+def srgb_weights(wavelengths: np.ndarray) -> np.ndarray:
+    """What turns light at `wavelengths` into linear sRGB as the eye sees it, float64 [3, band].
+
+    By the observer of CIE 1931; the illuminant D65 comes out white, (1, 1, 1), however few the bands are.
+    """
+    from colour import MSDS_CMFS, RGB_COLOURSPACES
+
+    nm = np.asarray(wavelengths, float) * 1e9
+    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
+    x = np.asarray(cmfs.wavelengths, float)
+    observer = np.stack([np.interp(nm, x, column) for column in np.asarray(cmfs.values, float).T])
+    weights = np.asarray(RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB) @ observer
+    white = weights @ illuminant("D65", wavelengths)
+    if (white <= 0).any():  # too few bands to tell colours apart: all is grey
+        weights = np.broadcast_to(observer[1] + 1e-9, weights.shape)
+        white = weights @ illuminant("D65", wavelengths)
+    return weights / white[:, None]
+
+
 def hex_to_linear(text: str) -> np.ndarray:
     """`#rrggbb` to linear sRGB, float64 [3]. Raises InputError for anything else."""
     if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):

@@ -254,7 +254,7 @@ def test_the_default_asks_for_less_than_half_of_the_noise():
 
 
 def test_an_effect_is_a_file_and_a_line():
-    """What the README shows: the estimate of an effect of one's own is what the photo shows without it."""
+    """As in CONTRIBUTING.md: the estimate of an effect of one's own is what the photo shows without it."""
     mine = Effect(
         name="half the window",
         levels=lambda facts: [Level("half", {"window_px": 16}), Level("whole", {})],

@@ -33,13 +33,10 @@ class RgbdSource(ViewReader):
         """Radiance is the colours' smooth spectra (Mallett and Yuksel, EGSR 2019) under the illuminant."""
         picture = depth_maps.read_numbers(self.image, None, base, "picture")
         linear = srgb_decode(unit_rgb(picture))
-        wavelengths = recipe.bands.wavelengths()
-        light = self.radiance * spectra.illuminant(self.illuminant, wavelengths)
-        basis = spectra.srgb_basis(wavelengths) * light
         inverse, facts = depths(self.depth, base, linear.shape[:2])
         rows, columns, border = frame_indices(linear.shape[:2], recipe)
         colours = linear[np.ix_(rows, columns)]
-        radiance = np.ascontiguousarray(np.moveaxis(colours @ basis, -1, 0), np.float32)
+        radiance = spectra.upsampled(self.radiance * colours, recipe.bands.wavelengths(), self.illuminant)
         facts = {**facts, "beyond the border": border, "light": f"sRGB under {self.illuminant}"}
         return plain_view(
             recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts

@@ -1,0 +1,112 @@
+"""The site: `make docs`. Needs no network, neither to build nor to read."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import warnings
+from pathlib import Path
+
+from docutils import nodes
+from docutils.utils.math import latex2mathml
+from sphinx.application import Sphinx
+from sphinx.writers.html5 import HTML5Translator
+
+import edofsim
+
+os.environ.setdefault("MPLBACKEND", "agg")
+warnings.filterwarnings("ignore", message=".*non-interactive.*")
+
+project = "edofsim"
+author = "the edofsim authors"
+copyright = "the edofsim authors, Apache-2.0"
+release = version = edofsim.__version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
+myst_heading_anchors = 3
+exclude_patterns = ["_build", "sg_execution_times.rst", "tutorials/README.rst", "tutorials/*.py"]
+suppress_warnings = ["config.cache"]
+nitpicky = False
+
+autodoc_typehints = "signature"
+autodoc_member_order = "bysource"
+autodoc_class_signature = "mixed"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "tutorials",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"/\d\d_",
+    "within_subsection_order": "FileNameSortKey",
+    "download_all_examples": False,
+    "show_memory": False,
+    "write_computation_times": False,  # their page asks the network for its table
+    "capture_repr": ("_repr_html_",),
+    "min_reported_time": 0,
+    "show_signature": False,
+    "remove_config_comments": True,
+    "abort_on_example_error": True,
+    "plot_gallery": os.environ.get("DOCS_RUN", "1") == "1",
+    "default_thumb_file": str(Path(__file__).parents[1] / "scenes" / "pictures" / "desk.jpg"),
+    "image_scrapers": ("matplotlib",),
+    "reset_modules": ("matplotlib",),
+    "matplotlib_animations": False,
+}
+
+html_theme = "furo"
+html_title = "edofsim"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_theme_options = {"navigation_with_keys": True}
+html_show_sourcelink = False
+html_copy_source = False
+html_math_renderer = "mathml"
+copybutton_prompt_text = "$ "
+
+
+def _math(self: HTML5Translator, node: nodes.math) -> None:
+    self.body.append(latex2mathml.tex2mathml(node.astext(), as_block=False))
+    raise nodes.SkipNode
+
+
+def _display(self: HTML5Translator, node: nodes.math_block) -> None:
+    self.body.append(f'<div class="math">{latex2mathml.tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Docstrings are plain text: names in single backquotes are code, and what stands behind the name of a
+    parameter and a colon is about that parameter."""
+    try:
+        names = "|".join(sorted(inspect.signature(obj).parameters, key=len, reverse=True))
+    except (TypeError, ValueError):
+        names = ""
+    told = re.compile(rf"(?:^|(?<=[.;,] )|(?<=\n))((?:{names})(?:, (?:{names}))*): ")
+    found: list[str] = []
+    for paragraph in re.split(r"\n\s*\n", "\n".join(lines)):
+        text = re.sub(r"\n\s*", "\n", paragraph.strip()).replace("``", "`").replace("`", "``")
+        text, _, raises = text.partition("Raises ")
+        if names and told.match(text):
+            parts = [" ".join(part.split()) for part in told.split(text)]
+            pairs = zip(parts[1::2], parts[2::2], strict=True)
+            found += [f":param {each}: {said}" for each, said in pairs] + [""]
+        elif text:
+            found += [*text.replace("with_,", "``with_``,").split("\n"), ""]
+        if raises:
+            found += [*f"Raises {raises}".split("\n"), ""]
+    lines[:] = found
+
+
+def setup(app: Sphinx) -> None:
+    """Equations as MathML, which browsers draw by themselves."""
+    app.add_html_math_renderer("mathml", (_math, None), (_display, None))
+    app.connect("autodoc-process-docstring", _plain)

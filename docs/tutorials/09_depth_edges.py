@@ -1,0 +1,104 @@
+"""
+Depth edges against rays
+========================
+
+A surface in front hides what is behind it from one side of the lens only. How near does a fast composite
+come to the truth?
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from matplotlib import pyplot
+
+import edofsim
+
+# %%
+# A card in front of a page of text, at one wavelength, and a lens without aberrations, which rays can
+# judge.
+
+folder = Path(tempfile.mkdtemp())
+(folder / "card.toml").write_text("""
+name = "card"
+camera = "clear.toml"
+
+[frame]
+width_px = 48
+height_px = 48
+margin_px = 24
+
+[bands]
+start_nm = 543
+stop_nm = 543
+count = 1
+
+[render]
+samples = 64
+
+[[lights]]
+kind = "sky"
+
+[[objects]]
+kind = "text_page"
+depth_m = 2.5
+width_mm = 40
+height_mm = 40
+lines = 8
+
+[[objects]]
+kind = "panel"
+depth_m = 0.8
+x_mm = 5
+width_mm = 10
+height_mm = 20
+surface = { kind = "matt", reflectance = "#c0392b" }
+""")
+(folder / "clear.toml").write_text("""
+name = "clear"
+
+[lens]
+kind = "ideal"
+focal_length_mm = 36
+f_number = 7.2
+
+[psf]
+window_px = 48
+
+[sensor]
+read_noise = 0.0
+""")
+view = edofsim.view(folder / "card.toml", cache=folder)
+
+# %%
+# ``edofsim expose --reference`` sets a slow and true photo beside the fast one. ``thinlens`` traces rays
+# from the whole lens to the scene; ``pupil`` clips the pupil of each point and diffracts at what is in the
+# way, with any mask. Compared are adding all light up (``none``), what a picture with a depth map allows
+# (``normalised``), and what views that know hidden surfaces allow (``hidden``).
+
+
+def against_rays(occlusion: str) -> tuple[float, Path]:
+    """PSNR of a crop against rays, and the folder with its pictures."""
+    out = folder / occlusion
+    command = ["expose", "card.toml", "--occlusion", occlusion]
+    options = ["--reference", "thinlens", "--crop", "12,12,24,24", "--out", str(out)]
+    options += ["--json", str(out / "figures.json"), "--cache", str(folder), "--quiet"]
+    out.mkdir()
+    run = [sys.executable, "-m", "edofsim", *command, *options]
+    subprocess.run(run, check=True, cwd=folder, stdout=subprocess.DEVNULL)
+    figures = json.loads((out / "figures.json").read_text())["figures"]
+    return figures["psnr_db.against_reference"], out
+
+
+found = {way: against_rays(way) for way in ("none", "normalised", "hidden")}
+for way, (psnr, _) in found.items():
+    print(f"{way}: {psnr:.1f} dB against rays")
+
+# %%
+figure, axes = pyplot.subplots(1, 4, figsize=(9, 2.6), layout="constrained")
+for ax, (way, (psnr, out)) in zip(axes, found.items(), strict=False):
+    photo = edofsim.read_image(out / "photo.exr")[:, 12:36, 12:36]
+    edofsim.show(photo, f"{way}: {psnr:.1f} dB", ax)
+edofsim.show(edofsim.read_image(found["hidden"][1] / "reference.exr"), "rays", axes[3])

@@ -1,0 +1,79 @@
+"""
+A job on a Dask cluster
+=======================
+
+Many views at once, on one machine or on a cluster.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from distributed import LocalCluster
+from matplotlib import pyplot
+
+# %%
+# A family is a recipe of which some values are drawn from ranges: each member is another scene.
+
+folder = Path(tempfile.mkdtemp())
+(folder / "balls.toml").write_text("""
+name = "balls"
+
+[frame]
+width_px = 48
+height_px = 36
+margin_px = 16
+
+[bands]
+count = 5
+
+[render]
+samples = 16
+
+[[lights]]
+kind = "sky"
+
+[[objects]]
+kind = "wall"
+depth_m = 3.0
+
+[[objects]]
+kind = "sphere"
+name = "ball"
+depth_m = 0.8
+radius_mm = 2
+surface = { kind = "plastic", reflectance = "#c0392b", roughness = 0.1 }
+
+[family]
+vary = [
+  { key = "objects.ball.depth_m", inverse_uniform = [0.6, 1.2] },
+  { key = "objects.ball.x_frame", uniform = [-0.8, 0.8] },
+]
+""")
+
+# %%
+# Here the cluster has two workers on this machine; Dask starts the same on SLURM, Kubernetes or in a cloud
+# (``dask-jobqueue``, ``dask-kubernetes``). Its workers must see the folder of the cache.
+
+if __name__ == "__main__":
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        command = ["render", "balls.toml", "--members", "3", "--cluster", cluster.scheduler_address]
+        run = [sys.executable, "-m", "edofsim", *command, "--cache", str(folder), "--quiet"]
+        done = subprocess.run(run, check=True, cwd=folder, capture_output=True, text=True)
+    print(done.stdout)
+
+# %%
+# What is finished is in the cache: the same command renders only what is missing, after an interrupt too,
+# and a worker that dies loses nothing that is complete.
+
+print(len(list(folder.glob("*.exr"))), "views")
+
+# %%
+# The manifest says of each view where it was rendered, with how much noise, and how long it took.
+
+rendered = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+figure, axes = pyplot.subplots(figsize=(5, 2), layout="constrained")
+axes.barh([each["name"] for each in rendered], [each["seconds"] for each in rendered])
+axes.set_xlabel("seconds of rendering")

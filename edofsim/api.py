@@ -1,0 +1,225 @@
+"""The public functions of `import edofsim`: cameras, views, PSFs, plans, photos and restorations in Python.
+
+They put together what the rooms of the package do, as the commands do it. Lengths are in metres, angles in
+radians, images linear torch tensors [channel, y, x] with full scale 1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from pydantic import ValidationError
+from torch import Tensor
+
+from .capture import Fidelity, Photo, capture, full_fidelity
+from .capture.checks import check_pixel_angle
+from .capture.framing import framed
+from .core.progress import Progress
+from .errors import InputError
+from .optics import Camera, PsfBank, psf_bank
+from .plan import Plan, parse_target, plan_photo
+from .recipe import CameraRecipe, Loaded, load_camera, load_scene
+from .recipe.scene import Bands
+from .render import View, render
+from .restore import restore
+from .restore.checkpoint import camera_with_mask, load_checkpoint
+from .restore.choice import WIENER, choose_network, depths_between
+
+NEAREST = 0.5
+"""Metres: depths of a photo that is restored without being told any, from here to infinity."""
+
+
+def camera(
+    source: str | Path | None = None,
+    *,
+    focal_length: float | None = None,
+    f_number: float | None = None,
+    focus: float | None = None,
+    pixel: float | None = None,
+    read_noise: float | None = None,
+    window: int | None = None,
+    height: Tensor | np.ndarray | None = None,
+    pitch: float | None = None,
+    material: str | None = None,
+    network: str | Path | None = None,
+) -> Camera:
+    """A camera: a shipped one by name, a recipe's, or one given by numbers.
+
+    source: name such as `paper-learned`, or a TOML file; None for the paper's lens without a mask.
+    focal_length: of an ideal lens in place of that one's [m], which takes an f_number too. f_number: focal
+    length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
+    [m]. read_noise: standard deviation, full scale 1. window: width of the PSFs in pixels. height: height map
+    of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
+    [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
+    network: checkpoint whose mask the camera has.
+    Raises InputError for what cannot be a camera, naming every problem.
+    """
+    given = CameraRecipe(name="paper-clear") if source is None else None
+    loaded = Loaded(given, Path.cwd() / "camera.toml", "") if given else load_camera(source or "")
+    recipe, base = loaded.recipe, loaded.base
+    if (focal_length is None) != (f_number is None):
+        raise InputError("focal_length and f_number belong together: give both, or neither")
+    if height is None and not (pitch is None and material is None):
+        raise InputError("pitch and material are those of a height map: give height as well")
+    if height is not None and network is not None:
+        raise InputError("the mask is that of height, or that of network: give one of them")
+    tables: dict[str, dict[str, object]] = {}
+    if focal_length is not None and f_number is not None:
+        lens: dict[str, object] = {"kind": "ideal", "f_number": f_number}
+        lens["focal_length_mm"] = focal_length * 1e3
+        tables["lens"] = lens
+    told = recipe.model_dump(mode="json", exclude_unset=True)
+    for table, key, value in (
+        ("focus", "distance_m", focus),
+        ("sensor", "pixel_um", None if pixel is None else pixel * 1e6),
+        ("sensor", "read_noise", read_noise),
+        ("psf", "window_px", window),
+    ):
+        if value is not None:
+            tables.setdefault(table, dict(told.get(table, {})))[key] = value
+    if pitch is not None or material is not None:
+        mask: dict[str, object] = {"kind": "height-map"}
+        mask |= {} if pitch is None else {"pitch_um": pitch * 1e6}
+        mask |= {} if material is None else {"material": material}
+        tables["mask"] = mask
+    try:
+        recipe = CameraRecipe.model_validate({**told, **tables}) if tables else recipe
+    except ValidationError as error:
+        problems = (f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors())
+        raise InputError(dict.fromkeys(problems)) from None
+    if network is not None:
+        return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
+    made = Camera.from_recipe(recipe, base)
+    if height is None:
+        return made
+    return made.with_height(height if isinstance(height, Tensor) else torch.tensor(np.array(height, float)))
+
+
+def view(
+    scene: str | Path,
+    seen_by: Camera | None = None,
+    *,
+    samples: int | None = None,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> View:
+    """The view of a scene: rendered, or read from the cache or from the pictures that its recipe names.
+
+    scene: name of a shipped one such as `desk`, or a TOML file. seen_by: the camera that frames it; None for
+    the one that the scene names. samples: a pixel, in place of the recipe's: fewer are faster and grainier.
+    cache: folder of rendered views. Raises InputError for what cannot be used, EngineError where nothing can
+    render.
+    """
+    loaded = load_scene(scene)
+    if seen_by is None:
+        named = load_camera(loaded.recipe.camera, loaded.base)
+        seen_by = Camera.from_recipe(named.recipe, named.base)
+    recipe = framed(loaded.recipe, seen_by)
+    if samples is not None:
+        finer = recipe.render.model_copy(update={"samples": samples})
+        recipe = recipe.model_copy(update={"render": finer})
+    return render(recipe, loaded.base, cache=cache, device=device, progress=progress)
+
+
+def psfs(
+    camera: Camera,
+    depths: Sequence[float] | Tensor,
+    wavelengths: Sequence[float] | Tensor,
+    *,
+    window: int | None = None,
+) -> PsfBank:
+    """Point spread functions for depths [m] (`inf` is legal) and wavelengths [m].
+
+    `values` of the result are [depth, band, y, x], the light in each pixel as a fraction of what the mask
+    lets through, the middle at pixel n // 2; gradients reach the camera's height map. window: width in
+    pixels, None for the camera's. Raises InputError for depths that are not above 0, wavelengths that the
+    glass has no data for, and more PSFs than fit into memory.
+    """
+    metres = torch.as_tensor(depths, dtype=torch.float64)
+    if not bool((metres > 0).all()):
+        raise InputError(f"depths {metres.tolist()}: give metres above 0; inf is legal")
+    return psf_bank(camera, wavelengths, 1 / metres, window_px=window)
+
+
+def plan_for(
+    view: View,
+    camera: Camera,
+    *,
+    accuracy: str | None = None,
+    time: str | None = None,
+    with_: Sequence[str] = (),
+    without: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Plan:
+    """Which effects a photo calls for, what leaving each out would cost, and what each takes.
+
+    accuracy: `noise` (the default: less error than half of the sensor's noise), `full`, or decibels such as
+    `45dB`; or time, such as `2s`: the best within it. with_, without: names of effects that are simulated in
+    full, or not at all, whatever the plan says.
+    Raises InputError for what is not known.
+    """
+    overrule = {"with_": list(with_) or None, "without": list(without) or None}
+    return plan_photo(view, camera, overrule, parse_target(accuracy, time), progress=progress)
+
+
+def photograph(
+    view: View,
+    camera: Camera,
+    plan: Plan | Fidelity | None = None,
+    *,
+    accuracy: str | None = None,
+    time: str | None = None,
+    exposure: float | None = None,
+    seed: int = 0,
+    device: torch.device | str = "cpu",
+    progress: Progress | None = None,
+) -> Photo:
+    """A photo, simulated as a plan or a fidelity says.
+
+    plan: None for one that `plan_for` makes for `accuracy` or `time`; the accuracy `full` simulates all that
+    view and camera have, without a plan. exposure: factor from radiance to full scale; None for the camera's.
+    seed: of the sensor's noise. Gradients reach the view's light and the camera's height map.
+    Raises InputError for a view that the camera cannot photograph, and for a plan beside an accuracy or time.
+    """
+    if plan is not None and (accuracy or time):
+        raise InputError("photograph: give a plan, or an accuracy or time to make one for")
+    check_pixel_angle(view, camera.pixel_angle)  # before a plan takes its time
+    if plan is None and accuracy == "full" and time is None:
+        plan = full_fidelity(camera, view)
+    if plan is None:
+        plan = plan_for(view, camera, accuracy=accuracy, time=time, progress=progress)
+    fidelity = plan.fidelity if isinstance(plan, Plan) else plan
+    return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
+
+
+def restored(
+    photo: Photo | Tensor,
+    camera: Camera,
+    *,
+    network: str | Path | None = None,
+    depths: tuple[float, float] = (NEAREST, math.inf),
+    wavelengths: Sequence[float] | Tensor | None = None,
+) -> Tensor:
+    """The sharp image [channel, y, x] of a photo, or of any linear image with full scale 1.
+
+    network: checkpoint (file or shipped name) that restores; `wiener` for Wiener deconvolution; None for the
+    network that was trained with the camera's mask, or Wiener deconvolution where there is none. depths:
+    nearest and farthest [m] that the photo may hold, wavelengths: [band] in metres that it was taken in, None
+    for 31 from 420 to 720 nm; both for Wiener deconvolution. The camera is taken as it is: a network that was
+    trained with another mask restores badly.
+    Raises InputError for depths that are none, and a checkpoint that is damaged or of another camera.
+    """
+    near, far = depths
+    if not 0 < near <= far:
+        raise InputError(f"depths {depths}: give (nearest, farthest) in metres, 0 < nearest <= farthest")
+    image = photo.image if isinstance(photo, Photo) else photo
+    bands = torch.as_tensor(Bands().wavelengths() if wavelengths is None else wavelengths)
+    if network is None and camera.height_map is not None:
+        network = WIENER  # the recipe's network knows the recipe's mask
+    checkpoint, _ = choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))
+    return restore(image, camera, bands.double(), depths_between(1 / far, 1 / near), checkpoint=checkpoint)[0]

@@ -1,0 +1,126 @@
+"""`edofsim list` and `edofsim new`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..core.registry import Registry
+from ..errors import EdofsimError
+from .shared import Done
+from .tools import RecipeKind
+
+if TYPE_CHECKING:
+    from ..recipe.base import RecipeModel
+
+
+class Things(StrEnum):
+    scenes = "scenes"
+    cameras = "cameras"
+    masks = "masks"
+    lenses = "lenses"
+    objects = "objects"
+    sources = "sources"
+    networks = "networks"
+    checkpoints = "checkpoints"
+    trainings = "trainings"
+
+
+T = TypeVar("T")
+
+USUAL = (Things.scenes, Things.cameras, Things.masks, Things.networks, Things.checkpoints)
+"""What is listed where nothing is asked for."""
+
+
+def list_(
+    things: Annotated[
+        Things | None,
+        typer.Argument(help="Of what; default: scenes, cameras, masks, networks and checkpoints."),
+    ] = None,
+) -> Done:
+    """Scenes, cameras, masks, networks and other things that there are to name, with a line each.
+
+    Those that other packages add are among them.
+    """
+    shown = USUAL if things is None else (things,)
+    return Done([_table(each) for each in shown])
+
+
+def new(
+    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Of the recipe; it becomes NAME.toml.")],
+) -> Done:
+    """A commented recipe to start from, in the working folder."""
+    from ..recipe.new import new_recipe
+
+    path = new_recipe(kind.value, name)
+    use = {"scene": "edofsim run", "camera": "edofsim psf", "train": "edofsim train"}[kind.value]
+    return Done([f"edit it, then: {use} {path}"], {"recipe": path})
+
+
+def _table(things: Things) -> Table:
+    table = Table(things.value, "", box=None)
+    for name, line in _lines(things).items():
+        table.add_row(name, escape(line))
+    return table
+
+
+def _lines(things: Things) -> dict[str, str]:
+    from ..recipe import kinds, load_camera, load_scene, shipped, shipped_folder
+    from ..recipe.load import load_train
+
+    match things:
+        case Things.scenes:
+            return _purposes(shipped(shipped_folder("scenes")), lambda path: load_scene(path).recipe)
+        case Things.cameras:
+            folder = shipped_folder("scenes") / "cameras"
+            return _purposes(shipped(folder), lambda path: load_camera(path).recipe)
+        case Things.trainings:
+            return _purposes(shipped(shipped_folder("train")), lambda path: load_train(path).recipe)
+        case Things.masks:
+            return _kinds(kinds.MASKS)
+        case Things.lenses:
+            return _kinds(kinds.LENSES)
+        case Things.objects:
+            return _kinds(kinds.OBJECTS)
+        case Things.sources:
+            return _kinds(kinds.SOURCES)
+        case Things.networks:
+            return _kinds(kinds.NETWORKS)
+        case Things.checkpoints:
+            return _checkpoints()
+
+
+def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) -> dict[str, str]:
+    """Recipes with the beginning of their purpose, or of why they cannot be read."""
+    found = {}
+    for name, path in paths.items():
+        try:
+            found[name] = first_sentence(str(getattr(load(path), "purpose", "")))
+        except EdofsimError as error:
+            found[name] = first_sentence(str(error))
+    return found
+
+
+def _kinds(registry: Registry[type[T]]) -> dict[str, str]:
+    return {name: first_sentence(registry.about(name)) for name in registry}
+
+
+def _checkpoints() -> dict[str, str]:
+    from ..restore.checkpoint import comparison_checkpoints, purpose_of, shipped_checkpoints
+
+    known = shipped_checkpoints() | comparison_checkpoints()
+    return {name: first_sentence(purpose_of(path)) for name, path in known.items()}
+
+
+def first_sentence(text: str) -> str:
+    """The first sentence of a text, or as much as stands before a semicolon, without sources in brackets."""
+    plain = re.sub(r" \([^()]*\. [^()]*\)", "", " ".join(text.split()))
+    return re.split(r"[.;]\s", plain, maxsplit=1)[0].rstrip(".:;")

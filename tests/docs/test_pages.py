@@ -1,0 +1,122 @@
+"""The site and the README: their examples run, links lead somewhere, and it builds without a warning."""
+
+from __future__ import annotations
+
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(
+    path
+    for path in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")]
+    if not {"_build", "gallery"} & set(path.parts)
+)
+TUTORIALS = sorted((DOCS / "tutorials").glob("*.py"))
+SLOW = {"01", "02", "08", "09", "11", "12"}
+"""Those that take more than about ten seconds, or start processes."""
+
+
+def blocks(path: Path, language: str) -> str:
+    """All code of a language on a page, one after the other, as a reader would type it."""
+    return "\n".join(re.findall(rf"```{language}\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL))
+
+
+def named(paths: list[Path], slow: set[str] = frozenset()) -> list:
+    return [
+        pytest.param(
+            path,
+            id=str(path.relative_to(ROOT)),
+            marks=pytest.mark.slow if path.name[:2] in slow else (),
+        )
+        for path in paths
+    ]
+
+
+@pytest.mark.parametrize("path", named([path for path in PAGES if blocks(path, "python")]))
+def test_the_python_on_a_page_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    exec(compile(blocks(path, "python"), str(path), "exec"), {"__name__": path.stem})
+
+
+@pytest.mark.parametrize("path", named([path for path in PAGES if blocks(path, "toml")]))
+def test_the_recipes_on_a_page_are_toml(path: Path):
+    assert tomllib.loads(blocks(path, "toml"))
+
+
+@pytest.mark.parametrize("path", named(TUTORIALS, SLOW))
+def test_a_tutorial_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """From another folder than the checkout, as a notebook that was downloaded does."""
+    from matplotlib import pyplot
+
+    if path.name.startswith("12"):
+        pytest.importorskip("distributed")
+        run = [sys.executable, str(path)]  # its cluster's workers import it
+        subprocess.run(run, check=True, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
+        return
+    monkeypatch.chdir(tmp_path)
+    pyplot.switch_backend("agg")
+    runpy.run_path(str(path), run_name="__main__")
+    pyplot.close("all")
+
+
+def test_there_is_a_tutorial_of_each_kind():
+    assert [path.name[:2] for path in TUTORIALS] == [f"{number:02d}" for number in range(1, 13)]
+
+
+@pytest.mark.parametrize("path", named(PAGES))
+def test_links_on_a_page_lead_to_files_that_are_there(path: Path):
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if "://" in target or target.startswith("#"):
+            continue
+        file = (path.parent / target.partition("#")[0]).resolve()
+        if file.parent.name == "gallery":  # made from the tutorial of that name
+            file = DOCS / "tutorials" / f"{file.stem}.py" if file.stem != "index" else DOCS / "tutorials"
+        assert file.exists(), f"{path.name} leads to {target}"
+
+
+def test_commands_on_pages_and_their_options_exist():
+    """`$ edofsim NAME --option`: each name is a command, and each long option one of its."""
+    import typer
+
+    from edofsim.cli import app
+
+    known = typer.main.get_command(app)
+    for path in PAGES:
+        for line in re.findall(r"^\$ edofsim ([^#\n]*)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            words = line.split()
+            command = known.commands.get(words[0]) if not words[0].startswith("-") else known
+            assert command is not None, f"{path.name}: {line}"
+            options = {name for each in command.params for name in each.opts} | {"--install-completion"}
+            if hasattr(command, "commands"):
+                continue
+            assert {word for word in words if word.startswith("--")} <= options, f"{path.name}: {line}"
+
+
+def test_the_site_builds_without_a_warning(tmp_path: Path):
+    """Without running the tutorials, which other tests do."""
+    pytest.importorskip("sphinx_gallery")
+    copy = tmp_path / "checkout"
+    copy.mkdir()
+    for name in ("CONTRIBUTING.md", "CHANGELOG.md"):
+        shutil.copy(ROOT / name, copy)
+    (copy / "scenes").symlink_to(ROOT / "scenes")
+    shutil.copytree(DOCS, copy / "docs", ignore=shutil.ignore_patterns("_build", "gallery", "sg_*"))
+    build = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    environment = {**os.environ, "DOCS_RUN": "0", "PYTHONPATH": str(ROOT)}
+    command = [*build, copy / "docs", tmp_path / "html"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "<math" in (tmp_path / "html" / "ideas" / "psfs.html").read_text()
+    pages = "".join(path.read_text() for path in (tmp_path / "html").rglob("*.html"))
+    assert not re.findall(r'<(?:script|link)[^>]*(?:src|href)="https?://', pages), "a page needs a network"
