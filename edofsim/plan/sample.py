@@ -66,7 +66,7 @@ class Sample:
         """
         axes = self._axes(fidelity)
         imaging = imaging_of(self.camera, fidelity, axes, make=self._kernels)
-        finer = sub_aperture_imaging(self.camera, fidelity, axes, make=self._kernels)
+        finer = sub_aperture_imaging(self.camera, fidelity, axes)
         images, glare = [], torch.zeros(())
         for tile, weight in zip(self.tiles, self.weights.tolist(), strict=True):
             view = tile
