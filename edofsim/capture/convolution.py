@@ -5,6 +5,7 @@ Every method goes through `add_convolved`, so that what a photo costs can be cou
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -48,15 +49,33 @@ def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Ten
     """Convolve images with PSFs and add them, weighted, to the channels' spectra.
 
     total: complex [channel, ky, kx] or None for a first sum; light: [n, y, x] of the padded frame;
-    psf: [n, v, u], n convolutions in all; weights: [channel, n]. Returns the new total; channel c gains
-    sum_n weights[c, n] light[n] * psf[n].
+    psf: [n, v, u], or their spectra, n convolutions in all; weights: [channel, n]. Returns the new total;
+    channel c gains sum_n weights[c, n] light[n] * psf[n].
     """
-    product = spectrum(light, grid) * spectrum(psf, grid)
-    n, *shape = product.shape
-    # a real matrix on interleaved real and imaginary parts: half the work of a complex one
-    parts = torch.view_as_real(product).reshape(n, -1)
-    gained = torch.view_as_complex((weights @ parts).reshape(-1, *shape, 2))
+    through = psf if psf.is_complex() else spectrum(psf, grid)
+    gained = mixed(weights, spectrum(light, grid) * through)
     return gained if total is None else total + gained
+
+
+def mixed(weights: Tensor, spectra: Tensor) -> Tensor:
+    """Real weights [channel, n] of spectra [n, ky, kx]: their sums, [channel, ky, kx]."""
+    n, *shape = spectra.shape
+    own = weights.diagonal()
+    if len(weights) == n and int(weights.count_nonzero()) == int(own.count_nonzero()):
+        return spectra * own[:, None, None]
+    # a real matrix on interleaved real and imaginary parts: half the work of a complex one
+    parts = torch.view_as_real(spectra).reshape(n, -1)
+    return torch.view_as_complex((weights @ parts).reshape(-1, *shape, 2))
+
+
+def summed_products(pairs: Iterable[tuple[Tensor, Tensor]]) -> Tensor:
+    """The sum of the products of pairs of spectra."""
+    total = None
+    for one, other in pairs:
+        total = one * other if total is None else torch.addcmul(total, one, other)
+    if total is None:
+        raise ValueError("a sum of no products")
+    return total
 
 
 def image_of(total: Tensor, grid: Grid) -> Tensor:
@@ -64,8 +83,11 @@ def image_of(total: Tensor, grid: Grid) -> Tensor:
 
     The PSFs' centre pixel moves to the origin here, once for all.
     """
-    rows, columns = grid.transform
-    image = torch.fft.irfft2(total, s=grid.transform)
+    return centred(torch.fft.irfft2(total, s=grid.transform), grid)
+
+
+def centred(image: Tensor, grid: Grid) -> Tensor:
+    """An image as its transform is, moved by half a window, as one of the padded frame: [..., y, x] both."""
     centre = grid.window // 2
     image = torch.roll(image, (-centre, -centre), dims=(-2, -1)) if centre else image
     return image[..., : grid.rows, : grid.columns]

@@ -24,8 +24,10 @@ FULL_DB = 70.0
 """The full simulation has so many depth nodes that interpolating between them errs by less than this."""
 FULL_SUB_APERTURES = 6
 """Sub-apertures along each axis in the full simulation, where diffraction lets so many be told apart."""
-SUB_APERTURE_LAYERS = 13
+SUB_APERTURE_LAYERS = 9
 """Depth nodes at most for what sub-apertures change."""
+SUB_APERTURE_PIXEL = 2
+"""Side of the pixels in which that change is found, in pixels: it has no fine detail."""
 MOST_LAYERS = 4096
 """Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
@@ -82,7 +84,10 @@ class Fidelity:
         "along each axis of the pupil, composited one by one at depth edges; 1: the whole",
     )
     sub_apertures_in_full: bool = _knob(
-        False, "sub-apertures", "", "in all bands and nodes, in place of one group a channel and 13 nodes"
+        False,
+        "sub-apertures",
+        "",
+        "in all bands, nodes and pixels, in place of one group a channel, 9 nodes and pixels twice as wide",
     )
     method: str = _knob(
         "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
@@ -217,8 +222,13 @@ def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     if fidelity.sub_apertures_in_full:
         return replace(fidelity, method="layered")
     layers = SUB_APERTURE_LAYERS if fidelity.layers is None else min(fidelity.layers, SUB_APERTURE_LAYERS)
-    wavelengths = 1 if (fidelity.band_groups, fidelity.group_wavelengths) == (1, 1) else 2
+    wavelengths = 1 if fidelity.band_groups else 2
     return replace(fidelity, band_groups=1, group_wavelengths=wavelengths, layers=layers, method="layered")
+
+
+def sub_aperture_pixel(fidelity: Fidelity) -> int:
+    """Side of the pixels in which it is found what sub-apertures change, in pixels of the camera."""
+    return 1 if fidelity.sub_apertures_in_full else SUB_APERTURE_PIXEL
 
 
 def edge_pixels(view: View, gap: float) -> int:

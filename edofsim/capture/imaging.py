@@ -19,7 +19,7 @@ from .band_groups import Gathering, every_band, gathered, gathered_kernels, gath
 from .blurring import Blurring
 from .checks import check_view
 from .crop import crop, with_margin
-from .fidelity import Fidelity, of_sub_apertures, simpler_camera
+from .fidelity import Fidelity, of_sub_apertures, simpler_camera, sub_aperture_pixel
 from .kernels import Kernels
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
@@ -76,7 +76,8 @@ class Imaging:
 
     def change_by_sub_apertures(self, light: View) -> Tensor:
         """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
-        return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures))
+        side = sub_aperture_pixel(self.fidelity)
+        return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures, side))
 
 
 def imaging_of(
@@ -116,26 +117,35 @@ def sub_aperture_imaging(
     *,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
-    make: MakeKernels | None = None,
 ) -> Imaging | None:
     """The optics that tell what sub-apertures change, as `of_sub_apertures` says; None for a single one."""
     if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
         return None
     coarse = of_sub_apertures(fidelity)
-    axes = replace(axes, nodes=some_nodes(axes.nodes, coarse))
-    whole = imaging_of(camera, coarse, axes, dtype=dtype, device=device, make=make)
-    gathering = whole.gathering
+    window = coarse.window_px or camera.recipe.psf.window_px
+    gathering = gathering_of(camera, coarse, axes)
     through = kernels_of_sub_apertures(
         simpler_camera(camera, coarse),
         gathering.wavelengths,
-        axes.nodes,
-        whole.window,
+        some_nodes(axes.nodes, coarse),
+        window,
         coarse.sub_apertures,
+        side=sub_aperture_pixel(coarse),
         dtype=dtype,
         device=device,
     )
-    held = (gathered_kernels(each, gathering) if coarse.band_groups else each for each in through)
-    return replace(whole, sub_apertures=tuple(held))
+    parts = list(through)
+    whole = replace(parts[0], values=torch.stack([part.values for part in parts]).sum(0))
+    pupil, *held = (
+        gathered_kernels(each, gathering) if coarse.band_groups else each for each in (whole, *parts)
+    )
+    blurring = Blurring(
+        pupil,
+        gathering.response.to(device, dtype),
+        METHODS[coarse.method],
+        gap=1 / blur_per_dioptre(camera),
+    )
+    return Imaging(coarse, window, gathering, blurring, tuple(held))
 
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:

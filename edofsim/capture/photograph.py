@@ -100,7 +100,7 @@ def capture(
     finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
     watch.lap("blur", 0.5 if finer else 0.9)
     if finer:
-        by_part = sub_aperture_imaging(camera, fidelity, axes, make=kernels, **how)
+        by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
         assert by_part is not None
         photo = photo + torch.stack([by_part.change_by_sub_apertures(by_part.light(view)) for view in given])
         watch.lap("sub_apertures", 0.9)

@@ -84,13 +84,14 @@ def kernels_of_sub_apertures(
     window: int,
     across: int,
     *,
+    side: int = 1,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
-) -> Iterator[Kernels]:
+) -> Iterator[HeldKernels]:
     """`kernels_of` shared out among `across` x `across` sub-apertures, each held in memory for its turn and
-    nowhere else."""
+    nowhere else. side: of their pixels, in the camera's."""
     for values in sub_aperture_psfs(
-        camera, wavelengths, nodes, across, window_px=window, dtype=dtype, device=device
+        camera, wavelengths, nodes, across, window_px=window, side=side, dtype=dtype, device=device
     ):
         yield HeldKernels(values, nodes, wavelengths)
 

@@ -81,11 +81,12 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
         whole = across(_summed(half), wave.bases.fourier)
         for out, part in zip(energy, parts, strict=True):
+            lit = _lit(along[[x for _, x in part]].sum(0))
             mine = [
-                windowed(half[row], along[[x for y, x in part if y == row]].sum(0))
+                windowed(half[row], along[[x for y, x in part if y == row]].sum(0), lit)
                 for row in sorted({y for y, _ in part})
             ]
-            own = across(_summed(mine), wave.bases.fourier)
+            own = across(_summed(mine), wave.bases.fourier[..., lit])
             out[start : start + at_once] = shared_intensity(whole, own, wave.bases)
     return energy
 

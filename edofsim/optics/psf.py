@@ -126,10 +126,12 @@ def wave_at(
     pixels: int,
     dtype: torch.dtype,
     device: torch.device,
+    pixel: float | None = None,
+    oversampling: int | None = None,
 ) -> Wave:
     """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
-    `pixels`."""
-    window = SensorWindow(pixels, camera.pixel, camera.oversampling(wavelength))
+    `pixels`, each of `pixel` [m], None for the camera's, with so many samples along its side."""
+    window = SensorWindow(pixels, pixel or camera.pixel, oversampling or camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
     return Wave(
         pupil_function(camera, opening, wavelength, dtype=dtype, device=device),

@@ -33,6 +33,8 @@ MOST_PARTS = 16
 DARK = 0.2
 """Parts of less than this share of the mean part's light are joined to a neighbour."""
 
+COARSER = 4 / 3
+"""How much farther apart samples are where pixels are coarse, which sum over finer detail anyway."""
 HELD_BYTES = 256 << 20
 """Of parts that are computed together: they share work."""
 
@@ -44,15 +46,17 @@ def sub_aperture_psfs(
     across: int,
     *,
     window_px: int | None = None,
+    side: int = 1,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Tensor]:
     """What each sub-aperture adds to the PSFs: one tensor [depth, band, y, x] each, as it is needed.
 
     across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
-    opaque mask being joined to others. Their sum is `psf_bank(...).values`. Other arguments as there;
-    gradients reach the camera's height map. Raises InputError as there, and for a number of them out of
-    range.
+    opaque mask being joined to others. Their sum is `psf_bank(...).values`. side: of the pixels, in pixels of
+    the camera; where it is not 1, the window is the odd one that holds `window_px` of these, and samples lie
+    `COARSER` times as far apart. Other arguments as there; gradients reach the camera's height map. Raises
+    InputError as there, and for a number of sub-apertures out of range.
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(
@@ -63,9 +67,12 @@ def sub_aperture_psfs(
     sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
     opening = aperture(camera, sampling.grid)
     where = torch.device(device)
-    waves = [
-        wave_at(camera, opening, float(each), inverse_depths, pixels, dtype, where) for each in wavelengths
-    ]
+    pixels = coarse_window(pixels, side)
+    waves = []
+    for wavelength in wavelengths.tolist():
+        samples = coarse_oversampling(camera.oversampling(wavelength), side)
+        how = (dtype, where, side * camera.pixel, samples)
+        waves.append(wave_at(camera, opening, wavelength, inverse_depths, pixels, *how))
     intensity = reduce(torch.add, (wave.pupil.detach().abs().square() for wave in waves)).double().cpu()
     along, parts = partition(sampling.grid, across, intensity)
     along = along.to(where, dtype)
@@ -80,6 +87,16 @@ def sub_aperture_psfs(
         of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
         for number in range(len(several)):
             yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
+
+
+def coarse_window(pixels: int, side: int) -> int:
+    """Width in pixels of `side` of the window that holds one of so many of the camera's."""
+    return pixels if side == 1 else 2 * math.ceil(pixels // 2 / side) + 1
+
+
+def coarse_oversampling(fine: int, side: int) -> int:
+    """Samples along a pixel of `side` for so many along one of the camera's."""
+    return fine if side == 1 else math.ceil(side * fine / COARSER)
 
 
 def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, tuple[Part, ...]]:

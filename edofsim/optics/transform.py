@@ -184,18 +184,19 @@ def across(components: tuple[Tensor, Tensor], bases: Tensor) -> tuple[Tensor, Te
     return done[0], done[1]
 
 
-def windowed(components: tuple[Tensor, Tensor], window: Tensor) -> tuple[Tensor, Tensor]:
-    """What `down` gives of a pupil that is multiplied by a real window [samples] along x.
+def windowed(
+    components: tuple[Tensor, Tensor], window: Tensor, lit: slice = slice(None)
+) -> tuple[Tensor, Tensor]:
+    """What `down` gives of a pupil that is multiplied by a real window [samples] along x, where on half of
+    that axis it is `lit`.
 
     The window's odd part turns even components into odd ones, and back.
     """
     half = len(window) // 2
     right, left = window[half:], window[: len(window) - half].flip(0)
-    even, odd = (right + left) / 2, (right - left) / 2
-    return (
-        (components[0] * even).addcmul_(components[1], odd),
-        (components[1] * even).addcmul_(components[0], odd),
-    )
+    even, odd = (right + left)[lit] / 2, (right - left)[lit] / 2
+    one, other = (each[..., lit] for each in components)
+    return (one * even).addcmul_(other, odd), (other * even).addcmul_(one, odd)
 
 
 def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> Tensor:

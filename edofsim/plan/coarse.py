@@ -13,7 +13,7 @@ from ..capture.photograph import capture
 from ..optics import Camera
 from ..render.view import View
 
-PIXELS = 40_000
+PIXELS = 30_000
 """Pixels of the coarse frame with its surroundings, or somewhat more."""
 
 
@@ -45,7 +45,7 @@ class Coarse:
 def coarse_of(view: View, camera: Camera, exposure: float) -> Coarse:
     """The view and the camera with pixels as large as `PIXELS` asks for."""
     rows, columns = view.padded_shape
-    times = max(1, math.floor(math.sqrt(rows * columns / PIXELS)))
+    times = max(1, round(math.sqrt(rows * columns / PIXELS)))
     times = min(times, view.height, view.width)
     if times == 1:
         return Coarse(view, camera, 1, exposure)

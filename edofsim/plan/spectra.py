@@ -24,12 +24,13 @@ from ..capture.prepare import blur_per_dioptre, kernels_of
 from ..optics import Camera
 from ..render.view import View
 
-PIXELS = 100_000
-"""Pixels of all tiles: six of them for the default PSFs."""
+PIXELS = 66_000
+"""Pixels of all tiles: four of them for the default PSFs."""
 SIDES_PX = (64, 256)
 """Least and largest side of a tile; PSFs that are wider are cut."""
 NODES = 5
 """Depths at which changes of PSFs are looked at; light is moved to the nearest."""
+FEW_NODES = 3
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 65.0
@@ -96,13 +97,14 @@ class Spectra:
         return self._by_channel(gathering, fine, change, shared=True)
 
     def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
-        """What other PSFs change: those of a fidelity against those of another, in every band; or at three
-        wavelengths a channel where the pupil is sampled more finely than for other estimates."""
-        nodes = self.nodes(NODES)
+        """What other PSFs change: those of a fidelity against those of another, in every band; or at one
+        wavelength a channel and few depths where the pupil is sampled more finely than for other
+        estimates."""
         quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
+        nodes = self.nodes(NODES if quick else FEW_NODES)
         gathering = every_band(self.view.wavelengths.double(), self.response)
         if not quick:
-            gathering = self._gathering(3, nodes)
+            gathering = self._gathering(1, nodes)
         change = self._otfs(fidelity, gathering, nodes) - self._otfs(reference, gathering, nodes)
         if not quick:
             return self._by_channel(gathering, nodes, change)

@@ -10,12 +10,12 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera
+from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera, sub_aperture_pixel
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.sampling import plan_sampling
-from ..optics.sub_apertures import partition
+from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition
 from .shape import Shape, Slabs, shape_of
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
@@ -101,26 +101,36 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    waves, half, out = layers * colours, samples / 2, _half_out(camera, fidelity, window, shape)
+    side = sub_aperture_pixel(coarse)
+    width = coarse_window(window, side)
+    fine = fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
+    waves, half = layers * colours, samples / 2
+    out = (width * coarse_oversampling(fine, side) + 2) / 2
     margin = window // 2
     work = _Composites()
+
+    def add(rows: int, columns: int, nodes: Sequence[int]) -> None:
+        work.add(
+            math.ceil((rows + 2 * margin) / side), math.ceil((columns + 2 * margin) / side), width, nodes
+        )
+
     tiles = shape.tiles(margin)
     for tile in tiles:
         nodes = [
             shape.slabs(tile).nodes_used(layers, slab) for slab in range(len(shape.slabs(tile).fragments))
         ]
-        work.add(tile.height + 2 * margin, tile.width + 2 * margin, window, nodes)
+        add(tile.height, tile.width, nodes)
     if not tiles:
         nodes = [shape.whole.nodes_used(layers, slab) for slab in range(len(shape.whole.fragments))]
-        work.add(shape.height + 2 * margin, shape.width + 2 * margin, window, nodes)
+        add(shape.height, shape.width, nodes)
     amounts = (
         float(count),
         across * (colours * samples**2 + waves * out * half**2) + count * waves * out**2 * half,
-        count * waves * (out**2 + window**2),
+        count * waves * (out**2 + width**2),
         count * work.transforms + work.light,
         count * work.products,
     )
-    held = 4.0 * layers * window**2 * count * (COVERAGES + colours) + 8.0 * work.largest
+    held = 4.0 * layers * width**2 * count * (COVERAGES + colours) + 8.0 * work.largest
     return amounts, held
 
 

@@ -6,6 +6,7 @@ and averages over the pupil. That is the exact image of geometric optics; its PS
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from functools import partial
@@ -14,14 +15,22 @@ import pytest
 import torch
 from torch import Tensor
 
+from edofsim.capture import Fidelity, capture
 from edofsim.capture.blurring import Blurring
+from edofsim.capture.coarse import CoarsePixels
 from edofsim.capture.crop import crop
 from edofsim.capture.kernels import HeldKernels
+from edofsim.capture.light import light_of
 from edofsim.capture.methods import METHODS
 from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
 from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
+from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
+from edofsim.recipe import CameraRecipe
+from edofsim.recipe.camera import PsfSettings
+from edofsim.render.view import View
 
 BANDS, MARGIN, REACH = 2, 12, 4
 SIZE = 40
@@ -169,6 +178,68 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
         change = view.crop_margin(change_by_sub_apertures(view, alone, pupil))
         assert slow.abs().max() > 0.01
         assert (change - slow).abs().max() < 1e-12
+
+
+@pytest.mark.parametrize("side", [2, 3])
+def test_light_in_coarse_pixels_is_its_mean_and_a_constant_stays_one(bench, side):
+    """Rows and columns that are no multiple of the side: the last coarse pixels hold fewer fine ones."""
+    view = bench.flat_view(torch.full((BANDS, 11, 13), 0.7, dtype=torch.float64), 1.0, 0)
+    light = light_of(view, torch.tensor([1.0], dtype=torch.float64), torch.arange(11 * 13))
+    pixels = CoarsePixels(side)
+    image = pixels.light(light).at_node(0)
+    assert image.shape[1:] == (math.ceil(11 / side), math.ceil(13 / side))
+    assert (image - 0.7).abs().max() < 1e-12
+    assert (pixels.interpolated(image, 11, 13) - 0.7).abs().max() < 1e-12
+    ramp = torch.arange(24, dtype=torch.float64).expand(1, 24, 24)
+    view = bench.flat_view(ramp, 1.0, 0)
+    light = light_of(view, torch.tensor([1.0], dtype=torch.float64), torch.arange(24 * 24))
+    found = pixels.interpolated(pixels.light(light).at_node(0), 24, 24)
+    inner = slice(2 * side + 1, -2 * side - 1)
+    assert (found - ramp)[:, inner, inner].abs().max() < 0.1 * side  # of steps of 1 from pixel to pixel
+
+
+def step_view(camera: Camera, side: int) -> View:
+    """Half of a frame is near, on a textured surface far behind it that is known everywhere."""
+    draw = torch.Generator().manual_seed(4)
+    margin = camera.recipe.psf.window_px // 2
+    padded = side + 2 * margin
+    near = (torch.arange(padded**2) % padded) < padded // 2
+    behind = torch.nonzero(near).squeeze(1)
+    pixel = torch.cat([torch.arange(padded**2), behind])
+    hidden = torch.arange(len(pixel)) >= padded**2
+    order = torch.argsort(pixel * 2 + hidden)
+    return View(
+        height=side,
+        width=side,
+        margin=margin,
+        pixel=pixel[order],
+        coverage=torch.ones(len(pixel)),
+        inverse_depth=torch.cat([2.0 * near, torch.full((len(behind),), 0.3)])[order],
+        radiance=torch.rand(1, len(pixel), generator=draw)[:, order],
+        hidden=hidden[order],
+        wavelengths=torch.tensor([546e-9], dtype=torch.float64),
+        pixel_angle=camera.pixel_angle,
+    )
+
+
+def test_what_sub_apertures_change_is_the_same_in_pixels_twice_as_wide():
+    """The full simulation's pixels against coarse ones, at the same nodes and bands: the change has so little
+    fine detail that they err by a part of it, though the surfaces are noise from pixel to pixel."""
+    lens = PlanoConvexLens(aperture_radius_mm=1.5)
+    camera = Camera.from_recipe(CameraRecipe(name="step", lens=lens, psf=PsfSettings(window_px=48)))
+    view = step_view(camera, 64)
+    images = {
+        name: capture(view, camera, Fidelity(layers=2, **how), exposure=1.0).clean.double()
+        for name, how in {
+            "whole": {},
+            "coarse": {"sub_apertures": 3},
+            "full": {"sub_apertures": 3, "sub_apertures_in_full": True},
+        }.items()
+    }
+    change = (images["full"] - images["whole"]).square().mean()
+    error = (images["coarse"] - images["full"]).square().mean()
+    assert change > 1e-7
+    assert error < change / 5
 
 
 def test_dark_fringe_of_compositors_without_hidden_surfaces(bench):

@@ -10,18 +10,19 @@ transformed once for all of them, and their PSFs once for all slabs of a tile.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 from ...optics.threads import in_threads
 from ...render.view import View
 from ..blurring import Blurring
-from ..convolution import Grid, image_of, spectrum
+from ..coarse import CoarsePixels
+from ..convolution import Grid, centred, mixed, spectrum, summed_products
 from ..crop import crop
 from ..kernels import Kernels
-from ..light import Light, light_of
+from ..light import light_of
 from .hidden import merged, slabs_of, tiles_to_composite
 from .slabs import cuts, hides, revealed
 
@@ -32,65 +33,62 @@ LEAST_LIGHT = 1e-3
 """Of all light: sub-apertures of less hold nothing but the diffraction of others' borders."""
 
 
-def change_by_sub_apertures(view: View, blurring: Blurring, through: Sequence[Kernels]) -> Tensor:
+def change_by_sub_apertures(
+    view: View, blurring: Blurring, through: Sequence[Kernels], side: int = 1
+) -> Tensor:
     """[channel, y, x] of the padded frame: composited through each sub-aperture and added, minus composited
     through the whole pupil.
 
-    blurring: through the whole pupil; through: its PSFs shared out, at the same nodes. Gradients reach light
-    and PSFs.
+    blurring: through the whole pupil; through: its PSFs shared out, at the same nodes; side: of the pixels of
+    all these PSFs, in pixels of the view: the change is interpolated between them. Gradients reach light and
+    PSFs.
     """
     edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
     change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
     if not edges.numel():
         return change
-    tiles = tiles_to_composite(edges, view, blurring.reach)
+    reach, pixels = side * blurring.reach, CoarsePixels(side)
+    tiles = tiles_to_composite(edges, view, reach)
     if not tiles:
-        return _change(view, blurring, through)
+        return _change(view, blurring, through, pixels)
     m = view.margin
     for tile in tiles:
-        around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
+        around = crop(view, tile.top, tile.left, tile.height, tile.width, reach)
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)
-        change[:, rows, columns] = around.crop_margin(_change(around, blurring, through))
+        change[:, rows, columns] = around.crop_margin(_change(around, blurring, through, pixels))
     return change
 
 
-def _change(view: View, blurring: Blurring, through: Sequence[Kernels]) -> Tensor:
-    grid = Grid(*view.padded_shape, view.margin, blurring.kernels.window)
+def _change(view: View, blurring: Blurring, through: Sequence[Kernels], pixels: CoarsePixels) -> Tensor:
+    pupil = blurring.kernels
+    grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
     slabs = []
     for which in slabs_of(view, cuts(view, blurring.gap)):
         shown = revealed(view, which)
         share = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
-        slabs.append(_transformed(light_of(view, blurring.kernels.nodes, which, both), grid))
-    used = sorted({node for slab in slabs for node in slab.spectra})
+        light = pixels.light(light_of(view, pupil.nodes, which, both))
+        slabs.append({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
+    used = sorted({node for slab in slabs for node in slab})
     response = blurring.response
-    whole = Psfs(blurring.kernels, used, grid)
+    whole = Psfs(pupil, used, grid)
     change = -_composite(slabs, whole, whole.blocking(response), response, grid)
 
-    def one(kernels: Kernels) -> Tensor:
-        psfs = Psfs(kernels, used, grid)
-        return _composite(slabs, psfs, psfs.blocking(response, whole, has_left(kernels)), response, grid)
+    def one(part: Kernels) -> Tensor:
+        psfs = Psfs(part, used, grid)
+        return _composite(slabs, psfs, psfs.blocking(response, whole, has_left(part)), response, grid)
 
-    if change.requires_grad:
-        return sum((one(kernels) for kernels in through), change)
-    at_once = max(1, torch.get_num_threads())
-    for start in range(0, len(through), at_once):
-        for image in in_threads(one, through[start : start + at_once], change.device):
-            change = change + image
-    return change
-
-
-@dataclass(frozen=True)
-class _Slab:
-    """Spectra of a slab's light in each band and of its coverage, [band + 1, ky, kx], by depth node."""
-
-    spectra: dict[int, Tensor]
-
-
-def _transformed(light: Light, grid: Grid) -> _Slab:
-    return _Slab({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
+    if change.requires_grad or any(part.layer(0).requires_grad for part in through):
+        for part in through:  # one at a time is held, and computed again on the way back
+            change = change + checkpoint(one, part, use_reentrant=False)
+    else:
+        at_once = max(1, torch.get_num_threads())
+        for start in range(0, len(through), at_once):
+            for image in in_threads(one, through[start : start + at_once], change.device):
+                change = change + image
+    return pixels.interpolated(centred(change, grid), *view.padded_shape)
 
 
 class Psfs:
@@ -112,28 +110,32 @@ class Psfs:
             if whole is not None and left is not None and bool(left[node].any()):
                 sums = torch.where(left[node], whole.sums[node], sums)
                 own = torch.where(left[node][:, None, None], whole.spectra[node], own)
-            found[node] = _mixed(response / sums, own)
+            found[node] = mixed(response / sums, own)
         return found
 
 
 def _composite(
-    slabs: Sequence[_Slab], psfs: Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
+    slabs: Sequence[dict[int, Tensor]],
+    psfs: Psfs,
+    blocking: dict[int, Tensor],
+    response: Tensor,
+    grid: Grid,
 ) -> Tensor:
-    done: list[tuple[Tensor, Tensor]] = []
-    for slab in slabs:
-        light = coverage = torch.zeros(()).to(response)
-        for node, given in slab.spectra.items():
-            light = light + _mixed(response, given[:-1] * psfs.spectra[node])
-            coverage = coverage + given[-1] * blocking[node]
-        shone, blocked = image_of(torch.cat([light, coverage]), grid).split(len(response))
-        done.append((shone, blocked))
-    return merged(reversed(done), len(done))
+    """[channel, y, x], not yet `centred`. slabs: near to far, spectra of the light in each band and of the
+    coverage, [band + 1, ky, kx], by depth node."""
+    return merged((_blurred(slab, psfs, blocking, response, grid) for slab in reversed(slabs)), len(slabs))
 
 
-def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
-    """weights [channel, band] of spectra [band, ky, kx]: [channel, ky, kx]."""
-    parts = torch.view_as_real(spectra)
-    return torch.view_as_complex((weights @ parts.reshape(len(parts), -1)).reshape(-1, *parts.shape[1:]))
+def _blurred(
+    slab: dict[int, Tensor], psfs: Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
+) -> tuple[Tensor, Tensor]:
+    """Light and coverage of a slab, [channel, y, x] each, not yet `centred`."""
+    light = summed_products((given[:-1], psfs.spectra[node]) for node, given in slab.items())
+    coverage = summed_products((given[-1:], blocking[node]) for node, given in slab.items())
+    image, opaque = (
+        torch.fft.irfft2(total, s=grid.transform) for total in (mixed(response, light), coverage)
+    )
+    return image, opaque
 
 
 def has_left(kernels: Kernels) -> Tensor:

@@ -9,7 +9,7 @@ from torch import Tensor
 from ..effect import Effect, Level
 from ..facts import Facts
 
-GATHERED = ((1, 1), (1, 2), (1, 0), (2, 1), (2, 2), (2, 0), (3, 2), (3, 0), (4, 0), (6, 0))
+GATHERED = ((1, 1), (1, 2), (1, 0), (2, 2), (2, 0), (3, 2), (4, 0), (6, 0))
 """Groups of bands a channel, and wavelengths a group (0: all of them), from coarse to fine."""
 
 
