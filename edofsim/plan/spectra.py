@@ -83,8 +83,9 @@ class Spectra:
         )
         change = shared - torch.einsum("cb,bk->ckb", self.response, weights)
         otfs = self._otfs(self.full, every_band(bands, self.response), nodes)
-        mixed = torch.einsum("ckb,nbyx->nckyx", change.to(otfs), otfs)
-        return self._vector(torch.einsum("nckyx,tnkyx->tcyx", mixed, light))
+        return self._vector(
+            _summed(_mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1)), light)
+        )
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
@@ -92,8 +93,9 @@ class Spectra:
         nodes = self.nodes(layers)
         gathering = self._gathering(2, fine)
         exact = self._otfs(self.full, gathering, fine)
-        mixed = _hat(fine, nodes, nearest=self.full.occlusion == "normalised").to(exact)
-        change = torch.einsum("dn,ncyx->dcyx", mixed, self._otfs(self.full, gathering, nodes, fine)) - exact
+        between = _hat(fine, nodes, nearest=self.full.occlusion == "normalised")
+        coarse = self._otfs(self.full, gathering, nodes, fine)
+        change = _mixed(between, coarse[None])[0] - exact
         return self._by_channel(gathering, fine, change, shared=True)
 
     def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
@@ -111,8 +113,7 @@ class Spectra:
         weights, components = self._components()
         light = self._light("components", components, nodes)
         of_each = self.response[:, None] * weights.T
-        mixed = torch.einsum("ckb,nbyx->nckyx", of_each.to(change), change)
-        found = torch.einsum("nckyx,tnkyx->tcyx", mixed, light)
+        found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
         return self._vector(found + self._of_mean(change, self.response * self.spectrum, nodes))
 
     def energy(self) -> Tensor:
@@ -214,7 +215,11 @@ class Spectra:
             weights = gathering.response @ gathering.light
             self._light_of["channels"] = (weights, weights.to(self._radiance) @ self._radiance)
         weights, radiance = self._light_of["channels"]
-        found = torch.einsum("tncyx,ncyx->tcyx", self._light("channels", radiance, nodes, shared), change)
+        found = torch.zeros((), dtype=change.dtype)
+        for of_node, there in zip(
+            change, self._light("channels", radiance, nodes, shared).unbind(1), strict=True
+        ):
+            found = torch.addcmul(found, of_node, there)
         light = gathering.light @ self.spectrum
         return self._vector(found + self._of_mean(change, gathering.response * light, nodes))
 
@@ -227,8 +232,8 @@ class Spectra:
         only what PSFs truncate counts. That becomes veiling glare, of all depths alike.
         """
         rows, columns = self.view.padded_shape
-        level = (light / (rows * columns)).to(change)
-        change = torch.einsum("cb,nbyx->ncyx", level, change)
+        level = light / (rows * columns)
+        change = _mixed(level, change)
         total = change[..., :1, :1]
         changed = change if self.full.occlusion == "none" else total
         if float(changed.abs().max()) < 1e-6:
@@ -237,7 +242,7 @@ class Spectra:
         node = _nearest(self.view.inverse_depth[self.which].double(), nodes)
         share = torch.bincount(node, minlength=len(nodes)).to(change) / node.numel()
         glare = torch.einsum("n,ncyx->cyx", share, total)
-        of_all = torch.einsum("tnyx,ncyx->tcyx", there[:, :, 0], changed - glare)
+        of_all = _summed((changed - glare).expand_as(change)[:, :, None], there)
         return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * _taper(self.side))
 
     def _vector(self, spectrum: Tensor) -> Tensor:
@@ -290,6 +295,23 @@ def spectra_of(
         torch.cat(place),
         torch.from_numpy(shares / shares.sum()),
     )
+
+
+def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
+    """Real weights [k, n] of complex spectra [node, n, ...]: [node, k, ...]."""
+    parts = torch.view_as_real(spectra).flatten(2)  # a real product is half the work of a complex one
+    mixed = weights.to(parts) @ parts
+    return torch.view_as_complex(mixed.reshape(len(parts), len(weights), *spectra.shape[2:], 2))
+
+
+def _summed(change: Tensor, light: Tensor) -> Tensor:
+    """change [node, channel, k, y, x] of light [tile, node, k, y, x], summed over nodes and k: [tile,
+    channel, y, x]."""
+    found = torch.zeros(len(light), *change.shape[1:2], *light.shape[-2:], dtype=light.dtype)
+    for of_node, there in zip(change, light.transpose(0, 1), strict=True):
+        for k in range(of_node.shape[1]):
+            found.addcmul_(of_node[None, :, k], there[:, None, k])
+    return found
 
 
 def _starts(length: int, side: int) -> list[int]:
