@@ -24,10 +24,12 @@ FULL_DB = 70.0
 """The full simulation has so many depth nodes that interpolating between them errs by less than this."""
 FULL_SUB_APERTURES = 6
 """Sub-apertures along each axis in the full simulation, where diffraction lets so many be told apart."""
-SUB_APERTURE_LAYERS = 9
+SUB_APERTURE_LAYERS = 13
 """Depth nodes at most for what sub-apertures change."""
-SUB_APERTURE_PIXEL = 2
-"""Side of the pixels in which that change is found, in pixels: it has no fine detail."""
+GATHERED_LAYERS = 9
+"""The same where the photo's bands are gathered in groups."""
+GATHERED_PIXEL = 2
+"""Side of the pixels in which that change, which has little fine detail, is found then, in pixels."""
 MOST_LAYERS = 4096
 """Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
@@ -87,7 +89,13 @@ class Fidelity:
         False,
         "sub-apertures",
         "",
-        "in all bands, nodes and pixels, in place of one group a channel, 9 nodes and pixels twice as wide",
+        "in all bands and nodes, in place of one group a channel and 13 nodes, or 9 where bands are gathered",
+    )
+    sub_aperture_pixel: int | None = _knob(
+        None,
+        "sub-apertures",
+        "px",
+        "side of the pixels in which their change is found; None: 2 where bands are gathered, else 1",
     )
     method: str = _knob(
         "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
@@ -150,6 +158,10 @@ class Fidelity:
         problems = []
         if self.layers is not None and not 1 <= self.layers <= MOST_LAYERS:
             problems.append(f"{self.layers} depth layers: give a whole number from 1 to {MOST_LAYERS}")
+        if self.sub_aperture_pixel is not None and self.sub_aperture_pixel < 1:
+            problems.append(
+                f"sub_aperture_pixel = {self.sub_aperture_pixel}: give a whole number of at least 1"
+            )
         if self.sub_apertures < 1:
             problems.append(f"{self.sub_apertures} sub-apertures: give a whole number of at least 1")
         if not self.layers_db > 0:
@@ -218,17 +230,15 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
     channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
-    composite each."""
+    composite each. Where the photo's bands are gathered, so are its wavelengths and pixels."""
+    gathered = fidelity.band_groups > 0 and not fidelity.sub_apertures_in_full
+    pixel = fidelity.sub_aperture_pixel or (GATHERED_PIXEL if gathered else 1)
+    how = replace(fidelity, method="layered", sub_aperture_pixel=pixel)
     if fidelity.sub_apertures_in_full:
-        return replace(fidelity, method="layered")
-    layers = SUB_APERTURE_LAYERS if fidelity.layers is None else min(fidelity.layers, SUB_APERTURE_LAYERS)
-    wavelengths = 1 if fidelity.band_groups else 2
-    return replace(fidelity, band_groups=1, group_wavelengths=wavelengths, layers=layers, method="layered")
-
-
-def sub_aperture_pixel(fidelity: Fidelity) -> int:
-    """Side of the pixels in which it is found what sub-apertures change, in pixels of the camera."""
-    return 1 if fidelity.sub_apertures_in_full else SUB_APERTURE_PIXEL
+        return how
+    most = GATHERED_LAYERS if gathered else SUB_APERTURE_LAYERS
+    layers = most if fidelity.layers is None else min(fidelity.layers, most)
+    return replace(how, band_groups=1, group_wavelengths=1 if gathered else 2, layers=layers)
 
 
 def edge_pixels(view: View, gap: float) -> int:

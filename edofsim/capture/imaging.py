@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -19,7 +20,7 @@ from .band_groups import Gathering, every_band, gathered, gathered_kernels, gath
 from .blurring import Blurring
 from .checks import check_view
 from .crop import crop, with_margin
-from .fidelity import Fidelity, of_sub_apertures, simpler_camera, sub_aperture_pixel
+from .fidelity import Fidelity, of_sub_apertures, simpler_camera
 from .kernels import Kernels
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
@@ -76,7 +77,7 @@ class Imaging:
 
     def change_by_sub_apertures(self, light: View) -> Tensor:
         """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
-        side = sub_aperture_pixel(self.fidelity)
+        side = self.fidelity.sub_aperture_pixel or 1
         return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures, side))
 
 
@@ -130,12 +131,12 @@ def sub_aperture_imaging(
         some_nodes(axes.nodes, coarse),
         window,
         coarse.sub_apertures,
-        side=sub_aperture_pixel(coarse),
+        side=coarse.sub_aperture_pixel or 1,
         dtype=dtype,
         device=device,
     )
     parts = list(through)
-    whole = replace(parts[0], values=torch.stack([part.values for part in parts]).sum(0))
+    whole = replace(parts[0], values=reduce(torch.add, (part.values for part in parts)))
     pupil, *held = (
         gathered_kernels(each, gathering) if coarse.band_groups else each for each in (whole, *parts)
     )

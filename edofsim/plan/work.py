@@ -10,7 +10,7 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera, sub_aperture_pixel
+from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
@@ -101,7 +101,7 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    side = sub_aperture_pixel(coarse)
+    side = coarse.sub_aperture_pixel or 1
     width = coarse_window(window, side)
     fine = fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
     waves, half = layers * colours, samples / 2

@@ -232,8 +232,8 @@ def test_what_sub_apertures_change_is_the_same_in_pixels_twice_as_wide():
         name: capture(view, camera, Fidelity(layers=2, **how), exposure=1.0).clean.double()
         for name, how in {
             "whole": {},
-            "coarse": {"sub_apertures": 3},
-            "full": {"sub_apertures": 3, "sub_apertures_in_full": True},
+            "coarse": {"sub_apertures": 3, "sub_aperture_pixel": 2},
+            "full": {"sub_apertures": 3},
         }.items()
     }
     change = (images["full"] - images["whole"]).square().mean()

@@ -78,6 +78,20 @@ def test_a_part_sends_its_light_where_its_rays_go():
             assert moved * float(middle) < 0
 
 
+def test_parts_in_pixels_three_times_as_wide_are_sums_over_fine_ones():
+    """Of nine pixels each. Samples that are farther apart tell such sums to 0.003 of all light."""
+    camera = Camera.from_recipe(CameraRecipe(name="parts"))
+    how = {"window_px": 51, "dtype": torch.float64}
+    fine = list(sub_aperture_psfs(camera, WAVELENGTHS, DEPTHS, 3, **how))
+    coarse = list(sub_aperture_psfs(camera, WAVELENGTHS, DEPTHS, 3, side=3, **how))
+    for one, other in zip(fine, coarse, strict=True):
+        sums = one.unflatten(-1, (17, 3)).unflatten(-3, (17, 3)).sum((-1, -3))
+        middle = (other.shape[-1] - 17) // 2
+        found = other[..., middle : middle + 17, middle : middle + 17]
+        assert (found - sums).abs().max() < 3e-3
+        assert (found - sums).sum((-1, -2)).abs().max() < 3e-3
+
+
 def test_windows_sum_to_one_and_dark_parts_are_joined():
     grid = PupilGrid(64, 2.5e-3 / 28, 2.5e-3)
     axis = grid.centres / grid.radius
