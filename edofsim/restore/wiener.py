@@ -15,18 +15,20 @@ Those alone leave lines on borders that bright things lie beyond. Farther out th
 the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
 
-def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
+def wiener(
+    image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | None = None
+) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
     image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
     of several, equally likely; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
-    noise: standard deviation relative to full scale 1. Returns [channel, y, x].
+    noise: standard deviation relative to full scale 1. beyond_px: pixels that the image is continued by
+    beyond its border, before its mirror images go on; None for `BEYOND_PX`. Returns [channel, y, x].
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
     with the mean PSF above, and below the line what depth adds to it. S falls with the square of the
-    frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo. Beyond its
-    border the image is continued, see `BEYOND_PX`.
+    frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
 
     Raises InputError where channels differ or the noise is negative.
     """
@@ -38,8 +40,9 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor) -> Tensor:
         )
     if not noise >= 0:
         raise InputError(f"Wiener filter: noise must be at least 0, not {noise}")
-    padded, (top, left) = _reflected(continued(image, BEYOND_PX), max(stack.shape[-2:]))
-    top, left = top + BEYOND_PX, left + BEYOND_PX
+    beyond_px = BEYOND_PX if beyond_px is None else beyond_px
+    padded, (top, left) = _reflected(continued(image, beyond_px), max(stack.shape[-2:]))
+    top, left = top + beyond_px, left + beyond_px
     rows, columns = padded.shape[-2:]
     transfer = torch.fft.rfft2(_centred_at_origin(stack, rows, columns))
     mean = transfer.mean(0)

@@ -66,7 +66,7 @@ def _deblurred(noise: float, bound: float) -> Callable[[], Iterator[Finding]]:
         for dtype in PRECISIONS:
 
             def left(dtype: torch.dtype = dtype) -> float:
-                restored = wiener(photo.to(dtype), box(5).to(dtype), noise).double()
+                restored = wiener(photo.to(dtype), box(5).to(dtype), noise, 0).double()
                 return float((restored - sharp).square().mean()) / before
 
             yield timed(f"Wiener, {_name(dtype)}, error left", bound, left)
@@ -106,7 +106,7 @@ def _inverted(make: Callable[[], Tensor]) -> Callable[[], Iterator[Finding]]:
             yield timed(
                 f"Wiener, {_name(dtype)}",
                 bound,
-                lambda d=dtype: distance(wiener(photo.to(d), psf.to(d), 0.0).double(), sharp),
+                lambda d=dtype: distance(wiener(photo.to(d), psf.to(d), 0.0, 0).double(), sharp),
             )
 
     return check

@@ -19,6 +19,7 @@ from edofsim.experiments.broadband import DEPTHS_M, CubeScore, Result
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
 from edofsim.experiments.planes import RANDOM, Row, Shown, averages
+from edofsim.experiments.systems import Training
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page
 
@@ -42,7 +43,17 @@ def shown(folder: Path) -> Shown:
 def rows(conditions: list[str], folder: Path, pictures: tuple[str, ...] = PICTURES) -> tuple[Row, ...]:
     files = shown(folder)
     return tuple(
-        Row(system, picture, condition, 1.0, 20.0, 30.0 - 0.5 * place, None if condition == RANDOM else files)
+        Row(
+            system,
+            picture,
+            condition,
+            1.0,
+            20.0,
+            30.0 - 0.5 * place,
+            20.0,
+            29.0 - 0.5 * place,
+            None if condition == RANDOM else files,
+        )
         for system in SYSTEMS
         for picture in pictures
         for place, condition in enumerate(conditions)
@@ -65,7 +76,8 @@ def tables(folder: Path) -> table.Result:
     fixed = ["0.5m", "0.8m", "1m"]
     found = rows([RANDOM, *fixed], folder)
     chart = rows(fixed, folder, ("USAF-1951",))
-    return table.Result(chart, found, data(), PICTURES, averages(found))
+    trainings = dict.fromkeys(SYSTEMS, Training(1000, 0, None))
+    return table.Result(chart, found, data(), PICTURES, averages(found), trainings)
 
 
 def broad(folder: Path) -> Result:

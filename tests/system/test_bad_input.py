@@ -240,7 +240,7 @@ def test_the_largest_seed_is_one(edofsim: Run, tmp_path: Path):
     line = ("expose", small / "small.toml", "--camera", small / "camera.toml", "--seed", largest)
     status, said = edofsim(*line, "--cache", tmp_path / "cache", *where)
     assert status == 0, said
-    Image.fromarray(np.full((64, 64, 3), 99, np.uint8)).save(tmp_path / "grey.png")
+    Image.fromarray(np.full((192, 192, 3), 99, np.uint8)).save(tmp_path / "grey.png")
     line = ("evaluate", "noise", "--data", tmp_path, "--network", "paper-clear", "--seed", largest)
     status, said = edofsim(*line, *where)
     assert status == 0, said
