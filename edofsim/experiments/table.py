@@ -112,14 +112,7 @@ def run(
             system, [target], fixed, folder, seed=seed, show=[target.name], told=True, progress=begin
         )
         rows += measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=rest)
-    figures = averages(rows)
-    for row in chart_rows:
-        for each in (GOES_ON, WHOLE):
-            figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)
-        own, told = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
-        figures[told] = row.told_db[0]
-        for name, values in ((own, row.channels_db), (told, row.told_db[1:])):
-            figures |= {f"{name}.{c}": v for c, v in zip(CHANNELS, values, strict=True)}
+    figures = averages(rows) | chart_figures(chart_rows)
     for system in every:
         if (training := system.training) is not None:
             figures[f"steps.{system.name}"] = training.steps
@@ -210,6 +203,19 @@ def methods(result: Result, protocol: Protocol) -> PageTable:
         "draw of depths, its two pictures of Kodak's at a fixed depth, and its USAF chart."
     )
     return PageTable(columns, tuple(rows), said)
+
+
+def chart_figures(rows: Sequence[Row]) -> dict[str, float]:
+    """Figures of the chart: both protocols, each channel, and what is restored by who is told the depth."""
+    figures = {}
+    for row in rows:
+        for each in (GOES_ON, WHOLE):
+            figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)
+        own, told = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
+        figures[told] = row.told_db[0]
+        for name, values in ((own, row.channels_db), (told, row.told_db[1:])):
+            figures |= {f"{name}.{c}": v for c, v in zip(CHANNELS, values, strict=True)}
+    return figures
 
 
 def chart_table(result: Result) -> PageTable:

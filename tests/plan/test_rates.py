@@ -1,0 +1,66 @@
+"""Rates of this machine: what ships, corrected by what photos took."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from edofsim.plan import rates
+
+MEASURED_PACE = rates.pace
+
+
+@pytest.fixture(autouse=True)
+def another_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A user without any cache, on a machine as fast as that of the shipped rates by the moment's work."""
+    monkeypatch.setattr(rates, "_known", {})
+    monkeypatch.setattr(rates, "user_folder", lambda: tmp_path)
+    monkeypatch.setattr(rates, "pace", lambda: rates.SHIPPED[rates.PACE][0])
+    return tmp_path
+
+
+def predicted() -> dict[str, float]:
+    """Seconds of each stage for amounts of work that take a second by the shipped rates."""
+    return {
+        stage: sum(now) / sum(rates.SHIPPED[stage])
+        for stage, now in rates.rates().items()
+        if stage != rates.PACE
+    }
+
+
+@pytest.mark.parametrize("slower", [0.3, 1.0, 2.5, 4.0])
+def test_after_three_photos_the_seconds_are_right_within_a_factor_of_one_and_a_half(slower: float):
+    """Whatever this machine makes of the work, and though each photo is off by a quarter more or less."""
+    assert predicted()["blur"] == pytest.approx(1.0)
+    for noise in (0.8, 1.25, 1.0):
+        before = predicted()
+        rates.learn(before, {stage: noise * slower for stage in before})
+    assert all(1 / 1.5 < seconds / slower < 1.5 for seconds in predicted().values())
+
+
+def test_a_slower_pace_makes_everything_slower(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(rates, "pace", lambda: 3 * rates.SHIPPED[rates.PACE][0])
+    assert all(seconds == pytest.approx(3.0) for seconds in predicted().values())
+
+
+def test_what_says_nothing_of_the_machine_is_not_learned_from(another_machine: Path):
+    """Moments, PSFs that were known already, and a photo that waited for other work."""
+    rates.learn({"blur": 0.001, "psf": 1.0, "sensor": 1.0}, {"blur": 0.01, "psf": 0.001, "sensor": 60.0})
+    assert not list(another_machine.iterdir()) and predicted()["sensor"] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[1]", '{"blur": [0]}', '{"blur": ["x"]}', '{"blur": [NaN]}'])
+def test_a_damaged_file_counts_as_none(another_machine: Path, content: str):
+    rates.learn({"blur": 1.0}, {"blur": 2.0})
+    (file,) = another_machine.iterdir()
+    file.write_text(content)
+    rates._known.clear()
+    assert predicted()["blur"] == pytest.approx(1.0)
+
+
+def test_the_pace_is_measured_in_a_moment():
+    started = time.perf_counter()
+    assert MEASURED_PACE() > 0
+    assert time.perf_counter() - started < 1

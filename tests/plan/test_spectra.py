@@ -1,0 +1,86 @@
+"""What plans look at: spectra of tiles, and coarse pixels."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from edofsim.capture import capture
+from edofsim.optics import Camera
+from edofsim.plan import facts_of
+from edofsim.plan.coarse import coarse_of, coarser
+from edofsim.recipe import CameraRecipe
+from edofsim.recipe.camera import PsfSettings
+from edofsim.render.view import View
+
+CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48)))
+
+
+def two_depths(height: int = 384, width: int = 576, bands: int = 12) -> View:
+    """Random light, the left half farther than the right."""
+    margin = 24
+    rows, columns = height + 2 * margin, width + 2 * margin
+    depth = torch.full((rows, columns), 0.3)
+    depth[:, columns // 2 :] = 2.0
+    return View.flat(
+        torch.rand(bands, rows, columns, generator=torch.Generator().manual_seed(0)),
+        depth,
+        wavelengths=torch.linspace(420e-9, 720e-9, bands),
+        pixel_angle=CAMERA.pixel_angle,
+        margin=margin,
+    )
+
+
+def test_tiles_of_other_depths_share_the_groups_of_bands():
+    """Each more group of bands is nearer to every band on its own, though the tiles that stand for the frame
+    lie at other distances; each band on its own errs by nothing."""
+    facts = facts_of(two_depths(), CAMERA)
+    depth = facts.view.inverse_depth[facts.spectra.which]
+    assert len(facts.spectra.shares) > 4 and depth.min() < 1 < depth.max()
+    errors = [
+        float(
+            facts.spectra.by_bands(facts.full.changed({"band_groups": groups, "group_wavelengths": 0}))
+            .square()
+            .sum()
+        )
+        for groups in (1, 2, 4, 8, 12)
+    ]
+    assert all(more < 0.8 * fewer for fewer, more in zip(errors, errors[1:], strict=False))
+    assert errors[-1] < 1e-9
+
+
+def test_tiles_stand_for_the_frame():
+    """What a narrower window changes: seen in some tiles, and in the photo of the whole frame."""
+    view = two_depths()
+    facts = facts_of(view, CAMERA)
+    full = facts.full.changed({"occlusion": "none"})
+    narrow = {"window_px": 16}
+    seen = facts.spectra.by_psfs(facts.spectra.full.changed(narrow), facts.spectra.full)
+    photo = capture(view, CAMERA, full)
+    change = capture(view, CAMERA, full.changed(narrow), exposure=photo.exposure).clean - photo.clean
+    found, truth = (
+        float(square.sqrt()) for square in (seen.square().sum(1).mean(), change.square().mean())
+    )
+    assert found == pytest.approx(truth, rel=0.4)  # 3 dB
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_coarse_pixels_hold_the_mean_of_the_light_at_its_depths(times: int):
+    view = two_depths(48, 72, 2)
+    found = coarser(view, times)
+    assert found.padded_shape == (96 // times, 120 // times) and found.margin == 24 // times
+    assert found.pixel_angle == pytest.approx(times * view.pixel_angle)
+    image = torch.zeros(2, 96 // times * (120 // times)).index_add(1, found.pixel, found.radiance)
+    fine = view.radiance.reshape(2, 1, 96, 120)
+    means = torch.nn.functional.avg_pool2d(fine, times).flatten(1)
+    assert torch.allclose(image, means, atol=1e-6)
+    assert torch.allclose(torch.bincount(found.pixel, found.coverage), torch.ones(image.shape[1]))
+    assert set(found.inverse_depth.unique().tolist()) == set(view.inverse_depth.unique().tolist())
+
+
+def test_a_large_view_is_photographed_in_few_pixels_and_a_small_one_as_it_is():
+    large, small = two_depths(), two_depths(48, 72, 2)
+    coarse = coarse_of(large, CAMERA, 1.0)
+    assert coarse.times > 2 and coarse.view.padded_shape[0] < large.padded_shape[0] / 2
+    assert coarse.camera.pixel == pytest.approx(coarse.times * CAMERA.pixel)
+    assert coarse_of(small, CAMERA, 1.0).view is small
