@@ -181,10 +181,11 @@ def photograph(
 ) -> Photo:
     """A photo, simulated as a plan or a fidelity says.
 
-    plan: None for one that `plan_for` makes for `accuracy` or `time`; the accuracy `full` simulates all that
-    view and camera have, without a plan. exposure: factor from radiance to full scale; None for the camera's.
-    seed: of the sensor's noise. Gradients reach the view's light and the camera's height map.
-    Raises InputError for a view that the camera cannot photograph, and for a plan beside an accuracy or time.
+    plan: None for one for `accuracy` or `time`, which looks only at effects that can save time; the accuracy
+    `full` simulates all that view and camera have, without a plan. exposure: factor from radiance to full
+    scale; None for the camera's. seed: of the sensor's noise. Gradients reach the view's light and the
+    camera's height map. Raises InputError for a view that the camera cannot photograph, and for a plan
+    beside an accuracy or time.
     """
     if plan is not None and (accuracy or time):
         raise InputError("photograph: give a plan, or an accuracy or time to make one for")
@@ -192,7 +193,8 @@ def photograph(
     if plan is None and accuracy == "full" and time is None:
         plan = full_fidelity(camera, view)
     if plan is None:
-        plan = plan_for(view, camera, accuracy=accuracy, time=time, progress=progress)
+        target = parse_target(accuracy, time)
+        plan = plan_photo(view, camera, target=target, every_effect=False, progress=progress)
     fidelity = plan.fidelity if isinstance(plan, Plan) else plan
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
 

@@ -207,7 +207,7 @@ def methods(result: Result, protocol: Protocol) -> PageTable:
 
 def chart_figures(rows: Sequence[Row]) -> dict[str, float]:
     """Figures of the chart: both protocols, each channel, and what is restored by who is told the depth."""
-    figures = {}
+    figures: dict[str, float] = {}
     for row in rows:
         for each in (GOES_ON, WHOLE):
             figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)

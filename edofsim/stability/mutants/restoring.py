@@ -39,7 +39,9 @@ def _light_not_kept(photo: Tensor, restored: Tensor, glare: Tensor | None = None
     return restored
 
 
-def _untouched_by_filter(image: Tensor, psf: Tensor, noise: float) -> Tensor:
+def _untouched_by_filter(
+    image: Tensor, psf: Tensor, noise: float, beyond_px: int | None = None
+) -> Tensor:
     return image
 
 
@@ -68,8 +70,8 @@ def _less_alike(found: float | tuple[float, Tensor]) -> float | tuple[float, Ten
 def _noise_of(times: float) -> AbstractContextManager[object]:
     inner = restoration.wiener
 
-    def wiener(image: Tensor, psf: Tensor, noise: float) -> Tensor:
-        return inner(image, psf, noise * times + 0.01)
+    def wiener(image: Tensor, psf: Tensor, noise: float, beyond_px: int | None = None) -> Tensor:
+        return inner(image, psf, noise * times + 0.01, beyond_px)
 
     return swapped(restoration, "wiener", wiener)
 
