@@ -224,4 +224,9 @@ def restored(
     if network is None and camera.height_map is not None:
         network = WIENER  # the recipe's network knows the recipe's mask
     checkpoint, _ = choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))
-    return restore(image, camera, bands.double(), depths_between(1 / far, 1 / near), checkpoint=checkpoint)[0]
+    truncated = photo.truncated if isinstance(photo, Photo) else None
+    between = depths_between(1 / far, 1 / near)
+    sharp, _ = restore(
+        image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated
+    )
+    return sharp

@@ -114,7 +114,14 @@ def run(
         lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
     with watch.stage("restore", 0.92, 0.94):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
-        restored, by = restore(photo.image, optics, view.wavelengths, depths, checkpoint=checkpoint)
+        restored, by = restore(
+            photo.image,
+            optics,
+            view.wavelengths,
+            depths,
+            checkpoint=checkpoint,
+            truncated=photo.truncated,
+        )
     wiener = None
     if checkpoint is not None:
         with watch.stage("wiener", 0.94, 0.96):

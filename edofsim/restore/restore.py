@@ -21,6 +21,7 @@ def restore(
     *,
     checkpoint: Checkpoint | None = None,
     glare: Tensor | None = None,
+    truncated: Tensor | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
@@ -28,13 +29,16 @@ def restore(
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
     equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`. glare: [channel], the
     part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
-    that was made otherwise.
+    that was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
+    known (`Photo.truncated`), None for that of the camera's PSFs at the mean depth.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     if checkpoint is not None:
         network = conditioned_on(checkpoint, camera, wavelengths)
-        lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
-        glare = 1 - (1 - glare) * lens.sum((-1, -2))[0].to(glare)
+        if truncated is None:
+            lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
+            truncated = 1 - lens.sum((-1, -2))[0]
+        glare = 1 - (1 - glare) * (1 - truncated.to(glare))
         return apply_network(network, image, glare=glare), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
     return wiener(without_glare(image, glare), psf, camera.read_noise), "Wiener"
