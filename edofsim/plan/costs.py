@@ -14,7 +14,7 @@ from .work import Shape, Work, work_of
 
 BASE_MIB = 450.0
 """Memory of the process before any photo: Python, torch, the renderer."""
-WORTH_ASKING = 0.05
+WORTH_ASKING = 0.1
 """An effect is looked at only where leaving it out saves this fraction of the time."""
 WORTH_S = 1.0
 """And this many seconds: looking at the light of a view takes about as long."""

@@ -24,6 +24,7 @@ SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
 
 
+NORMALISED_LAYERS = 25
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
 
@@ -185,6 +186,8 @@ def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: 
     how else the rest is simulated than in one group of bands a channel and 5 layers, with the pupil as a
     whole."""
     few = {"band_groups": 1, "group_wavelengths": 1, "layers": 5, "sub_apertures": 1}
+    if facts.full.occlusion == "normalised":  # whose layers lie at the nodes: it takes many of them
+        rest["layers"] = NORMALISED_LAYERS
     usual = facts.full.changed({**few, **rest})
     whole = facts.coarse.photo(usual)
     pixels = whole[0].numel()

@@ -28,7 +28,7 @@ PIXELS = 66_000
 """Pixels of all tiles: four of them for the default PSFs."""
 SIDES_PX = (64, 256)
 """Least and largest side of a tile; PSFs that are wider are cut."""
-NODES = 5
+NODES = 7
 """Depths at which changes of PSFs are looked at; light is moved to the nearest."""
 FEW_NODES = 3
 FINE_NODES = 25
