@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from ..capture.fidelity import Fidelity
+from ..capture.fidelity import Fidelity, Simplification
 from .estimate import Estimates
 
 Chosen = dict[str, int]
@@ -17,12 +17,13 @@ WORTH = 2e-3
 def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity) -> Fidelity:
     """The simulation with these levels; what a left-out effect makes moot is left at the finest."""
     change: dict[str, object] = {}
+    left_out: tuple[Simplification, ...] = ()
     for row in estimates.rows:
         if not estimates.moot(row, chosen):
-            new = dict(row.levels[chosen[row.effect.name]].change)
-            left_out = (*change.get("simplifications", ()), *new.get("simplifications", ()))
-            change |= new | ({"simplifications": left_out} if left_out else {})
-    return full.changed(change)
+            new = row.levels[chosen[row.effect.name]].change
+            left_out += new.get("simplifications", ())
+            change |= new
+    return full.changed(change | ({"simplifications": left_out} if left_out else {}))
 
 
 def everything(estimates: Estimates, fixed: Mapping[str, int]) -> Chosen:

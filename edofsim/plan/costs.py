@@ -61,7 +61,8 @@ class Costs:
         """Names of the effects that a choice could save time by; none where there is not much to save, or
         where everything in full stays within `most_seconds`."""
         now = sum(self.seconds_of(self.facts.full).values())
-        found, least = [], self.facts.full
+        found: list[str] = []
+        least = self.facts.full
         for effect in effects:
             absent, levels = levels_of(self.facts, effect)
             for level in levels[:-1]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from torch import Tensor
 
@@ -15,6 +15,8 @@ from ..core.notebook import table_html
 if TYPE_CHECKING:
     from .facts import Facts
 
+Values: TypeAlias = Mapping[str, Any]  # pyrefly: ignore[explicit-any]
+"""Values by name, each with a type of its own: of fields of a `Fidelity`, of options."""
 Errors = tuple[float, ...]
 """Root mean square error of each channel, in sensor units: full scale is 1."""
 
@@ -36,7 +38,7 @@ class Level:
     allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not."""
 
     label: str
-    change: Mapping[str, Any]
+    change: Values
     allowed: bool = True
 
 

@@ -50,7 +50,8 @@ class Estimates:
 
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
-        images, noise, bias = [], 0.0, 0.0
+        images: list[int] = []
+        noise = bias = 0.0
         for row in self.rows:
             level = chosen[row.effect.name]
             if level == row.full or self.moot(row, chosen):
@@ -123,8 +124,9 @@ def _of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """What levels change that change PSFs."""
     found = []
     for level in levels:
-        finely = {"pupil_sampling_um": None} if level.change.keys() & AT_FULL_PUPIL else {}
-        reference = facts.spectra.full.changed(finely)
+        reference = facts.spectra.full
+        if level.change.keys() & AT_FULL_PUPIL:
+            reference = reference.changed({"pupil_sampling_um": None})
         found.append(facts.spectra.by_psfs(reference.changed(level.change), reference))
     return found
 

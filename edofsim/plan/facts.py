@@ -95,6 +95,13 @@ class Facts:
         return int(nodes_of([self.view], self.camera, self.full).numel())
 
     @property
+    def scene(self) -> SceneRecipe:
+        """The recipe, where effects of rendering ask for it. Raises ValueError where only a view is known."""
+        if self.recipe is None:
+            raise ValueError("only a view is known, and not what it was rendered from")
+        return self.recipe
+
+    @property
     def hidden(self) -> int:
         """Hidden fragments that are known."""
         return int(self.view.hidden.sum())
@@ -151,9 +158,9 @@ def facts_of(
     *,
     recipe: SceneRecipe | None = None,
     final: bool = True,
-    **rendering: object,
+    noisier: float = 1.0,
 ) -> Facts:
-    """Look at a view. rendering: what was found about rendering (`shorter`, `plain_glass`, `noisier`)."""
+    """Look at a view. noisier: its noise over that of the recipe's samples."""
     response = channel_weights(camera, view.wavelengths)
     ideal = view.crop_margin(all_in_focus(view, response))
     wanted = camera.recipe.sensor.exposure
@@ -174,7 +181,7 @@ def facts_of(
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
         final=final,
         recipe=recipe,
-        **rendering,
+        noisier=noisier,
     )
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))

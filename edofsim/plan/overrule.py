@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 from ..capture.methods import METHODS, unknown_method
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
+from .effect import Values
 from .effects import EFFECTS, GONE, RENAMED
 from .target import Target
 
 LOG = logging.getLogger(__name__)
 
 
-def checked_overrule(overrule: Mapping[str, Any] | None) -> dict[str, Any]:
+def checked_overrule(overrule: Values | None) -> Values:
     """The settings that are given, see `plan_photo`.
 
     Raises InputError for an effect, a way to composite or a method that is not known, and for what
@@ -40,7 +40,7 @@ def checked_overrule(overrule: Mapping[str, Any] | None) -> dict[str, Any]:
     return given
 
 
-def cuts_rendering(overrule: Mapping[str, Any], target: Target | None) -> bool:
+def cuts_rendering(overrule: Values, target: Target | None) -> bool:
     """Whether a user asks for less than the rendering that the recipe describes: within a time, or without an
     effect of it."""
     timed = target is not None and target.kind == "time"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
@@ -12,7 +11,7 @@ from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
 from .costs import Costs
-from .effect import Decision, Effect, Level, Plan, decibels, overall
+from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
 from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
@@ -170,7 +169,7 @@ def planner_of(
 def plan_photo(
     view: View,
     camera: Camera,
-    overrule: Mapping[str, Any] | None = None,
+    overrule: Values | None = None,
     target: Target | None = None,
     *,
     every_effect: bool = True,
@@ -203,7 +202,7 @@ def plan_photo(
     return replace(plan, fidelity=replace(plan.fidelity, method=method))
 
 
-def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
+def _levels_of(insisted: Values) -> dict[str, Level]:
     """Levels for the settings of a photo that a user gives by value."""
     more = {}
     if "layers" in insisted:
@@ -220,7 +219,7 @@ def _levels_of(insisted: Mapping[str, Any]) -> dict[str, Level]:
 
 
 def fixed_levels(
-    estimates: Estimates, insisted: Mapping[str, Any], more: Mapping[str, Level]
+    estimates: Estimates, insisted: Values, more: Mapping[str, Level]
 ) -> dict[str, int]:
     """The level of each effect that the user insists on."""
     rows = estimates.by_name()

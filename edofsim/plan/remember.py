@@ -98,7 +98,7 @@ def _key(
     height = facts.camera.height_map
     for tensor in (facts.view.radiance, facts.view.inverse_depth, facts.view.pixel, height):
         if tensor is not None:
-            digest.update(tensor.detach().cpu().contiguous().numpy())
+            digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
     file = getattr(facts.camera.recipe.mask, "file", None)
     if file is not None and (facts.camera.base / file).is_file():
         digest.update((facts.camera.base / file).read_bytes())

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -22,7 +21,7 @@ from ..recipe import SceneRecipe
 from ..render import Task, View, cached, forecast, render
 from ..render.fetch import run_of
 from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
-from .effect import Plan
+from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
 from .target import Target
@@ -58,13 +57,13 @@ def look(
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
         return Looked(facts_of(view, camera, recipe=recipe), lambda s: 0.0, 0.0, recipe)
-    how = {"cache": cache, "device": device, "progress": progress}
+    how: Values = {"cache": cache, "device": device, "progress": progress}
     # the first rendering compiles kernels: a thumbnail's does, so that the sketch's seconds are those of rays
     render(thumbnail(recipe), base, **how)
     small = sketch(recipe)
-    view = render(small, base, **how)
+    preview = render(small, base, **how)
     noisier = (recipe.render.samples / small.render.samples) ** 0.5
-    facts = facts_of(view, camera, recipe=recipe, final=False, noisier=noisier)
+    facts = facts_of(preview, camera, recipe=recipe, final=False, noisier=noisier)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     expected = forecast([Task(recipe, base)], cache=cache)
@@ -74,20 +73,26 @@ def look(
         if pace is None:
             return expected.seconds
         planned = simpler_recipe(recipe, fidelity)
-        shares = [_rays(each, view, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
+        shares = [_rays(each, preview, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
         return pace.seconds(planned.render.samples, shares[0] / shares[1])
 
     return Looked(facts, seconds, expected.bytes / 2**20, recipe)
 
 
 def seen_in_thumbnails(
-    facts: Facts, base: Path, **how: Any
+    facts: Facts,
+    base: Path,
+    *,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
 ) -> tuple[dict[int, tuple[float, ...]], tuple[float, ...]]:
     """What small renderings say of rendering: the error of each channel of the photo if paths end after so
-    many bounces, and if glass does not disperse (empty where none does). how: cache, device, progress of
+    many bounces, and if glass does not disperse (empty where none does). cache, device, progress: of
     `render`.
     """
     recipe = facts.recipe
+    how: Values = {"cache": cache, "device": device, "progress": progress}
     shorter: dict[int, tuple[float, ...]] = {}
     if recipe is None or recipe.source is not None:
         return shorter, ()
@@ -110,7 +115,7 @@ def plan_scene(
     looked: Looked,
     camera: Camera,
     *,
-    overrule: Mapping[str, Any] | None = None,
+    overrule: Values | None = None,
     target: Target | None = None,
     progress: Progress | None = None,
 ) -> Plan:
@@ -163,7 +168,9 @@ def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> Pace | None:
     small = sketch(recipe)
     many, few = (run_of(each, base, cache) for each in (small, thumbnail(recipe)))
     # entries of before have no such field, and what was interrupted after its last pass has 0
-    if not all(run and run.get("last_pass_seconds", {}).get("all") for run in (many, few)):
+    if many is None or few is None:
+        return None
+    if not all(run.get("last_pass_seconds", {}).get("all") for run in (many, few)):
         return None
     counts = [_rays_of_a_pass(each) for each in (small, thumbnail(recipe))]
     last, adding = (many["last_pass_seconds"][name] for name in ("all", "adding"))
@@ -211,8 +218,8 @@ def _in_photo(difference: Tensor, facts: Facts, small: SceneRecipe) -> tuple[flo
     a PSF leaves `facts.averaging` of it, the root of sum psf^2, which a Gaussian of 1 / (2 sqrt(pi) sigma)
     has. The Gaussian here is as wide as that of the photo, and at least one pixel of the thumbnail.
     """
-    coarser = small.frame.pixel_angle / facts.recipe.frame.pixel_angle
-    fewer = small.render.samples / facts.recipe.render.samples
+    coarser = small.frame.pixel_angle / facts.scene.frame.pixel_angle
+    fewer = small.render.samples / facts.scene.render.samples
     found = []
     for plane, kept in zip(difference.numpy(), facts.averaging, strict=True):
         sigma = max(1.0, 1 / (2 * math.pi**0.5 * kept) / coarser)

@@ -274,7 +274,8 @@ def spectra_of(
     picked = np.searchsorted(np.cumsum(chance), ticks * chance.sum()) if count < len(places) else range(count)
     chosen, times = np.unique(np.fromiter(picked, int), return_counts=True)
     shares = times / chance[chosen] if count < len(places) else np.ones(count)
-    which, place = [], []
+    which: list[Tensor] = []
+    place: list[Tensor] = []
     seen = torch.nonzero(~view.hidden).squeeze(1)
     rows, columns = view.padded_shape
     y, x = view.pixel[seen] // columns - view.margin, view.pixel[seen] % columns - view.margin

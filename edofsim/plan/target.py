@@ -51,7 +51,7 @@ def parse_target(accuracy: str | None, time: str | None) -> Target:
         value = _number(found[1]) if found else 0.0
         if not value > 0:
             raise InputError(f"--time {time}: give a time such as 20s or 2min")
-        return Target("time", seconds=value * {"min": 60, "h": 3600}.get(found[2], 1))
+        return Target("time", seconds=value * {"min": 60, "h": 3600}.get(found[2] if found else "s", 1))
     if not accuracy or accuracy == "noise":
         return Target()
     if accuracy == "full":

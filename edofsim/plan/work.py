@@ -98,7 +98,7 @@ def _parts_of(
         return (0.0,) * PART_AMOUNTS, 0.0
     coarse = of_sub_apertures(fidelity)
     window = fidelity.window_px or camera.recipe.psf.window_px
-    layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers)
+    layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
     side = coarse.sub_aperture_pixel or 1

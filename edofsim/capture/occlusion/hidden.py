@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -63,14 +64,30 @@ class Tile:
     width: int
 
 
-def tiles_to_composite(edges: Tensor, view: View, reach: int) -> list[Tile]:
+class Framed(Protocol):
+    """What has a frame and a margin around it, as a view has."""
+
+    @property
+    def height(self) -> int: ...
+
+    @property
+    def width(self) -> int: ...
+
+    @property
+    def margin(self) -> int: ...
+
+    @property
+    def padded_shape(self) -> tuple[int, int]: ...
+
+
+def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
     """`tiles_near`, or none where they cost more than all of the frame in one go."""
     tiles = tiles_near(edges, view, reach)
     pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
     return tiles if pixels < transform_pixels(view.height, view.width, reach) else []
 
 
-def tiles_near(edges: Tensor, view: View, reach: int) -> list[Tile]:
+def tiles_near(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
     """Tiles of the frame that a blur carries light into across an edge; edges: pixels of the padded frame."""
     columns = view.padded_shape[1]
     y, x = edges // columns - view.margin, edges % columns - view.margin

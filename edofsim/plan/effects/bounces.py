@@ -9,11 +9,11 @@ from ..facts import Facts
 def absent(facts: Facts) -> str:
     if facts.recipe is None or facts.recipe.source is not None:
         return "the light of this view is not rendered here"
-    return "the recipe asks for direct light alone" if facts.recipe.render.max_depth <= 2 else ""
+    return "the recipe asks for direct light alone" if facts.scene.render.max_depth <= 2 else ""
 
 
 def levels(facts: Facts) -> list[Level]:
-    most = facts.recipe.render.max_depth
+    most = facts.scene.render.max_depth
     few = [Level(_label(n), {"bounces": n}) for n in sorted(facts.shorter) if n < most]
     return [*few, Level(_label(most), {})]
 
@@ -27,7 +27,7 @@ def error(facts: Facts, level: Level) -> Errors:
 
 
 def why(facts: Facts) -> str:
-    return f"the recipe follows paths over {facts.recipe.render.max_depth - 1} surfaces"
+    return f"the recipe follows paths over {facts.scene.render.max_depth - 1} surfaces"
 
 
 EFFECT = Effect("interreflection", levels, why, absent, error=error, added="bias", stage="render")

@@ -18,6 +18,8 @@ def levels(facts: Facts) -> list[Level]:
 
 def why(facts: Facts) -> str:
     made = facts.camera.recipe.fabrication
+    if made is None:
+        return absent(facts)
     return f"height errors of {made.height_noise_nm:g} nm scatter light; {made.levels or 'no'} grey levels"
 
 

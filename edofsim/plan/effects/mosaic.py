@@ -13,14 +13,14 @@ def absent(facts: Facts) -> str:
 def levels(facts: Facts) -> list[Level]:
     return [
         Level("every channel in every pixel", {"mosaic": False}),
-        Level(facts.camera.recipe.sensor.bayer, {}),
+        Level(facts.camera.recipe.sensor.bayer or "none", {}),
     ]
 
 
 def error(facts: Facts, level: Level) -> Errors:
     """The light that the mosaic keeps out: that of three pixels in four, of green in two."""
     photo = facts.blurred
-    pattern = facts.camera.recipe.sensor.bayer
+    pattern = facts.camera.recipe.sensor.bayer or "RGB"
     lost = photo.new_tensor([1 - pattern.count(colour) / 4 for colour in "RGB"])
     return rms(photo * (lost[:, None] / photo.shape[1]).sqrt()) if level.change else (0.0,) * len(photo)
 

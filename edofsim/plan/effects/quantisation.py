@@ -16,7 +16,7 @@ def levels(facts: Facts) -> list[Level]:
 
 def error(facts: Facts, level: Level) -> Errors:
     """Rounding to steps of q errs by q / sqrt(12)."""
-    step = 1 / (2**facts.camera.recipe.sensor.bits - 1)
+    step = 1 / (2 ** (facts.camera.recipe.sensor.bits or 1) - 1)
     return (step / 12**0.5 if level.change else 0.0,) * len(facts.response)
 
 

@@ -25,7 +25,7 @@ def error(facts: Facts, level: Level) -> Errors:
 
 
 def why(facts: Facts) -> str:
-    return f"glass bends each wavelength differently ({', '.join(disperses(facts.recipe))})"
+    return f"glass bends each wavelength differently ({', '.join(disperses(facts.scene))})"
 
 
 EFFECT = Effect("dispersion of scene glass", levels, why, absent, error=error, added="bias", stage="render")

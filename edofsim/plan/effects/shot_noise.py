@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
@@ -16,7 +18,7 @@ def levels(facts: Facts) -> list[Level]:
 
 def error(facts: Facts, level: Level) -> Errors:
     """Its variance is the signal over the full well: the mean signal gives the mean square."""
-    well = facts.camera.recipe.sensor.full_well_electrons
+    well = facts.camera.recipe.sensor.full_well_electrons or math.inf
     return tuple((facts.levels_of_light / well).sqrt().tolist()) if level.change else (0.0,) * 3
 
 
