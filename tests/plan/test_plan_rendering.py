@@ -62,7 +62,7 @@ def test_noise_of_a_thumbnail_averages_in_the_photo_and_light_does_not():
     small = small.model_copy(update={"render": small.render.model_copy(update={"samples": 16})})
     more = recipe.model_copy(update={"render": recipe.render.model_copy(update={"samples": 64})})
     noise = torch.randn(3, 240, 320, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    facts = SimpleNamespace(recipe=more, averaging=(0.1, 0.3, 1.0))
+    facts = SimpleNamespace(scene=more, averaging=(0.1, 0.3, 1.0))
     found = _in_photo(0.05 + 0.2 * noise, facts, small)
     for error, kept in zip(found, facts.averaging, strict=True):
         assert error == pytest.approx((0.05**2 + (0.2 * kept / 2) ** 2) ** 0.5, rel=0.03)
