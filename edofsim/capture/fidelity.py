@@ -26,10 +26,11 @@ FULL_SUB_APERTURES = 6
 """Sub-apertures along each axis in the full simulation, where diffraction lets so many be told apart."""
 SUB_APERTURE_LAYERS = 13
 """Depth nodes at most for what sub-apertures change."""
-GATHERED_LAYERS = 9
-"""The same where the photo's bands are gathered in groups."""
+COARSE_LAYERS = 9
+"""The same in coarse pixels."""
 GATHERED_PIXEL = 2
-"""Side of the pixels in which that change, which has little fine detail, is found then, in pixels."""
+"""Side of the pixels in which that change, which has little fine detail, is found where the photo's bands are
+gathered in groups, in pixels."""
 MOST_LAYERS = 4096
 """Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
@@ -230,15 +231,16 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
     channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
-    composite each. Where the photo's bands are gathered, so are its wavelengths and pixels."""
+    composite each. In coarse pixels, which it has by default where the photo's bands are gathered, it has
+    fewer layers and wavelengths, too."""
     gathered = fidelity.band_groups > 0 and not fidelity.sub_apertures_in_full
     pixel = fidelity.sub_aperture_pixel or (GATHERED_PIXEL if gathered else 1)
     how = replace(fidelity, method="layered", sub_aperture_pixel=pixel)
     if fidelity.sub_apertures_in_full:
         return how
-    most = GATHERED_LAYERS if gathered else SUB_APERTURE_LAYERS
+    most = COARSE_LAYERS if pixel > 1 else SUB_APERTURE_LAYERS
     layers = most if fidelity.layers is None else min(fidelity.layers, most)
-    return replace(how, band_groups=1, group_wavelengths=1 if gathered else 2, layers=layers)
+    return replace(how, band_groups=1, group_wavelengths=1 if pixel > 1 else 2, layers=layers)
 
 
 def edge_pixels(view: View, gap: float) -> int:

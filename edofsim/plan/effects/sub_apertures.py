@@ -16,7 +16,8 @@ LEFT_BY_FEWER = 0.25
 masks."""
 COARSE_PX = 2
 LEFT_BY_COARSE = 0.25
-"""And what pixels twice as wide do, on the middle of `desk` through a clear aperture."""
+"""And what pixels twice as wide do, with the fewer layers and wavelengths that come with them, there through
+a clear aperture."""
 
 
 def absent(facts: Facts) -> str:
