@@ -73,7 +73,7 @@ GREEN = 1
 THIN_LENS = "thin-lens"
 """Stands in place of a mask: the clear aperture, judged by rays."""
 LENS_SAMPLES = 1024
-"""A pixel, of the thin lens and of the view that is judged by it, which has other grain."""
+"""A pixel, of the thin lens and of the view that is judged by it, which has other noise."""
 
 
 @dataclass(frozen=True)

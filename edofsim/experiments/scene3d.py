@@ -48,7 +48,7 @@ NEAR_EDGES, AWAY = "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
 TRUTH_SAMPLES = 512
-"""The fewest that a scene is rendered with. A rendering's grain is in the truth, but a blurred photo hardly
+"""The fewest that a scene is rendered with. A rendering's noise is in the truth, but a blurred photo hardly
 holds it: it counts as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
 
 

@@ -25,7 +25,7 @@ from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
 from .target import Target
-from .thumbnail import sketch, thumbnail
+from .thumbnail import preview_of, thumbnail
 
 BOUNCES = (2, 3)
 """Path lengths that thumbnails are rendered with, to see what longer paths add."""
@@ -51,16 +51,16 @@ def look(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Looked:
-    """Facts of a scene from its view where that is in the cache or read from files, else from a sketch."""
+    """Facts of a scene from its view where that is in the cache or read from files, else from a preview."""
     view = cached(recipe, base, cache=cache)
     if view is None and recipe.source is not None and not recipe.source.rendered:
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
         return Looked(facts_of(view, camera, recipe=recipe), lambda s: 0.0, 0.0, recipe)
     how: Values = {"cache": cache, "device": device, "progress": progress}
-    # the first rendering compiles kernels: a thumbnail's does, so that the sketch's seconds are those of rays
+    # the first rendering compiles kernels: a thumbnail's does, so that the preview's seconds are of rays
     render(thumbnail(recipe), base, **how)
-    small = sketch(recipe)
+    small = preview_of(recipe)
     preview = render(small, base, **how)
     noisier = (recipe.render.samples / small.render.samples) ** 0.5
     facts = facts_of(preview, camera, recipe=recipe, final=False, noisier=noisier)
@@ -148,24 +148,24 @@ SURVEYED = 0.1
 
 @dataclass(frozen=True)
 class Pace:
-    """What a sketch took, in seconds. once: loading, compiling, what a survey takes with few rays; a_pass: of
-    each pass of samples, however few; rays: of those of the whole sketch."""
+    """What a preview took, in seconds. once: loading, compiling, what a survey takes with few rays; a_pass:
+    of each pass of samples, however few; rays: of those of the whole preview."""
 
     once: float
     a_pass: float
     rays: float
 
     def seconds(self, samples: int, times: float) -> float:
-        """Of a rendering with so many samples a pixel and so many times the sketch's rays."""
+        """Of a rendering with so many samples a pixel and so many times the preview's rays."""
         surveyed = max(times * min(1.0, SURVEY_SAMPLES / samples) - 1, 0.0)
         rays = times + SURVEYED * surveyed
         return self.once + passes_of(samples) * self.a_pass + self.rays * rays
 
 
 def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> Pace | None:
-    """The pace of the sketch and thumbnail of a scene, from their entries in the cache; None where those do
+    """The pace of the preview and thumbnail of a scene, from their entries in the cache; None where those do
     not say. Two last passes, of many rays and of few, tell what a pass and what a ray takes."""
-    small = sketch(recipe)
+    small = preview_of(recipe)
     many, few = (run_of(each, base, cache) for each in (small, thumbnail(recipe)))
     # entries of before have no such field, and what was interrupted after its last pass has 0
     if many is None or few is None:

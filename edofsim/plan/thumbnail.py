@@ -6,7 +6,7 @@ from ..recipe import SceneRecipe
 
 SIDE_PX = 64
 SAMPLES = 16
-SKETCH_SAMPLES = 4
+PREVIEW_SAMPLES = 4
 
 
 def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
@@ -25,7 +25,7 @@ def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
     return recipe.model_copy(update={"frame": small, "render": render})
 
 
-def sketch(recipe: SceneRecipe) -> SceneRecipe:
-    """The same frame, pixel for pixel, with few samples: right depths and edges, grainy light."""
-    render = recipe.render.model_copy(update={"samples": min(SKETCH_SAMPLES, recipe.render.samples)})
+def preview_of(recipe: SceneRecipe) -> SceneRecipe:
+    """The same frame, pixel for pixel, with few samples: right depths and edges, noisy light."""
+    render = recipe.render.model_copy(update={"samples": min(PREVIEW_SAMPLES, recipe.render.samples)})
     return recipe.model_copy(update={"render": render})

@@ -10,7 +10,7 @@ import torch
 from edofsim.capture.fidelity import disperses
 from edofsim.plan import EFFECTS, Fidelity, simpler_recipe
 from edofsim.plan.scene import _in_photo
-from edofsim.plan.thumbnail import sketch, thumbnail
+from edofsim.plan.thumbnail import preview_of, thumbnail
 from edofsim.recipe import load_scene
 
 
@@ -48,9 +48,9 @@ def test_hero_wavelengths_are_for_dispersive_glass_alone(scene: str, glass: bool
     assert (hero.absent(facts) == "") is glass
 
 
-def test_a_sketch_has_every_pixel_and_few_samples():
+def test_a_preview_has_every_pixel_and_few_samples():
     recipe = load_scene("desk").recipe
-    small = sketch(recipe)
+    small = preview_of(recipe)
     assert small.frame == recipe.frame and small.render.samples < recipe.render.samples / 8
 
 
