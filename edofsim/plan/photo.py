@@ -249,6 +249,8 @@ def _sentence(row: Estimate, facts: Facts, level: int, asked: float, costs: floa
     why = row.effect.why(facts)
     if not row.asked:
         return f"{why}; leaving it out would save next to no time"
+    if row.full == 0:  # one level: nothing is left to decide
+        return f"{why}; the view is rendered so" if row.effect.stage == "render" else why
     if moot:
         return f"{why}; it does not matter without {row.effect.within}"
     worst = decibels(overall(row.errors[0]))
