@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import Annotated
 
@@ -61,7 +62,10 @@ def main() -> None:
 
     0: done, 1: failed, 2: bad input, 130: interrupted.
     """
-    sys.exit(console.exit_status(invoke))
+    status = console.exit_status(invoke)
+    if status == console.INTERRUPTED:  # a library that hears of it late must not change how the process ends
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(status)
 
 
 def invoke(arguments: list[str] | None = None) -> None:
