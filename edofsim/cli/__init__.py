@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import signal
+import logging
+import os
 import sys
 from typing import Annotated
 
@@ -63,8 +64,12 @@ def main() -> None:
     0: done, 1: failed, 2: bad input, 130: interrupted.
     """
     status = console.exit_status(invoke)
-    if status == console.INTERRUPTED:  # a library that hears of it late must not change how the process ends
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if status == console.INTERRUPTED:
+        # at once: now and then the interpreter's own end answered with the signal, in place of this status
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
     sys.exit(status)
 
 
