@@ -22,9 +22,8 @@ from .spectra import Spectra, spectra_of
 
 SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
-
-
 NORMALISED_LAYERS = 25
+"""Depth nodes of coarse photos in which nothing is known behind edges."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
 
@@ -209,5 +208,5 @@ def metres(inverse_depth: float) -> str:
 
 
 def rms(image: Tensor) -> tuple[float, ...]:
-    """Root mean square of each channel of a weighted difference [channel, pixel] of the sample."""
+    """Root mean square of each channel of a difference [channel, n], see `Effect.differences`."""
     return tuple(torch.linalg.vector_norm(image.double(), dim=1).tolist())

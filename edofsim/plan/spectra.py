@@ -3,8 +3,7 @@ photographed.
 
 A photo is the sum over depths and bands of light convolved with PSFs. Where PSFs change by d, its mean square
 changes by the mean of |sum OTF(d) spectrum(light)|^2 (Parseval). The light of square tiles, as wide as the
-PSFs, under a window (Welch 1967), is transformed once; every change of PSFs is then a product of
-spectra.
+PSFs, under a window (Welch 1967), is transformed once; every change of PSFs is then a product of spectra.
 """
 
 from __future__ import annotations
@@ -31,6 +30,7 @@ SIDES_PX = (64, 256)
 NODES = 7
 """Depths at which changes of PSFs are looked at; light is moved to the nearest."""
 FEW_NODES = 3
+"""The same where PSFs take long: through a finely sampled pupil."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 65.0
