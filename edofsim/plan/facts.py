@@ -32,10 +32,9 @@ FEW_DEPTHS = 48
 class Facts:
     """Of one scene (or view) through one camera.
 
-    view: the view itself, or a preview of it: the same frame with few samples; final: whether it is the view
-    itself, so that nothing of rendering is left to decide; recipe: the scene's, None where only a view is
-    known; full: the simulation that leaves nothing out; edges: pixels on depth edges; response: [channel,
-    band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in focus, unexposed;
+    view: the view itself, or a preview of it: the same frame with few samples; recipe: the scene's, None
+    where only a view is known; full: the simulation that leaves nothing out; edges: pixels on depth edges;
+    response: [channel, band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in focus, unexposed;
     exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the distinct ones where they
     are few, else None; shorter: error of each channel if paths end after so many bounces, and plain_glass: if
     glass does not disperse, both from small renderings; noisier: the view's noise over that of the recipe's
@@ -52,7 +51,6 @@ class Facts:
     exposure: float
     ends: tuple[float, float]
     depths: Tensor | None
-    final: bool = True
     recipe: SceneRecipe | None = None
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
@@ -156,7 +154,6 @@ def facts_of(
     camera: Camera,
     *,
     recipe: SceneRecipe | None = None,
-    final: bool = True,
     noisier: float = 1.0,
 ) -> Facts:
     """Look at a view. noisier: its noise over that of the recipe's samples."""
@@ -178,7 +175,6 @@ def facts_of(
         exposure=automatic_exposure(ideal) if wanted == "auto" else float(wanted),
         ends=(float(depth.min()), float(depth.max())),
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
-        final=final,
         recipe=recipe,
         noisier=noisier,
     )

@@ -91,7 +91,7 @@ def _key(
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "asked": None if asked is None else sorted(asked),
-        "rendering": [facts.shorter, facts.plain_glass, facts.final, facts.view.noise, facts.noisier],
+        "rendering": [facts.shorter, facts.plain_glass, facts.view.noise, facts.noisier],
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())

@@ -63,7 +63,7 @@ def look(
     small = preview_of(recipe)
     preview = render(small, base, **how)
     noisier = (recipe.render.samples / small.render.samples) ** 0.5
-    facts = facts_of(preview, camera, recipe=recipe, final=False, noisier=noisier)
+    facts = facts_of(preview, camera, recipe=recipe, noisier=noisier)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     expected = forecast([Task(recipe, base)], cache=cache)
