@@ -35,7 +35,8 @@ class Facts:
     view: the view itself, or a preview of it: the same frame with few samples; recipe: the scene's, None
     where only a view is known; full: the simulation that leaves nothing out; edges: pixels on depth edges;
     response: [channel, band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in
-    focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the distinct ones where they
+    focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the
+    distinct ones where they
     are few, else None; shorter: error of each channel if paths end after so many bounces, and plain_glass: if
     glass does not disperse, both from small renderings; noisier: the view's noise over that of the recipe's
     samples.
