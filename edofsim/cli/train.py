@@ -31,7 +31,8 @@ def train(
 ) -> Done:
     """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim`.
 
-    Figures: psnr_db.validation, psnr_db.validation_photo, validation_loss, steps, seconds.training.
+    Figures: psnr_db.validation, psnr_db.validation.SOURCE, psnr_db.validation_photo, validation_loss, steps,
+    seconds.training.
     """
     from ..recipe.load import load_train
 

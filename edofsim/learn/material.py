@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,11 +17,12 @@ from .system import Optics, Scenes
 
 @dataclass(frozen=True)
 class Material:
-    """All sources; `validation` holds scenes that are never trained on."""
+    """All sources; `validation` holds scenes that are never trained on, under the name of their source: its
+    number in the recipe, from 1 on, and its kind."""
 
     sources: tuple[Source, ...]
     weights: tuple[float, ...]
-    validation: tuple[Scenes, ...]
+    validation: tuple[tuple[str, Scenes], ...]
     described: tuple[Json, ...]
     sha256: str
 
@@ -47,17 +47,23 @@ def gather(
 
     Raises InputError for folders and scenes that cannot be used.
     """
+    tables = (*recipe.data.sources, *recipe.data.validation_sources)
+    trained = len(recipe.data.sources)
     sources: list[Source] = []
-    wanted = Wanted(recipe, optics, base, data, cache, progress)
-    for table in recipe.data.sources:
+    for index, table in enumerate(tables):
         assert isinstance(table, TrainingReader)  # what the registry holds
+        wanted = Wanted(recipe, optics, base, data, cache, progress, for_validation=index >= trained)
         sources.append(table.open(wanted))
     share = -(-recipe.data.validation_patches // len(sources))
-    validation = [scenes for source in sources for scenes in source.validation(share)]
+    validation = [
+        (f"{number}-{table.kind}", scenes)
+        for number, (table, source) in enumerate(zip(tables, sources, strict=True), start=1)
+        for scenes in source.validation(share)
+    ]
     weights = tuple(table.weight for table in recipe.data.sources)
     digest = hashlib.sha256("".join(source.sha256 for source in sources).encode()).hexdigest()
-    return Material(tuple(sources), weights, tuple(validation), _descriptions(sources), digest)
-
-
-def _descriptions(sources: Sequence[Source]) -> tuple[Json, ...]:
-    return tuple(source.described for source in sources)
+    described = [
+        {**source.described, "only": "validation"} if index >= trained else source.described
+        for index, source in enumerate(sources)
+    ]
+    return Material(tuple(sources[:trained]), weights, tuple(validation), tuple(described), digest)

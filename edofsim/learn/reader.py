@@ -32,8 +32,9 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What data are read for. base: where relative files start; data: the folder given with --data; cache: of
-    rendered views, which are rendered where they are missing."""
+    """What data are read for. optics: with the mask's height map as it is at the start; base: where relative
+    files start; data: the folder given with --data; cache: of rendered views, which are rendered where they
+    are missing; for_validation: nothing of the source is trained on."""
 
     recipe: TrainRecipe
     optics: Optics
@@ -41,6 +42,7 @@ class Wanted:
     data: Path | None
     cache: Path | None = None
     progress: Callable[[float, str], None] | None = None
+    for_validation: bool = False
 
 
 class TrainingReader(TrainingSource):

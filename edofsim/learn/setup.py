@@ -67,7 +67,9 @@ def prepare(
     camera, base = _camera(recipe, loaded.base)
     mask, sampling, relief = build_mask(recipe, camera, base)
     optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
-    material = gather(recipe, optics, loaded.base, data, cache, progress)
+    with torch.no_grad():
+        designed = optics.with_height(mask.to(workers.device)())
+    material = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
     system = System(
         optics,

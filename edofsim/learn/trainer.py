@@ -127,6 +127,8 @@ def _train(
     figures: dict[str, float] = {}
     path = out / f"{recipe.name}.safetensors"
     with opened as journal, _stoppable() as stop:
+        if workers.first and recipe.network.start and position.step == 0:
+            validate(setup, journal, 0)  # what it starts from
         try:
             finished = _steps(loop, journal, stop, progress)
         except torch.OutOfMemoryError:
@@ -272,28 +274,36 @@ def _keep_start(setup: Setup) -> float:
 
 @torch.no_grad()
 def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, float]:
-    """PSNR and loss of the validation patches, the same photos and noise each time."""
+    """PSNR and loss of the validation patches, the same photos and noise each time; PSNR by source too, see
+    `Material`."""
     system = setup.system
     was_training = system.training
     system.eval()
-    errors: list[Tensor] = []
+    scores: dict[str, list[Tensor]] = {}
     losses: list[Tensor] = []
     photos: list[Tensor] = []
-    for index, scenes in enumerate(setup.material.validation):
+    for index, (source, scenes) in enumerate(setup.material.validation):
         generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
         outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
-        errors.append((outcome.restored - outcome.ideal).square().mean((1, 2, 3)))
-        photos.append((outcome.photo - outcome.ideal).square().mean((1, 2, 3)))
+        scores.setdefault(source, []).append(_psnr(outcome.restored, outcome.ideal))
+        photos.append(_psnr(outcome.photo, outcome.ideal))
         losses.append(outcome.loss)
     system.train(was_training)
+    every = [score for found in scores.values() for score in found]
     figures = {
         "validation_loss": float(torch.stack(losses).mean()),
-        "psnr_db.validation": float((-10 * torch.cat(errors).log10()).mean()),
-        "psnr_db.validation_photo": float((-10 * torch.cat(photos).log10()).mean()),
+        "psnr_db.validation": float(torch.cat(every).mean()),
+        "psnr_db.validation_photo": float(torch.cat(photos).mean()),
     }
+    figures |= {f"psnr_db.validation.{name}": float(torch.cat(found).mean()) for name, found in scores.items()}
     if journal is not None:
         journal.write(step=step, **figures)
     return figures
+
+
+def _psnr(image: Tensor, ideal: Tensor) -> Tensor:
+    """Of each image [batch, 3, y, x]; [batch], in dB."""
+    return -10 * (image - ideal).square().mean((1, 2, 3)).log10()
 
 
 def save_result(

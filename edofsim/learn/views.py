@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +19,7 @@ from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
-from ..recipe.base import NotNegative
+from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
 from ..render.view import View
@@ -31,84 +32,144 @@ class Views(TrainingReader):
     """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
     (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
 
-    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ...; 0 for the scene itself.
-    bands: the paper's three colours, or all of the view's bands through the sensor's response (slower by
-    their number). layers, occlusion: as in `expose`. exposure: factors on the automatic exposure, drawn for
-    each patch.
+    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ..., from the recipe's own on
+    where none is given, as `edofsim render --members` has them; 0 for the scene itself. Of members, the last
+    are kept for validation, of a scene itself its lower part. bands: the paper's three colours, or all of the
+    view's bands through the sensor's response (slower by their number). layers, occlusion, sub_apertures: as
+    in `expose`. exposure: factors on the automatic exposure, drawn for each patch, evenly in their logarithm;
+    white_balance: as of `natural`. once: each view is photographed once, by the mask with errors of
+    fabrication of its own, and patches are cut from the photos, which makes a step as cheap as one of
+    photographs; only for a mask that does not learn.
     """
 
     kind: Literal["views"] = "views"
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
     members: Annotated[int, Field(ge=0, le=100_000)] = 0
-    seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    seed: Annotated[int, Field(ge=0, lt=1 << 31)] | None = None
     bands: Literal["three", "all"] = "three"
     layers: Annotated[int, Field(ge=2, le=64)] = 6
     occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"
-    exposure: tuple[NotNegative, NotNegative] = (0.5, 1.0)
+    sub_apertures: Annotated[int, Field(ge=1, le=8)] = 1
+    exposure: tuple[Positive, Positive] = (0.5, 1.0)
+    white_balance: NotNegative = 0.0
+    once: bool = False
 
     def open(self, wanted: Wanted) -> ViewSource:
+        doe = wanted.recipe.doe
+        if self.once and doe.learn and (doe.learning_rate_rad > 0 or doe.design_steps > 0):
+            raise InputError(
+                "once = true: photos of a mask that learns are soon of another mask; leave it out, or keep "
+                "the mask (doe.learning_rate_rad = 0, no design_steps)"
+            )
         data = wanted.recipe.data
+        held_back = 1.0 if wanted.for_validation else data.validation
         how = wanted.base, wanted.cache, wanted.progress
-        return open_views(self, data.patch_px, data.validation, wanted.optics, *how)
+        noise = doe.height_noise_nm * 1e-9
+        return open_views(self, data.patch_px, held_back, wanted.optics, *how, height_noise=noise)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A view that was photographed: clean, ideal as of `Captured`, [3, y, x], not clipped; truncated: scalar."""
+
+    clean: Tensor
+    ideal: Tensor
+    truncated: Tensor
+
+    @property
+    def height(self) -> int:
+        return self.clean.shape[-2]
+
+    @property
+    def width(self) -> int:
+        return self.clean.shape[-1]
 
 
 @dataclass(frozen=True)
 class ViewParts:
-    """Parts of views, all of one size, each with its factor on the automatic exposure."""
+    """Parts of views, or of their photos, all of one size; factors: on the automatic exposure, [part, 3]."""
 
-    parts: tuple[View, ...]
-    exposures: tuple[float, ...]
+    parts: tuple[View | Shot, ...]
+    factors: Tensor
     table: Views
 
     def photograph(self, optics: Optics) -> Captured:
         """With layers, occlusion and hidden surfaces."""
-        camera = _camera(optics.camera, self.table.bands)
-        fidelity = Fidelity(layers=self.table.layers, occlusion=self.table.occlusion, window_px=optics.window)
-        photos = [capture(part, camera, fidelity, device=optics.device) for part in self.parts]
-        factors = torch.tensor(self.exposures, device=optics.device)[:, None, None, None]
-        clean = torch.stack([photo.clean for photo in photos]) * factors
-        ideal = torch.stack([photo.ideal for photo in photos]) * factors
-        truncated = torch.stack([photo.truncated for photo in photos]).mean()
+        shots = [
+            part if isinstance(part, Shot) else photographed(part, self.table, optics) for part in self.parts
+        ]
+        factors = self.factors.to(optics.device)[..., None, None]
+        clean = torch.stack([shot.clean for shot in shots]).to(optics.device) * factors
+        ideal = torch.stack([shot.ideal for shot in shots]).to(optics.device) * factors
+        truncated = torch.stack([shot.truncated for shot in shots]).mean().to(optics.device)
         return captured(clean, ideal, truncated, saturates=True)
 
     def reusing(self, psf: Tensor | None) -> Scenes:
         return self
 
 
+def photographed(view: View, table: Views, optics: Optics) -> Shot:
+    """A view as a source's table says."""
+    camera = _camera(optics.camera, table.bands)
+    fidelity = Fidelity(
+        layers=table.layers,
+        occlusion=table.occlusion,
+        sub_apertures=table.sub_apertures,
+        window_px=optics.window,
+    )
+    photo = capture(view, camera, fidelity, device=optics.device)
+    return Shot(photo.clean, photo.ideal, photo.truncated)
+
+
 @dataclass(frozen=True)
 class ViewSource:
-    """Views of scenes. Their lower part (in the picture) is kept for validation."""
+    """Views of scenes, or their photos. held_back: those that are never trained on; where there are none, the
+    lower part (in the picture) of each, a share `share_back` of its rows or more, is not trained on."""
 
-    views: tuple[View, ...]
+    views: tuple[View | Shot, ...]
+    held_back: tuple[View | Shot, ...]
     table: Views
     patch: int
     margin: int
-    held_back: float
+    share_back: float
     described: Json
     sha256: str
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
-        parts: list[View] = []
-        exposures: list[float] = []
-        low, high = self.table.exposure
+        parts: list[View | Shot] = []
         for _ in range(count):
             view = self.views[int(torch.randint(len(self.views), (), generator=generator))]
-            last = training_rows(view.height, self.patch, self.held_back) - self.patch
-            top = int(torch.randint(last + 1, (), generator=generator))
+            rows = view.height
+            if not self.held_back:
+                rows = training_rows(rows, self.patch, self.share_back)
+            top = int(torch.randint(rows - self.patch + 1, (), generator=generator))
             left = int(torch.randint(view.width - self.patch + 1, (), generator=generator))
-            parts.append(crop(view, top, left, self.patch, self.patch, self.margin))
-            exposures.append(low + (high - low) * float(torch.rand((), generator=generator)))
-        return ViewParts(tuple(parts), tuple(exposures), self.table)
+            parts.append(self._cut(view, top, left))
+        low, high = self.table.exposure
+        draws = torch.rand(count, 4, generator=generator)
+        balance = (self.table.white_balance * (2 * draws[:, 1:] - 1)).exp()
+        return ViewParts(tuple(parts), low * (high / low) ** draws[:, :1] * balance, self.table)
 
     def validation(self, count: int) -> list[Scenes]:
+        """As they are, and at exposures spread evenly over the range in turn."""
         batches: list[Scenes] = []
+        low, high = self.table.exposure
+        kept = self.held_back or self.views
         for index in range(count):
-            view = self.views[index % len(self.views)]
-            turn, turns = index // len(self.views), -(-count // len(self.views))
+            view = kept[index % len(kept)]
+            turn, turns = index // len(kept), -(-count // len(kept))
             left = (view.width - self.patch) * turn // max(1, turns - 1)
-            part = crop(view, view.height - self.patch, left, self.patch, self.patch, self.margin)
-            batches.append(ViewParts((part,), (1.0,), self.table))
+            top = (view.height - self.patch) // (2 if self.held_back else 1)
+            exposure = low * (high / low) ** ((index + 0.5) / count) if index % 2 else 1.0
+            parts = (self._cut(view, top, left),)
+            batches.append(ViewParts(parts, torch.full((1, 3), exposure), self.table))
         return batches
+
+    def _cut(self, view: View | Shot, top: int, left: int) -> View | Shot:
+        if isinstance(view, View):
+            return crop(view, top, left, self.patch, self.patch, self.margin)
+        rows, columns = slice(top, top + self.patch), slice(left, left + self.patch)
+        return replace(view, clean=view.clean[:, rows, columns], ideal=view.ideal[:, rows, columns])
 
 
 def training_rows(height: int, patch: int, held_back: float) -> int:
@@ -124,23 +185,29 @@ def open_views(
     base: Path,
     cache: Path | None,
     progress: Progress | None,
+    *,
+    height_noise: float = 0.0,
 ) -> ViewSource:
-    """Render or fetch the views of a source. base: where relative scene files start; held_back: share of
-    each view's rows that is never trained on.
+    """Render or fetch the views of a source. optics: with the mask's height map, where views are photographed
+    once; base: where relative scene files start; held_back: share that is never trained on, of each scene's
+    members, or of each view's rows; height_noise: standard deviation in metres of the errors of fabrication.
 
     Raises InputError for scenes that cannot be used.
     """
     from ..render import render
 
-    views: list[View] = []
+    views: tuple[list[View | Shot], list[View | Shot]] = ([], [])
     digest = hashlib.sha256()
     wanted = scenes_of(table, patch, held_back, base)
+    kept = math.ceil(held_back * table.members)
     for index, (recipe, folder) in enumerate(wanted):
         if progress:
             progress(0.0, f"view {index + 1} of {len(wanted)}: {recipe.name}")
         view = render(recipe, folder, cache=cache)
         digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
-        views.append(in_colours(view) if table.bands == "three" else view)
+        view = in_colours(view) if table.bands == "three" else view
+        last = table.members and index % table.members >= table.members - kept
+        views[bool(last)].append(_once(view, table, optics, height_noise, index) if table.once else view)
     described = {
         "kind": "views",
         "scenes": list(table.scenes),
@@ -148,16 +215,28 @@ def open_views(
         "seed": table.seed,
         "sha256": digest.hexdigest(),
     }
+    training, validating = map(tuple, views)
     return ViewSource(
-        tuple(views), table, patch, optics.window // 2, held_back, described, described["sha256"]
+        training, validating, table, patch, optics.window // 2, held_back, described, described["sha256"]
     )
+
+
+@torch.no_grad()
+def _once(view: View, table: Views, optics: Optics, height_noise: float, index: int) -> Shot:
+    """The view by the mask with errors of fabrication that only `index` decides."""
+    height = optics.camera.height_map
+    if height is not None:
+        generator = torch.Generator().manual_seed(index)
+        error = torch.randn(height.shape, generator=generator, dtype=height.dtype)
+        optics = optics.with_height(height + height_noise * error.to(height.device))
+    return photographed(view, table, optics)
 
 
 def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tuple[SceneRecipe, Path]]:
     """The scenes of a source, each with the folder that its files start from, before anything is rendered.
 
-    Raises InputError, all problems together, for frames that hold no patch for training above one for
-    validation.
+    Raises InputError, all problems together, for frames that hold no patch, for training and, above it or in
+    a member of its own, for validation.
     """
     found: list[tuple[SceneRecipe, Path]] = []
     problems: list[str] = []
@@ -165,10 +244,13 @@ def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tu
         loaded = load_scene(base / name if (base / name).is_file() else name)
         recipes = members(loaded.recipe, table.members, table.seed) if table.members else [loaded.recipe]
         frame = loaded.recipe.frame
-        if frame.width_px < patch or training_rows(frame.height_px, patch, held_back) < patch:
+        rows = frame.height_px if table.members else training_rows(frame.height_px, patch, held_back)
+        if frame.width_px < patch or rows < patch:
             problems.append(
                 f"scene {name!r}: a view of {frame.width_px} x {frame.height_px} pixels holds no patch of "
-                f"{patch} for training above one for validation; use smaller patches or a larger frame"
+                f"{patch}"
+                + ("" if table.members else " for training above one for validation")
+                + "; use smaller patches or a larger frame"
             )
         found += [(recipe, loaded.base) for recipe in recipes]
     if problems:

@@ -86,12 +86,14 @@ AnySource = Annotated[TrainingSource, OfKind(TRAINING_DATA)]
 
 class DataTable(RecipeModel):
     """Patches: their size, the share kept for validation, and where they come from. Each step draws from one
-    source, chosen by weight."""
+    source, chosen by weight. validation_sources: nothing of these is trained on; they are for validation,
+    beside what is kept of the others."""
 
     patch_px: Annotated[int, Field(ge=16, le=2048)] = 300
     validation: Annotated[float, Field(gt=0, le=0.5)] = 0.1
     validation_patches: Count = 16
     sources: Annotated[tuple[AnySource, ...], Field(min_length=1)] = (named("natural"),)
+    validation_sources: tuple[AnySource, ...] = ()
 
 
 class CaptureTable(RecipeModel):
