@@ -206,8 +206,8 @@ def open_views(
         view = render(recipe, folder, cache=cache)
         digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         view = in_colours(view) if table.bands == "three" else view
-        last = table.members and index % table.members >= table.members - kept
-        views[bool(last)].append(_once(view, table, optics, height_noise, index) if table.once else view)
+        last = held_back == 1 or (table.members > 0 and index % table.members >= table.members - kept)
+        views[last].append(_once(view, table, optics, height_noise, index) if table.once else view)
     described = {
         "kind": "views",
         "scenes": list(table.scenes),
@@ -244,12 +244,13 @@ def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tu
         loaded = load_scene(base / name if (base / name).is_file() else name)
         recipes = members(loaded.recipe, table.members, table.seed) if table.members else [loaded.recipe]
         frame = loaded.recipe.frame
-        rows = frame.height_px if table.members else training_rows(frame.height_px, patch, held_back)
+        shared = not table.members and held_back < 1  # by training and validation
+        rows = training_rows(frame.height_px, patch, held_back) if shared else frame.height_px
         if frame.width_px < patch or rows < patch:
             problems.append(
                 f"scene {name!r}: a view of {frame.width_px} x {frame.height_px} pixels holds no patch of "
                 f"{patch}"
-                + ("" if table.members else " for training above one for validation")
+                + (" for training above one for validation" if shared else "")
                 + "; use smaller patches or a larger frame"
             )
         found += [(recipe, loaded.base) for recipe in recipes]

@@ -138,6 +138,8 @@ def test_of_a_family_the_last_members_are_kept_for_validation(
 
     assert seeds(0.5) == ([5.0], [6.0, 7.0])
     assert seeds(1.0) == ([], [5.0, 6.0, 7.0])
+    table = table.model_copy(update={"members": 0})
+    assert seeds(1.0) == ([], [1000.0])  # the scene itself
 
 
 def test_members_start_at_the_recipes_own_seed_as_render_has_them() -> None:
