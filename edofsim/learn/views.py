@@ -223,7 +223,11 @@ def open_views(
 
 @torch.no_grad()
 def _once(view: View, table: Views, optics: Optics, height_noise: float, index: int) -> Shot:
-    """The view by the mask with errors of fabrication that only `index` decides."""
+    """The view by the mask with errors of fabrication that only `index` decides, its pupil sampled as finely as
+    the nearest of its surfaces asks for."""
+    recipe = optics.camera.recipe
+    psf = recipe.psf.model_copy(update={"pupil_sampling_um": "auto"})
+    optics = replace(optics, camera=replace(optics.camera, recipe=recipe.model_copy(update={"psf": psf})))
     height = optics.camera.height_map
     if height is not None:
         generator = torch.Generator().manual_seed(index)

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from PIL import Image
 from pydantic import ValidationError
 
 from edofsim.errors import EdofsimError, InputError
 from edofsim.learn import train, trainer
 from edofsim.learn.setup import Setup
+from edofsim.learn.system import Draw
 from edofsim.recipe.load import Loaded, load_train
 from edofsim.recipe.train import NetworkTable, TrainRecipe
 from edofsim.restore.checkpoint import load_arrays, load_checkpoint
@@ -154,6 +156,38 @@ def test_weights_are_shared_with_those_at_the_start(tmp_path: Path) -> None:
     assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
     assert found[0.25].card["weights"] == "0.75 of this training's and 0.25 of those that it started from"
     assert "weights" not in found[0.0].card
+
+
+def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path) -> None:
+    """A folder of grey pictures beside photographs: no step sees grey; what it is restored to is told by itself,
+    and of a training that starts from a checkpoint before the first step, too."""
+    grey = tmp_path / "grey"
+    grey.mkdir()
+    for number in range(3):
+        Image.new("RGB", (40, 40), (90 + number,) * 3).save(grey / f"{number}.png")
+    only = f'[[data.validation_sources]]\nkind = "natural"\nfolder = "{grey}"\n[optimiser]'
+    loaded = _recipe(tmp_path, 2, text=RECIPE.replace("[optimiser]", only))
+    sharp: list[torch.Tensor] = []
+    with pytest.MonkeyPatch.context() as patch:
+        drawn = trainer.draw_batch
+
+        def watched(*arguments: object) -> Draw:
+            draw = drawn(*arguments)
+            sharp.append(draw.scenes.sharp)
+            return draw
+
+        patch.setattr(trainer, "draw_batch", watched)
+        first = train(loaded, tmp_path / "first")
+    assert all(float(one.std()) > 0.01 for batch in sharp for one in batch)
+    photos, greys = (first.figures[f"psnr_db.validation.{name}"] for name in ("1-packaged", "2-natural"))
+    assert min(photos, greys) < first.figures["psnr_db.validation"] < max(photos, greys)
+    card = load_checkpoint(first.checkpoint).card
+    assert [source.get("only") for source in card["data"]["sources"]] == [None, "validation"]
+    network = loaded.recipe.network.model_copy(update={"start": str(first.checkpoint)})
+    again = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
+    train(again, tmp_path / "second")
+    start = json.loads((tmp_path / "second/log.jsonl").read_text().splitlines()[0])
+    assert start["step"] == 0 and start["psnr_db.validation.2-natural"] > 0
 
 
 def test_a_share_of_no_start_is_refused() -> None:

@@ -154,7 +154,10 @@ def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     fabrication change each view's photo."""
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
-    optics = _optics().with_height(torch.zeros(239, 239))
+    fine = CAMERA.model_copy(
+        update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})}
+    )
+    optics = Optics(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_height(torch.zeros(239, 239))
     table = Views(scenes=("clutter",), members=2, layers=2, exposure=(0.3, 0.3))
 
     def source(once: bool, noise: float = 0.0) -> ViewSource:
