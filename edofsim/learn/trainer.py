@@ -295,7 +295,8 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
         "psnr_db.validation": float(torch.cat(every).mean()),
         "psnr_db.validation_photo": float(torch.cat(photos).mean()),
     }
-    figures |= {f"psnr_db.validation.{name}": float(torch.cat(found).mean()) for name, found in scores.items()}
+    for source, found in scores.items():
+        figures[f"psnr_db.validation.{source}"] = float(torch.cat(found).mean())
     if journal is not None:
         journal.write(step=step, **figures)
     return figures

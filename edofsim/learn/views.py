@@ -70,7 +70,7 @@ class Views(TrainingReader):
 
 @dataclass(frozen=True)
 class Shot:
-    """A view that was photographed: clean, ideal as of `Captured`, [3, y, x], not clipped; truncated: scalar."""
+    """A view's photo: clean, ideal as of `Captured`, [3, y, x], not clipped; truncated: scalar."""
 
     clean: Tensor
     ideal: Tensor
@@ -223,8 +223,8 @@ def open_views(
 
 @torch.no_grad()
 def _once(view: View, table: Views, optics: Optics, height_noise: float, index: int) -> Shot:
-    """The view by the mask with errors of fabrication that only `index` decides, its pupil sampled as finely as
-    the nearest of its surfaces asks for."""
+    """The view by the mask with errors of fabrication that only `index` decides, its pupil sampled as finely
+    as the nearest of its surfaces asks for."""
     recipe = optics.camera.recipe
     psf = recipe.psf.model_copy(update={"pupil_sampling_um": "auto"})
     optics = replace(optics, camera=replace(optics.camera, recipe=recipe.model_copy(update={"psf": psf})))

@@ -159,8 +159,8 @@ def test_weights_are_shared_with_those_at_the_start(tmp_path: Path) -> None:
 
 
 def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path) -> None:
-    """A folder of grey pictures beside photographs: no step sees grey; what it is restored to is told by itself,
-    and of a training that starts from a checkpoint before the first step, too."""
+    """A folder of grey pictures beside photographs: no step sees grey; its PSNR is told by itself, and of a
+    training that starts from a checkpoint before the first step, too."""
     grey = tmp_path / "grey"
     grey.mkdir()
     for number in range(3):

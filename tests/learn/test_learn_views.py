@@ -121,8 +121,8 @@ def test_a_family_gives_its_members_by_seed() -> None:
 def test_of_a_family_the_last_members_are_kept_for_validation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Half of three members, rounded up; for validation alone, all of them. No renderer: each member's view is
-    a plane at its seed in 1/m."""
+    """Half of three members, rounded up; for validation alone, all of them. No renderer: each member's view
+    is a plane at its seed in 1/m."""
     monkeypatch.setattr(
         "edofsim.render.render", lambda recipe, *_, **__: _view(40, 30, 4, PAPER_COLOURS, recipe.seed)
     )
@@ -150,13 +150,11 @@ def test_members_start_at_the_recipes_own_seed_as_render_has_them() -> None:
 def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for veiling glare, an even light: it is a part of the mean of the whole view, or of the part. Errors of
-    fabrication change each view's photo."""
+    """But for veiling glare, an even light: it is a part of the mean of the whole, or of the part. Errors
+    of fabrication change each view's photo."""
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
-    fine = CAMERA.model_copy(
-        update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})}
-    )
+    fine = CAMERA.model_copy(update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})})
     optics = Optics(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_height(torch.zeros(239, 239))
     table = Views(scenes=("clutter",), members=2, layers=2, exposure=(0.3, 0.3))
 

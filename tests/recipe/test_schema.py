@@ -15,6 +15,7 @@ from edofsim.recipe.schema import json_schema, model_of
 ROOT = shipped_folder("scenes")
 RECIPES = [
     *((path, "scene", "./schema/scene.json") for path in sorted(ROOT.glob("*.toml"))),
+    *((path, "scene", "../schema/scene.json") for path in sorted((ROOT / "families").glob("*.toml"))),
     *((path, "camera", "../schema/camera.json") for path in sorted((ROOT / "cameras").glob("*.toml"))),
     *(
         (path, "train", "../scenes/schema/train.json")

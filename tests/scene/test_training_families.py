@@ -1,4 +1,4 @@
-"""The families that are trained on: they build, differ from one another, and share nothing with what tests show."""
+"""The families that are trained on: they build, differ from one another, and share no picture with tests."""
 
 from __future__ import annotations
 
