@@ -166,7 +166,7 @@ def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path)
     for number in range(3):
         Image.new("RGB", (40, 40), (90 + number,) * 3).save(grey / f"{number}.png")
     only = f'[[data.validation_sources]]\nkind = "natural"\nfolder = "{grey}"\n[optimiser]'
-    loaded = _recipe(tmp_path, 2, text=RECIPE.replace("[optimiser]", only))
+    loaded = _recipe(tmp_path, 10, text=RECIPE.replace("[optimiser]", only))
     sharp: list[torch.Tensor] = []
     with pytest.MonkeyPatch.context() as patch:
         drawn = trainer.draw_batch
