@@ -21,9 +21,7 @@ def run(
         list[str] | None,
         typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
     ] = None,
-    full: Annotated[
-        bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")
-    ] = False,
+    full: Annotated[bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")] = False,
 ) -> Findings:
     """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
 

@@ -38,7 +38,7 @@ from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.scores import psnr
 from . import cost
-from .experiment import Findings
+from .experiment import Findings, in_parts
 from .kept import Kept, key_of
 
 SCENES = (
@@ -86,6 +86,7 @@ def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> Sc
     )
 
 
+@in_parts("scenes", lambda: SCENES)
 def run(
     folder: Path,
     progress: Progress,
