@@ -54,8 +54,8 @@ def cost(
     predicted_seconds.CASE for each case target.N_dB, chosen, without.EFFECT and full; times_faster.chosen;
     render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
     """
-    how = spread_of(jobs, cluster, shard)
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
+    how = spread_of(jobs, cluster, shard)
     names = [scene.recipe.name for scene, _ in pairs]
     with begun("cost", json, quiet=quiet) as progress:
         from ..capture.device import torch_device

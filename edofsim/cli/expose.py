@@ -90,8 +90,8 @@ def expose(
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
-    how = spread_of(jobs, cluster, shard)
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
+    how = spread_of(jobs, cluster, shard)
     names = [f"{scene.recipe.name}-{taker.recipe.name}" for scene, taker in pairs]
     with begun("expose", json, quiet=quiet) as progress:
         from ..capture.device import torch_device

@@ -65,8 +65,8 @@ def render(
     peak_memory_mib.
     """
     level = _fraction(noise, "--noise") if noise else None
-    how = spread_of(jobs, cluster, shard)
     loaded = all_scenes(scenes)  # every recipe is checked before any time is spent
+    how = spread_of(jobs, cluster, shard)
     folder = writable_folder(out) if out else None
     with begun("render", json, quiet=quiet) as progress:
         from ..render import cache as store

@@ -18,6 +18,7 @@ from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
 from ..plan import Plan, overall
 from ..record import machine, versions
+from ..render.view import View
 from ..restore import channel_psfs
 from .model import ImageScore, PlanRow, Psfs, RunReport
 from .plot import Plot
@@ -26,7 +27,8 @@ from .run_page import write_report
 if TYPE_CHECKING:
     from ..pipeline import Run
 
-PSF_DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
+PSF_DEPTHS = 6
+"""Of the point spread functions, evenly spaced in dioptres over the scene."""
 FOCUSED, FOCUSED_LAYERS = 9, 16
 """Distances of the slider over depth, evenly spaced in dioptres, and the depth layers of its pictures."""
 LEAST_DIOPTRES = 0.01
@@ -40,8 +42,9 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     """
     camera = result.optics
     height, width = _relief(camera)
-    inverse_depths = torch.tensor([1 / depth for depth in PSF_DEPTHS_M])
-    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths)
+    dioptres = _spaced(result.view, PSF_DEPTHS)
+    psfs = channel_psfs(camera, result.view.wavelengths, torch.tensor(dioptres))
+    depths_m = tuple(1 / each if each > 0 else math.inf for each in dioptres)
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -54,7 +57,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         wiener=result.wiener,
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
-        psfs=Psfs(psfs, PSF_DEPTHS_M, camera.pixel * 1e6),
+        psfs=Psfs(psfs, depths_m, camera.pixel * 1e6),
         height_m=height,
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,
@@ -91,12 +94,9 @@ def _focused(result: Run) -> dict[float, Tensor]:
     whose PSFs would take more samples than are allowed.
     """
     view = merged_bands(result.view, min(3, result.view.bands))
-    some = view.inverse_depth[:: max(1, view.inverse_depth.numel() // 10**6)]
-    near, far = (float(some.quantile(share)) for share in (0.99, 0.01))
     fidelity = Fidelity(layers=FOCUSED_LAYERS)
     found: dict[float, Tensor] = {}
-    for step in range(FOCUSED):
-        dioptres = near + (far - near) * step / (FOCUSED - 1)
+    for dioptres in _spaced(view, FOCUSED):
         metres = 1 / max(dioptres, LEAST_DIOPTRES)
         try:
             camera = refocused(result.optics.without_mask(), metres)
@@ -105,6 +105,16 @@ def _focused(result: Run) -> dict[float, Tensor]:
             continue
         found[metres] = photo.clean.cpu()
     return found
+
+
+def _spaced(view: View, count: int) -> list[float]:
+    """Inverse depths in 1/m evenly from near to far, without the nearest and farthest hundredth of the view;
+    one where all lies at one depth."""
+    some = view.inverse_depth[:: max(1, view.inverse_depth.numel() // 10**6)]
+    near, far = (float(some.quantile(share)) for share in (0.99, 0.01))
+    if near - far < 1e-6:
+        return [near]
+    return [near + (far - near) * step / (count - 1) for step in range(count)]
 
 
 def refocused(camera: Camera, metres: float) -> Camera:
