@@ -51,7 +51,10 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def test_the_figures_on_our_pages_are_those_that_commands_wrote():
-    assert not figures.check(), "\n".join(map(str, figures.check()))
+    found = figures.check(ROOT, figures.AWAITED)
+    assert not found, "\n".join(map(str, found))
+    there = {path.stem for path in (ROOT / figures.RESULTS).glob("*.json")}
+    assert not there & set(figures.AWAITED), "a file that is there is not awaited"
 
 
 def test_what_a_command_wrote_is_kept_without_its_folders(checkout: Path):
