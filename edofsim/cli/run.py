@@ -67,7 +67,8 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, peak_memory_mib, render_noise,
+    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, seconds.processor (of all cores,
+    start included), peak_memory_mib, render_noise,
     and what `edofsim plan` says.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera)
@@ -100,6 +101,7 @@ def run(
         numbers = pipeline.figures(result)
         numbers["seconds.report"] = clock.perf_counter() - started
         numbers["seconds.total"] += numbers["seconds.report"]
+        numbers["seconds.processor"] = clock.process_time()
         numbers["peak_memory_mib"] = peak_memory_mib()
         lines = [
             *plan_lines(result.plan),
