@@ -67,9 +67,8 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, seconds.processor (of all cores,
-    start included), peak_memory_mib, render_noise,
-    and what `edofsim plan` says.
+    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, seconds.processor (of
+    all cores, start included), peak_memory_mib, render_noise, and what `edofsim plan` says.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
