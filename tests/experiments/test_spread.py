@@ -204,8 +204,6 @@ def test_workers_of_a_cluster_end_with_what_started_them_and_forget_a_client_tha
     scenes: list[Path], tmp_path: Path
 ):
     pytest.importorskip("distributed")
-    import psutil
-
     with dask(tmp_path, ["--nanny"]) as (address, (nanny,)):
         text = scenes[0].read_text().replace("samples = 4", "samples = 4096")
         family = '[family]\nvary = [{ key = "objects.0.depth_m", uniform = [2.0, 4.0] }]\n'
@@ -219,7 +217,7 @@ def test_workers_of_a_cluster_end_with_what_started_them_and_forget_a_client_tha
         forgotten = until(lambda: not any(busy(address).values()), 120)
         assert forgotten, "parts of a killed client are still at work"
         assert len(list(views.glob("*.exr"))) < 40
-        children = psutil.Process(nanny.pid).children()
-        (worker,) = [child.pid for child in children if "spawn_main" in str(child.cmdline())]
+        children = Path(f"/proc/{nanny.pid}/task/{nanny.pid}/children").read_text().split()
+        (worker,) = [int(pid) for pid in children if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
         os.kill(nanny.pid, signal.SIGKILL)
         assert until(lambda: not alive(worker), 60), "a worker outlived its nanny"
