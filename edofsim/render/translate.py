@@ -200,9 +200,9 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
 
 
 def _spares(mi: ModuleType, meshes: list[mi.Mesh]) -> tuple[object, ...]:
-    """Surfaces and meshes that nothing uses, to be kept as long as the scene: with them the engine's numbers of
-    each end at a multiple of SPARES. A kernel is compiled for one such number, and serves all scenes that
-    have it."""
+    """Surfaces and meshes that nothing uses, kept with the scene: with them the engine's numbers of each end
+    at a multiple of SPARES. A kernel is compiled for one such number, and serves all scenes that have
+    it."""
     plugin = {"type": "diffuse", "reflectance": {"type": "rawconstant", "value": list(CARRIER)}}
     spares: list[object] = [mi.load_dict(plugin)]
     while _number(mi, mi.BSDFPtr(spares[-1])) % SPARES:
