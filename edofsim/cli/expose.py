@@ -85,6 +85,7 @@ def expose(
         from ..pipeline import Stopwatch, planned_view
         from ..plan import learn_rates, parse_target, plan_figures
         from ..reference import check_crop, check_reference, crop_of, reference_photo
+        from ..restore.checkpoint import network_of
         from ..restore.scores import psnr
 
         target, compute = parse_target(accuracy, time), torch_device(device.value)
@@ -103,6 +104,7 @@ def expose(
             watch,
             overrule=overrule,
             target=target,
+            checkpoint=network_of(camera_recipe),
             cache=cache,
             device=device.value,
         )

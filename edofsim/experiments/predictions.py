@@ -36,8 +36,10 @@ from ..record import machine
 from ..render import View, render
 from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
+from ..restore.choice import restoring
 from ..restore.scores import psnr
 from . import cost
+from .cost_scores import Judge
 from .experiment import Findings
 from .kept import Kept, key_of
 
@@ -58,6 +60,7 @@ MASKS = ("clear", "cubic", "learned")
 LEARNED = "paper-dcnn"
 TARGETS_DB = (30, 35, 40, 45, 50, 55)
 MATTERS_DB = 60.0
+RESTORED = "restored"
 QUICK = (160, 128, 16)
 """Width, height and samples of the small versions: the middle of the frame, pixel for pixel."""
 
@@ -99,10 +102,14 @@ def run(
     learned), on one thread. Interrupt it at any time: the same command goes on from there.
 
     Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
-    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
+    worst_target_missed_db, share.score_within_{0.15,0.3}_db, worst_score_shift_db (of the restored image, for
+    score:0.1dB), times_faster.SCENE.MASK (the default choice against everything in full),
+    times_faster_score.SCENE.MASK (that for score:0.1dB).
     """
     outcomes = measure(folder, progress, scenes or SCENES, quick=quick, cache=cache)
-    numbers = figures(outcomes) | {f"times_faster.{name}": value for name, value in saved(outcomes).items()}
+    numbers = figures(outcomes)
+    for kind, head in (("chosen", "times_faster"), ("score", "times_faster_score")):
+        numbers |= {f"{head}.{name}": value for name, value in saved(outcomes, kind).items()}
     totals = Table((Column("figure"), Column("value", "", 3)), tuple(numbers.items()))
     return Findings(numbers, shown=[_table(outcomes), totals], outputs={"measurements": folder})
 
@@ -129,11 +136,13 @@ def measure(
         camera = camera_of(mask)
         place = folder / f"{name}-{mask}"
         place.mkdir(parents=True, exist_ok=True)
+        network = load_checkpoint(LEARNED, camera.recipe) if mask == "learned" else None
+        restore = restoring(camera, view.wavelengths, view.inverse_depth, network)
+        judge = Judge({RESTORED: restore})
         with one_thread():
-            cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
-            rows = cost.measure(
-                view, camera, cases, place, repeats=1, clock=time.process_time, pace=rates.pace
-            )
+            cases = cost.cases_of(planner_of(view, camera, restore=restore), TARGETS_DB)
+            how = {"clock": time.process_time, "pace": rates.pace, "judge": judge}
+            rows = cost.measure(view, camera, cases, place, repeats=1, **how)
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
         rendering = _rendering(recipe, scene.base, view, camera, place, cache)
@@ -197,6 +206,9 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
     timed = [row for outcome in outcomes for row in outcome.rows]
     off = [row.case.predicted_db - row.measured_db for row in pairs]
     missed = [row.case.asked_db - row.measured_db for row in targets]
+    moved = [
+        abs(row.shifts[RESTORED].mean) for row in timed if row.case.kind == "score" and RESTORED in row.shifts
+    ]
     ratios = [row.case.predicted_seconds / row.seconds for row in timed if row.seconds > 0]
     return {
         "pairs": float(len(pairs)),
@@ -205,16 +217,21 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
         "worst_pessimism_db": -min(off, default=math.nan),
         "share.targets_met": _share(value <= 1 for value in missed),
         "worst_target_missed_db": max(missed, default=math.nan),
+        "share.score_within_0.15_db": _share(value <= 0.15 for value in moved),
+        "share.score_within_0.3_db": _share(value <= 0.3 for value in moved),
+        "worst_score_shift_db": max(moved, default=math.nan),
         "share.time_within_1.5": _share(1 / 1.5 <= ratio <= 1.5 for ratio in ratios),
     }
 
 
-def saved(outcomes: Sequence[Outcome]) -> Mapping[str, float]:
-    """How many times as fast the default choice is as the full fidelity, by scene and mask."""
+def saved(outcomes: Sequence[Outcome], kind: str = "chosen") -> Mapping[str, float]:
+    """How many times as fast as the full fidelity the default choice, or another kind, is, by scene and
+    mask."""
     found = {}
     for outcome in outcomes:
         by_kind = {row.case.kind: row for row in outcome.rows}
-        found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind["chosen"].seconds
+        if kind in by_kind:
+            found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind[kind].seconds
     return found
 
 
@@ -225,7 +242,14 @@ def _share(of: Iterable[bool]) -> float:
 
 def _table(outcomes: Sequence[Outcome]) -> Table:
     """Effects that matter and targets: measured beside predicted."""
-    names = (("PSNR", "dB", 1), ("predicted", "dB", 1), ("time", "s", 2), ("predicted", "s", 2))
+    names = (
+        ("PSNR", "dB", 1),
+        ("predicted", "dB", 1),
+        ("restored shifts", "dB", 3),
+        ("predicted", "dB", 3),
+        ("time", "s", 2),
+        ("predicted", "s", 2),
+    )
     columns = (*map(Column, ("scene", "mask", "case")), *(Column(*each) for each in names))
     rows = tuple(
         (
@@ -234,11 +258,14 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
             f"{row.case.kind} {row.case.name}",
             row.measured_db,
             row.case.predicted_db,
+            row.shifts[RESTORED].mean if RESTORED in row.shifts else None,
+            row.case.predicted_shift_db,
             row.seconds,
             row.case.predicted_seconds,
         )
         for outcome in outcomes
         for row in outcome.rows
-        if row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB
+        if row.case.kind == "score"
+        or (row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB)
     )
     return Table(columns, rows)

@@ -97,7 +97,8 @@ class Plan:
 
     error_db: predicted PSNR of the photo against the full simulation; asked_db: what was asked for, None
     where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
-    be had and why, or empty; target: what was asked for, as a sentence.
+    be had and why, or empty; target: what was asked for, as a sentence; score_shift_db: by how much the PSNR
+    of the restored image is predicted to differ from that of the full simulation, where that was asked for.
     """
 
     decisions: tuple[Decision, ...]
@@ -109,6 +110,7 @@ class Plan:
     disk_mib: float = 0.0
     target: str = ""
     note: str = ""
+    score_shift_db: float | None = None
 
     HEADS: ClassVar = ("effect", "called for", "simulated", "left out / dB", "cost / s", "why")
 
@@ -130,8 +132,11 @@ class Plan:
         """What they come to as a whole, a sentence."""
         stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
         whole = sum(self.seconds.values())
+        shift = ""
+        if self.score_shift_db is not None:
+            shift = f"{self.score_shift_db:+.3f} dB restored, "
         return (
-            f"asked for: {self.target}; predicted {self.error_db:.1f} dB in {whole:.2g} s "
+            f"asked for: {self.target}; predicted {shift}{self.error_db:.1f} dB in {whole:.2g} s "
             f"({stages}), {self.memory_mib:.0f} MiB of memory, {self.disk_mib:.0f} MiB of disk"
         )
 

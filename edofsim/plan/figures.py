@@ -10,6 +10,8 @@ def plan_figures(plan: Plan) -> dict[str, float]:
     found: dict[str, float] = {"plan.psnr_db": plan.error_db, "plan.memory_mib": plan.memory_mib}
     found["plan.seconds"] = sum(plan.seconds.values())
     found |= {f"plan.seconds.{stage}": value for stage, value in plan.seconds.items()}
+    if plan.score_shift_db is not None:
+        found["plan.score_shift_db"] = plan.score_shift_db
     for decision in plan.decisions:
         name = decision.effect.replace(" ", "_")
         found[f"called_for.{name}"] = int(decision.called_for)
