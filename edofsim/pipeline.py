@@ -180,8 +180,8 @@ def planned_view(
 
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, and the
     photo is planned on it. Only where rendering itself is to be cut short, for a time or because an effect of
-    it is to be left out, a preview is planned on before (stage `preview`). checkpoint: the network that restores
-    the photo, None for Wiener deconvolution; a target of the restored image asks for it.
+    it is to be left out, a preview is planned on before (stage `preview`). checkpoint: the network that
+    restores the photo, None for Wiener deconvolution; a target of the restored image asks for it.
     """
     overrule, recipe = checked_overrule(overrule), scene.recipe
     rendered = recipe.source is None or recipe.source.rendered
@@ -231,5 +231,5 @@ def figures(result: Run) -> dict[str, float]:
     found["seconds.total"] = sum(result.seconds.values())
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
-    found |= plan_figures(result.plan)
+    found |= plan_figures(result.plan, result.seconds["plan"])
     return found

@@ -34,8 +34,9 @@ def plan(
 
     Decided on small renderings of the scene unless its view is in the cache.
 
-    Figures: plan.{psnr_db,memory_mib,seconds,score_shift_db}, plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and
-    for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
+    Figures: plan.{psnr_db,memory_mib,seconds,seconds_saved,score_shift_db},
+    plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and for each effect called_for.EFFECT (1 or 0),
+    psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     with begun("plan", json, quiet=quiet) as progress:

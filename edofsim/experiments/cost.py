@@ -89,10 +89,10 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         plan = planner.plan(Target("score", db=SCORE_DB))
         case = _case(f"score {SCORE_DB:g} dB", "score", plan.fidelity, planner, math.inf, plan.error_db)
         cases.append(replace(case, predicted_shift_db=plan.score_shift_db))
-    parts = planner.estimates.by_name().get("sub-apertures")
-    fixed = {"sub-apertures": parts.full} if parts else {}
-    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None), fixed)
-    fine, its_own = finely.fidelity, 10 ** (-finely.error_db / 20)
+    full_of = {row.effect.name: row.full for row in planner.estimates.rows}
+    fixed = {name: full_of[name] for name in ("sub-apertures",) if name in full_of}
+    with_bands = fixed | {name: full_of[name] for name in ("bands",) if name in full_of}
+    finely, all_bands = (planner.plan(parse_target(f"{FINE_DB:g}dB", None), f) for f in (fixed, with_bands))
     for row in planner.estimates.rows:
         stage = row.effect.stage
         if row.full == 0 or stage in ("render", "sensor"):
@@ -100,11 +100,10 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         error = row.errors[0]
         square = sum(e * e for e in error) / len(error)
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
-        rest = fine if row.levels[0].allowed else fine.changed({"band_groups": 0, "group_wavelengths": 0})
-        fidelity = rest.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
-        # what the fine plan leaves out on its own is in the photo that is measured; with all bands little is
-        beside = its_own if rest == fine else 0.0
-        together = its_own if fidelity == fine else math.hypot(square**0.5, beside)
+        rest = finely if row.levels[0].allowed else all_bands
+        fidelity = rest.fidelity.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
+        its_own = 10 ** (-rest.error_db / 20)  # is in the photo that is measured, too
+        together = its_own if fidelity == rest.fidelity else math.hypot(square**0.5, its_own)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
         # sub-apertures cost a composite each, and change nothing in what other effects do; without
         # occlusion or hidden surfaces there are none

@@ -38,7 +38,7 @@ class Judge:
     alone: Camera | None = None
 
     def scores(self, view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: str) -> Scores:
-        """Of a photo that was simulated by a fidelity, and of as many draws of its noise as there are seeds."""
+        """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds."""
         truth = within_scale(photo.ideal)
         effects = sensor_effects(camera, fidelity)
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]

@@ -195,6 +195,7 @@ class Planner:
             disk_mib=self.disk_mib,
             target=target.sentence(self.facts),
             note=note,
+            full_seconds=sum(self.seconds_of(self.facts.full).values()),
         )
 
 

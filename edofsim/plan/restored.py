@@ -28,7 +28,7 @@ Restore: TypeAlias = Callable[[Tensor, Tensor], Tensor]
 leaves the windows of its PSFs."""
 
 PLAIN = {"band_groups": 1, "group_wavelengths": 3, "layers": 9, "sub_apertures": 1}
-"""How tiles are photographed: a change of the photo is restored much alike on a photo that is nearly right."""
+"""How tiles are photographed: a change is restored much alike on a photo that is nearly right."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RestoredTiles:
 
     @cached_property
     def _error(self) -> float:
-        """Mean square of what restoring the full simulation leaves, without the noise of a preview's truth."""
+        """Mean square that restoring the full simulation leaves, without the noise of a preview's truth."""
         facts = self.facts
         found = self._mean((self._before - self._ideal).square())
         of_preview = max(0.0, facts.view.noise) ** 2 * (1 - facts.noisier**-2)

@@ -42,7 +42,8 @@ MOST_COMPONENTS = 8
 class Spectra:
     """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64 [n],
     the pixel of each, tile by tile; corners: (top, left) of each tile in the frame; shares: [tile], so that
-    sum_t shares_t m_t estimates the frame's mean from means m of tiles; other fields as in `Facts`, response times exposure."""
+    sum_t shares_t m_t estimates the frame's mean from means m of tiles; other fields as in `Facts`, response
+    times exposure."""
 
     view: View
     camera: Camera

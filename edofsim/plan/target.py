@@ -16,8 +16,8 @@ SHARE_OF_NOISE = 0.5
 
 @dataclass(frozen=True)
 class Target:
-    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, `score` (the restored image's PSNR
-    is within db of that of the full simulation), or `time`; db, seconds: asked; spent: of these seconds,
+    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, `score` (the restored image's
+    PSNR is within db of that of the full simulation), or `time`; db, seconds: asked; spent: of these seconds,
     those that are gone before the photo."""
 
     kind: str = "noise"
@@ -56,7 +56,8 @@ class Target:
 
 
 def parse_target(accuracy: str | None, time: str | None) -> Target:
-    """`45dB`, `score:0.1dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else, or both."""
+    """`45dB`, `score:0.1dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else,
+    or both."""
     if accuracy and time:
         raise InputError("--accuracy and --time: ask for one of them")
     if time:
