@@ -207,6 +207,7 @@ def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Pat
     watch = Stopwatch()
     _, plan = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
     assert "preview" in watch.seconds and "cannot be had" in plan.note
+    assert "within 0.001 s, of which" in plan.target  # what was asked for, and what is gone of it
     again = Stopwatch()
     planned_view(loaded, CAMERA, again, cache=tmp_path)
     assert set(again.seconds) == {"render", "plan"}
