@@ -19,6 +19,7 @@ import typer
 
 from ..capture import capture
 from ..core.progress import Progress
+from ..errors import InputError
 from ..optics import Camera
 from ..optics.threads import one_thread
 from ..options import CacheOption
@@ -31,13 +32,14 @@ from ..plan import (
     seen_in_thumbnails,
     simpler_recipe,
 )
-from ..recipe import SceneRecipe, load_camera, load_scene
+from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import machine
 from ..render import View, render
 from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.choice import restoring
 from ..restore.scores import psnr
+from ..scene.family import members as drawn
 from . import cost
 from .cost_scores import Judge
 from .experiment import Findings
@@ -93,7 +95,15 @@ def run(
     folder: Path,
     progress: Progress,
     scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
+        list[str] | None,
+        typer.Argument(metavar="[SCENE...]", help="Shipped scenes or recipes; default all that ship."),
+    ] = None,
+    members: Annotated[
+        int, typer.Option("--members", min=0, help="So many members of each scene's family in its place.")
+    ] = 0,
+    first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
+    masks: Annotated[
+        list[str] | None, typer.Option("--mask", help=f"{', '.join(MASKS)}; repeatable; default all.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
     cache: CacheOption = None,
@@ -106,7 +116,13 @@ def run(
     score:0.1dB), times_faster.SCENE.MASK (the default choice against everything in full),
     times_faster_score.SCENE.MASK (that for score:0.1dB).
     """
-    outcomes = measure(folder, progress, scenes or SCENES, quick=quick, cache=cache)
+    known = [load_scene(scene) for scene in scenes or SCENES]  # refused before any time is spent
+    if members:
+        known = [replace(each, recipe=r) for each in known for r in drawn(each.recipe, members, first)]
+    unknown = [mask for mask in masks or () if mask not in MASKS]
+    if unknown:
+        raise InputError(f"--mask {unknown[0]}: give one of {', '.join(MASKS)}")
+    outcomes = measure(folder, progress, known, masks or MASKS, quick=quick, cache=cache)
     numbers = figures(outcomes)
     for kind, head in (("chosen", "times_faster"), ("score", "times_faster_score")):
         numbers |= {f"{head}.{name}": value for name, value in saved(outcomes, kind).items()}
@@ -117,7 +133,7 @@ def run(
 def measure(
     folder: Path,
     progress: Progress,
-    scenes: Sequence[str],
+    scenes: Sequence[Loaded[SceneRecipe]],
     masks: Sequence[str] = MASKS,
     *,
     quick: bool = False,
@@ -125,9 +141,8 @@ def measure(
 ) -> list[Outcome]:
     """Every scene and mask, on one thread. folder: keeps what was measured, and is gone on from; quick: the
     scenes' small versions."""
-    loaded = [load_scene(scene) for scene in scenes]  # a wrong name is refused before any time is spent
     found = []
-    jobs = [(scene, mask) for scene in loaded for mask in masks]
+    jobs = [(scene, mask) for scene in scenes for mask in masks]
     for number, (scene, mask) in enumerate(jobs):
         name = scene.recipe.name
         progress(number / len(jobs), f"{name}, {mask}")

@@ -15,7 +15,7 @@ from edofsim.experiments.cost_page import cost_plot
 from edofsim.optics import Camera
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.plan import Fidelity, planner_of, rates, remember
-from edofsim.recipe import CameraRecipe
+from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
 
@@ -146,7 +146,7 @@ def test_shares_are_counted_over_effects_that_matter():
 def test_predictions_hold_on_a_small_scene(tmp_path):
     """The middle of a photograph with measured depth, through the cubic mask: nothing needs rendering."""
     found = predictions.figures(
-        predictions.measure(tmp_path, lambda *_: None, ["motorcycle"], ["cubic"], quick=True)
+        predictions.measure(tmp_path, lambda *_: None, [load_scene("motorcycle")], ["cubic"], quick=True)
     )
     assert found["pairs"] >= 5
     assert found["share.error_within_3_db"] >= 0.9
