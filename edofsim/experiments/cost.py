@@ -150,6 +150,7 @@ def measure(
         one_part = case.fidelity.changed({"sub_apertures": 1})
         alone = replace(case, name="full, one part", fidelity=one_part)
         whole = _reference(view, camera, alone, *how)
+    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, alone))
     turns = [(turn, case) for turn in range(repeats) for case in cases if turn == 0 or case.kind != "full"]
     keys = {(turn, case): _key(about, case, turn) for turn, case in turns}
     todo = [each for each in turns if kept.get(keys[each]) is None]
@@ -159,7 +160,6 @@ def measure(
         photo, entry = _timed(view, camera, case, device, clock, pace, judge if turn == 0 else None)
         entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
         kept.put(keys[turn, case], entry)
-    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, alone))
     rows = []
     for each in cases:
         entries = [kept.get(keys[turn]) or {} for turn in turns if turn[1] is each]
