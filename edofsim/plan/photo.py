@@ -100,9 +100,9 @@ class Planner:
         enough decibels; that accuracy, and the shift."""
         if self.restore is None:
             raise InputError("--accuracy score: nothing is known here that restores the photo")
-        tiles = RestoredTiles(self.facts, self.restore)
+        tiles = RestoredTiles(self.facts, self.estimates, self.restore)
         best = everything(self.estimates, fixed)
-        asked, shift = math.inf, tiles.shift_db(self.estimates, best)
+        asked, shift = math.inf, tiles.shift_db(best)
         low, high = SEARCHED_DB
         tried: dict[tuple[int, ...], float] = {}
         while high - low > STEP_DB:
@@ -110,7 +110,7 @@ class Planner:
             chosen = fastest(self.estimates, 10 ** (-middle / 20), seconds, fixed)
             key = tuple(chosen.values())
             if key not in tried:
-                tried[key] = tiles.shift_db(self.estimates, chosen)
+                tried[key] = tiles.shift_db(chosen)
             if abs(tried[key]) <= SHARE_OF_SHIFT * most_db:
                 best, asked, shift, high = chosen, middle, tried[key], middle
             else:

@@ -1,9 +1,9 @@
 """How far a simulation shifts the PSNR of the restored image: parts of the photo are restored with what it
 leaves out, and without.
 
-The tiles of `Spectra` are photographed by a plain simulation, with noise, and restored. What a choice leaves
-out is the sum of its effects' differences: those of PSFs are inverse transforms of their spectra, those of
-coarse photos are made finer by interpolation.
+The tiles of `Spectra` are photographed by a plain simulation, with noise, and restored without what that one
+leaves out. What a choice leaves out is the sum of its effects' differences: those of PSFs are inverse
+transforms of their spectra, those of coarse photos are made finer by interpolation.
 """
 
 from __future__ import annotations
@@ -18,8 +18,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ..capture import Photo
 from ..capture.crop import crop
 from ..capture.photograph import capture
+from .choose import fidelity_of
+from .effect import Values
 from .estimate import Estimates
 from .facts import Facts
 
@@ -27,33 +30,29 @@ Restore: TypeAlias = Callable[[Tensor, Tensor], Tensor]
 """The sharp image [channel, y, x] of a photo [channel, y, x] and of the part of the light [channel] that
 leaves the windows of its PSFs."""
 
-PLAIN = {"band_groups": 1, "group_wavelengths": 3, "layers": 9, "sub_apertures": 1}
-"""How tiles are photographed: a change is restored much alike on a photo that is nearly right."""
+PLAIN: Mapping[str, Values] = {
+    "bands": {"band_groups": 1, "group_wavelengths": 2},
+    "depth layers": {"layers": 9},
+    "sub-apertures": {"sub_apertures": 1},
+}
+"""Levels of effects that tiles are photographed with, where they are among those that were looked at."""
 
 
 @dataclass(frozen=True)
 class RestoredTiles:
-    """Tiles of the view of some facts, and what restores them."""
+    """Tiles of the view of some facts, and what restores them. estimates: with their differences, see
+    `estimate`."""
 
     facts: Facts
+    estimates: Estimates
     restore: Restore
 
-    def shift_db(self, estimates: Estimates, chosen: Mapping[str, int]) -> float:
+    def shift_db(self, chosen: Mapping[str, int]) -> float:
         """How much higher the PSNR of the restored image is with these levels than in full: negative where
-        it suffers. Raises ValueError for estimates that came without their differences."""
-        images, noise, bias = estimates.left_out(chosen)
-        if not images and not noise and not bias:
+        it suffers."""
+        if not any(self.estimates.left_out(chosen)):
             return 0.0
-        if images and not estimates.differences:
-            raise ValueError("estimates that were remembered hold no differences")
-        change = torch.zeros_like(self._photos)
-        for image in images:
-            change += self._on_tiles(estimates.differences[image])
-        if noise:
-            draw = torch.Generator().manual_seed(0)
-            change += noise**0.5 * torch.randn(change.shape, generator=draw)
-        change += bias * self.facts.spectra.taper
-        restored = self._restored(self._photos + change) - self._before
+        restored = self._restored(self._photos + self._left_out(chosen)) - self._before
         left = self._before - self._ideal
         window = self.facts.spectra.taper
         # changes were seen under a window whose mean square is 1, and its mean is less
@@ -73,30 +72,50 @@ class RestoredTiles:
         noise = of_preview * float(facts.levels_of_light.square().mean())
         return max(found - noise, 0.1 * found, 1e-12)
 
+    def _left_out(self, chosen: Mapping[str, int]) -> Tensor:
+        """What levels change in the photos of the tiles, under their window: [tile, channel, y, x]."""
+        images, noise, bias = self.estimates.left_out(chosen)
+        change = torch.zeros_like(self._taken.image)
+        for image in images:
+            change += self._on_tiles(self.estimates.differences[image])
+        draw = torch.Generator().manual_seed(0)
+        change += noise**0.5 * torch.randn(change.shape, generator=draw)
+        return change + bias * self.facts.spectra.taper
+
     @cached_property
-    def _tiles(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Photos with noise, [tile, channel, y, x], their truth, and light beyond PSFs, [tile, channel]."""
+    def _plain(self) -> dict[str, int]:
+        """Number of the level that each effect is photographed with."""
+        found = {}
+        for row in self.estimates.rows:
+            name, wanted = row.effect.name, PLAIN.get(row.effect.name, {})
+            same = [level for level in range(row.full) if wanted.items() <= row.levels[level].change.items()]
+            found[name] = same[0] if wanted and same else row.full
+        return found
+
+    @cached_property
+    def _taken(self) -> Photo:
+        """Photos of the tiles, [tile, channel, y, x]."""
         facts, spectra = self.facts, self.facts.spectra
         side = spectra.side
         views = [crop(facts.view, top, left, side, side, side // 2) for top, left in spectra.corners]
-        fidelity = facts.full.changed(PLAIN)
-        taken = capture(views, facts.camera, fidelity, exposure=facts.exposure, spectrum=facts.spectrum)
-        return taken.image, taken.ideal.clamp(0, 1), taken.truncated
+        fidelity = fidelity_of(self.estimates, self._plain, spectra.full)
+        return capture(views, facts.camera, fidelity, exposure=facts.exposure, spectrum=facts.spectrum)
 
-    @property
+    @cached_property
     def _photos(self) -> Tensor:
-        return self._tiles[0]
+        """What the full simulation makes of the tiles, with noise."""
+        return self._taken.image - self._left_out(self._plain)
 
-    @property
+    @cached_property
     def _ideal(self) -> Tensor:
-        return self._tiles[1]
+        return self._taken.ideal.clamp(0, 1)
 
     @cached_property
     def _before(self) -> Tensor:
         return self._restored(self._photos)
 
     def _restored(self, photos: Tensor) -> Tensor:
-        pairs = zip(photos, self._tiles[2], strict=True)
+        pairs = zip(photos, self._taken.truncated, strict=True)
         return torch.stack([self.restore(photo, truncated) for photo, truncated in pairs]).clamp(0, 1)
 
     def _on_tiles(self, difference: Tensor) -> Tensor:
@@ -114,7 +133,7 @@ class RestoredTiles:
                 spectra.taper
             )
         draw = torch.Generator().manual_seed(size)
-        noise = torch.randn(self._photos.shape, generator=draw)
+        noise = torch.randn(self._taken.image.shape, generator=draw)
         return noise * torch.linalg.vector_norm(difference, dim=1)[:, None, None]
 
 

@@ -69,7 +69,7 @@ def test_a_shift_of_the_score_is_what_whole_photos_show(depth: torch.Tensor, eff
     known = planner_of(view, CAMERA, restore=restore)
     rows = known.estimates.by_name()
     chosen = {name: row.full for name, row in rows.items()} | {effect: 0}
-    predicted = RestoredTiles(known.facts, restore).shift_db(known.estimates, chosen)
+    predicted = RestoredTiles(known.facts, known.estimates, restore).shift_db(chosen)
     measured = whole(view, known, restore, dict(rows[effect].levels[0].change))
     assert abs(measured) > 0.02
     assert predicted == pytest.approx(measured, rel=0.6, abs=0.02)
