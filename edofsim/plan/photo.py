@@ -29,13 +29,11 @@ SAFETY_DB = 1.0
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 
-SHARE_OF_SHIFT = 0.5
-"""The predicted shift of the restored image's PSNR stays below this share of what is asked for: it is seen in
-a few tiles."""
-SEARCHED_DB = (20.0, 60.0)
-"""Accuracies of the photo among which the one that a restored image asks for is looked for,"""
-STEP_DB = 2.0
-"""to within this."""
+SCORE_DB = 57.0
+"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; what it shifts by is in
+proportion to the error. Tiles tell where that is not enough,"""
+MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
+"""and so much more is asked for."""
 
 
 @dataclass(frozen=True)
@@ -96,26 +94,19 @@ class Planner:
     def _by_score(
         self, most_db: float, fixed: Mapping[str, int], seconds: Callable[[Chosen], float]
     ) -> tuple[Chosen, float, float]:
-        """The fastest levels for the least accuracy of the photo at which the restored image shifts by few
-        enough decibels; that accuracy, and the shift."""
+        """The fastest levels for an accuracy of the photo at which restored tiles shift by few enough
+        decibels, everything in full where none is enough; that accuracy, and the shift."""
         if self.restore is None:
             raise InputError("--accuracy score: nothing is known here that restores the photo")
         tiles = RestoredTiles(self.facts, self.estimates, self.restore)
-        best = everything(self.estimates, fixed)
-        asked, shift = math.inf, tiles.shift_db(best)
-        low, high = SEARCHED_DB
-        tried: dict[tuple[int, ...], float] = {}
-        while high - low > STEP_DB:
-            middle = (low + high) / 2
-            chosen = fastest(self.estimates, 10 ** (-middle / 20), seconds, fixed)
-            key = tuple(chosen.values())
-            if key not in tried:
-                tried[key] = tiles.shift_db(chosen)
-            if abs(tried[key]) <= SHARE_OF_SHIFT * most_db:
-                best, asked, shift, high = chosen, middle, tried[key], middle
-            else:
-                low = middle
-        return best, asked, shift
+        for more in MORE_DB:
+            asked = SCORE_DB - 20 * math.log10(most_db / 0.1) + more
+            chosen = fastest(self.estimates, 10 ** (-asked / 20), seconds, fixed)
+            shift = tiles.shift_db(chosen)
+            if abs(shift) <= most_db:
+                return chosen, asked, shift
+        whole = everything(self.estimates, fixed)
+        return whole, math.inf, tiles.shift_db(whole)
 
     def _kept(self, fixed: Mapping[str, int], rendering: bool = False) -> dict[str, int]:
         """What an accuracy does not trade: the samples that the recipe asks for also make the all-in-focus
