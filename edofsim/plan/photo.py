@@ -30,7 +30,7 @@ OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 
 SCORE_DB = 57.0
-"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; what it shifts by is in
+"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; its shift is in
 proportion to the error. Tiles tell where that is not enough,"""
 MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
 """and so much more is asked for."""
