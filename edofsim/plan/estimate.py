@@ -109,7 +109,7 @@ def estimate(
             errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
             rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
             continue
-        found = (effect.differences or _of_psfs)(facts, levels[:-1])
+        found = (effect.differences or of_psfs)(facts, levels[:-1])
         images = range(len(differences), len(differences) + len(found))
         differences.extend(found)
         rows.append(Estimate(effect, absent, levels, (*map(rms, found), _nothing(facts)), (*images, -1)))
@@ -128,7 +128,7 @@ def _products(differences: Sequence[Tensor]) -> Tensor:
     return found
 
 
-def _of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+def of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """What levels change that change PSFs."""
     found = []
     for level in levels:
