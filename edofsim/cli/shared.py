@@ -119,8 +119,9 @@ def plan_lines(plan: Plan, planning: float | None = None) -> list[str | Table]:
         table.add_row(*row)
     took: list[str | Table] = []
     if planning is not None:
-        share = f", {planning / plan.saves():.1%} of the {plan.saves():.2g} s that it saves"
-        took = [f"planned in {planning:.2g} s{share if plan.saves() > 0 else ''}"]
+        took = [f"planned in {planning:.2g} s"]
+        if plan.saves() > 0:
+            took = [f"{took[0]}, {planning / plan.saves():.1%} of the {plan.saves():.2g} s that it saves"]
     return [table, plan.summary(), *took, *([plan.note] if plan.note else [])]
 
 
