@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
-from .costs import Costs
+from .costs import WORTH_RESTORING_S, WORTH_S, Costs
 from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
 from .estimate import Estimate, Estimates, estimate
@@ -244,7 +244,9 @@ def plan_photo(
     if not every_effect:
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
-            asked |= set(costs.worth_asking(effects, target.left if target.kind == "time" else 0.0))
+            least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
+            most = target.left if target.kind == "time" else 0.0
+            asked |= set(costs.worth_asking(effects, most, least))
     ask = estimate if target.kind == "score" else remembered
     found = ask(facts, effects, more, asked, progress)
     planner = Planner(facts, costs, found, disk_mib, restore)
