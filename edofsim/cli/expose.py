@@ -72,7 +72,8 @@ def expose(
     is geometric and for a clear aperture.
 
     Figures: psnr_db.{photo,against_reference}, seconds.{plan,render,expose,reference}, light_lost.{r,g,b},
-    peak_memory_mib, and what `edofsim plan` says.
+    peak_memory_mib, plan.share_of_saved (planning against the seconds that it saves), and what `edofsim plan`
+    says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
@@ -85,6 +86,7 @@ def expose(
         from ..pipeline import Stopwatch, planned_view
         from ..plan import learn_rates, parse_target, plan_figures
         from ..reference import check_crop, check_reference, crop_of, reference_photo
+        from ..restore.checkpoint import network_of
         from ..restore.scores import psnr
 
         target, compute = parse_target(accuracy, time), torch_device(device.value)
@@ -103,6 +105,7 @@ def expose(
             watch,
             overrule=overrule,
             target=target,
+            checkpoint=network_of(camera_recipe),
             cache=cache,
             device=device.value,
         )
@@ -118,7 +121,7 @@ def expose(
             learn_rates(plan.seconds, photo.seconds)
         numbers = {
             "psnr_db.photo": psnr(photo.image, photo.ideal),
-            **plan_figures(plan),
+            **plan_figures(plan, watch.seconds["plan"]),
             **{
                 f"light_lost.{name}": float(value)
                 for name, value in zip("rgb", photo.truncated, strict=False)
@@ -130,7 +133,7 @@ def expose(
             "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
         }
         lines = [
-            *plan_lines(plan),
+            *plan_lines(plan, watch.seconds["plan"]),
             f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
         ]
         if reference is not None and where is not None:
