@@ -86,8 +86,9 @@ AccuracyOption = Annotated[
     str | None,
     typer.Option(
         "--accuracy",
-        metavar="45dB|noise|full",
-        help="What all left-out effects may err by together; default noise: half of the sensor's.",
+        metavar="45dB|score:0.1dB|noise|full",
+        help="What all left-out effects may err by together, or may shift the PSNR of the restored image by; "
+        "default noise: half of the sensor's.",
     ),
 ]
 TimeOption = Annotated[

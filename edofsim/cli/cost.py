@@ -30,6 +30,9 @@ from .shared import Done, begun, finish, inputs_of, recipes_of
 if TYPE_CHECKING:
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
 
+SEEDS = 3
+"""Draws of the sensor's noise that scores are told for."""
+
 
 def cost(
     scenes: Scenes,
@@ -45,13 +48,16 @@ def cost(
     quiet: QuietOption = False,
 ) -> Done:
     """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
-    left out in turn; noise of rendering with more and more samples; every network's restoration. Tables, CSV,
-    charts and a page of each scene. Interrupt it at any time: the same command goes on from there.
+    left out in turn, and how far the PSNR of the restored photo and its gain over the lens alone shift; noise
+    of rendering with more and more samples; every network's restoration. Tables, CSV, charts and a page of
+    each scene. Interrupt it at any time: the same command goes on from there.
 
     With --jobs, scenes are measured beside each other, and their seconds are longer than alone.
 
     Figures, of several scenes with .SCENE behind: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE],
-    predicted_seconds.CASE for each case target.N_dB, chosen, without.EFFECT and full; times_faster.chosen;
+    predicted_seconds.CASE for each case target.N_dB, chosen, score.score_0.1_dB, without.EFFECT and full;
+    shift_db.CASE.WHAT of the scores NETWORK, Wiener and gain_over_the_lens_alone, noise_db.CASE.WHAT from seed
+    to seed; times_faster.chosen;
     render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
     """
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
@@ -87,22 +93,38 @@ def measured(
     from ..capture.device import torch_device
     from ..experiments import cost as photos
     from ..experiments import cost_stages
-    from ..experiments.cost_page import cost_page, cost_plot, photo_table, stage_plot, stage_table
+    from ..experiments.cost_page import (
+        cost_page,
+        cost_plot,
+        photo_table,
+        shift_table,
+        stage_plot,
+        stage_table,
+    )
+    from ..experiments.cost_scores import Judge
     from ..optics import Camera
     from ..plan import planner_of
     from ..render import render
+    from ..restore.checkpoint import network_of
+    from ..restore.choice import restoring
 
     scene, taker, folder = scene_and_place
     recipe, base, compute = scene.recipe, scene.base, torch_device(device)
     optics = Camera.from_recipe(taker.recipe, taker.base)
     view = render(recipe, base, cache=cache, device=device, progress=progress)
+    about = (optics, view.wavelengths, view.inverse_depth)
+    network = network_of(taker)
+    ways = [network, None] if network else [None]
+    restorers = {way.name if way else "Wiener": restoring(*about, way) for way in ways}
+    restore = restoring(*about, network)
     rows = photos.measure(
         view,
         optics,
-        photos.cases_of(planner_of(view, optics, progress=progress)),
+        photos.cases_of(planner_of(view, optics, restore=restore, progress=progress)),
         folder,
         repeats=repeats,
         device=compute,
+        judge=Judge(restorers, SEEDS, optics.without_mask()),
         progress=part(progress, 0.0, 0.6),
     )
     points = cost_stages.render_points(
@@ -119,7 +141,7 @@ def measured(
         "table of stages": cost_stages.write_table(folder / "stages.csv", points),
         "chart": cost_plot(rows, recipe.name).save(folder / "cost.png"),
     }
-    printed = [photo_table(rows)]
+    printed = [photo_table(rows), shift_table(rows)]
     for stage in ("render", "restore"):
         some = [point for point in points if point.stage == stage]
         if some:

@@ -86,7 +86,8 @@ def expose(
     is geometric and for a clear aperture.
 
     Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference},
-    seconds.{plan,render,expose,reference}, light_lost.{r,g,b}, peak_memory_mib, and what `edofsim plan` says.
+    seconds.{plan,render,expose,reference}, light_lost.{r,g,b}, peak_memory_mib, plan.share_of_saved (planning
+    against the seconds that it saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
@@ -148,13 +149,21 @@ def photographed(
     from ..pipeline import Stopwatch, planned_view
     from ..plan import learn_rates, plan_figures
     from ..reference import check_crop, reference_photo
+    from ..restore.checkpoint import network_of
     from ..restore.scores import psnr
 
     scene, taker, folder = part
     compute, optics = torch_device(device), Camera.from_recipe(taker.recipe, taker.base)
     watch = Stopwatch(progress)
     view, plan = planned_view(
-        scene, optics, watch, overrule=overrule, target=target, cache=cache, device=device
+        scene,
+        optics,
+        watch,
+        overrule=overrule,
+        target=target,
+        checkpoint=network_of(taker),
+        cache=cache,
+        device=device,
     )
     fidelity = plan.fidelity
     if bands is not None:  # in place of what the plan gathers them in
@@ -168,7 +177,7 @@ def photographed(
         learn_rates(plan.seconds, photo.seconds)
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
-        **plan_figures(plan),
+        **plan_figures(plan, watch.seconds["plan"]),
         **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
     }
     outputs = {
@@ -176,7 +185,10 @@ def photographed(
         "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
         "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
     }
-    lines = [*plan_lines(plan), f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image"]
+    lines = [
+        *plan_lines(plan, watch.seconds["plan"]),
+        f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
+    ]
     if reference is not None and where is not None:
         with watch.stage("reference", 0.8, 1.0) as tell:
             true = photo.exposure * reference_photo(
