@@ -56,8 +56,8 @@ def cost(
 
     Figures, of several scenes with .SCENE behind: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE],
     predicted_seconds.CASE for each case target.N_dB, chosen, score.score_0.1_dB, without.EFFECT and full;
-    shift_db.CASE.WHAT of the scores NETWORK, Wiener and gain_over_the_lens_alone, noise_db.CASE.WHAT from seed
-    to seed; times_faster.chosen;
+    shift_db.CASE.WHAT of the scores NETWORK, Wiener and gain_over_the_lens_alone, noise_db.CASE.WHAT from
+    seed to seed; times_faster.chosen;
     render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
     """
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
