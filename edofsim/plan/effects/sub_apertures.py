@@ -38,7 +38,7 @@ def levels(facts: Facts) -> list[Level]:
         for n in some
     ]
     whole = Level("the whole pupil", {"sub_apertures": 1})
-    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": 1})]
+    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": None})]
 
 
 def why(facts: Facts) -> str:
