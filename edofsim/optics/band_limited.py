@@ -3,8 +3,9 @@
 With u = rho^2, the field in a place on the sensor is F(Psi) = int_0^1 q(u) exp(j Psi u) du (Akpinar et al.,
 Eq. `Q`), and what lands there, |F|^2, has no frequency beyond 1 per radian of Psi, whatever the mask. So has
 each summand of sub-apertures. Of all functions with the spectrum of |F|^2 where q is even, a triangle, the
-weights below are the best linear ones (P. Whittle, "Prediction and Regulation", 1963; in geostatistics simple
-kriging), and their error is known before anything is computed.
+weights below are the best linear ones that leave a constant as it is, so that no light is made or lost
+(ordinary kriging: G. Matheron, Economic Geology 58, 1246, 1963), and their error is known before anything is
+computed.
 """
 
 from __future__ import annotations
@@ -37,8 +38,12 @@ def band_limited_weights(at: Tensor, nodes: Tensor, per_dioptre: float) -> Tenso
 
 
 def _weights(at: Tensor, nodes: Tensor) -> Tensor:
-    own = _correlation(nodes, nodes) + ROUNDING * torch.eye(len(nodes), dtype=nodes.dtype, device=nodes.device)
-    return torch.linalg.solve(own, _correlation(at, nodes), left=False)
+    count = len(nodes)
+    system = nodes.new_ones(count + 1, count + 1)  # Lagrange's multiplier keeps each sum of weights at 1
+    system[:count, :count] = _correlation(nodes, nodes) + ROUNDING * torch.eye(count).to(nodes)
+    system[count, count] = 0
+    asked = torch.cat([_correlation(at, nodes), at.new_ones(len(at), 1)], 1)
+    return torch.linalg.solve(system, asked, left=False)[:, :count]
 
 
 def _correlation(one: Tensor, other: Tensor) -> Tensor:
@@ -64,8 +69,9 @@ def _known(count: int, half: float, error: float) -> bool:
         return False
     nodes = half * _spread(count, error)
     between = torch.linspace(0, half, CHECKS * count // 2 + 1, dtype=torch.float64)
-    told = (_weights(between, nodes) * _correlation(between, nodes)).sum(1)
-    return float((1 - told).max()) <= error**2
+    weights = _weights(between, nodes)
+    told = weights * (2 * _correlation(between, nodes) - weights @ _correlation(nodes, nodes))
+    return float((1 - told.sum(1)).max()) <= error**2
 
 
 def _spread(count: int, error: float) -> Tensor:
