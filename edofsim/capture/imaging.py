@@ -36,8 +36,8 @@ MakeKernels = Callable[[Camera, Tensor, Tensor, int], Kernels]
 class Axes:
     """What images of one view, or of several, share: response [channel, band] and wavelengths [band] of the
     bands, in metres; spectrum [band], their light, that groups of bands are weighted by; ends: least and
-    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed; between: how
-    light between them is blurred, None: the two next to it share it."""
+    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed; between:
+    how light between them is blurred, None: the two next to it share it."""
 
     response: Tensor
     wavelengths: Tensor

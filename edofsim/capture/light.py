@@ -121,7 +121,8 @@ def box_of(light: Light | SmoothLight, window: int) -> Box | None:
         return None
     half = window // 2
     sides = []
-    for place, length in ((light.pixel // light.columns, light.rows), (light.pixel % light.columns, light.columns)):
+    y, x = light.pixel // light.columns, light.pixel % light.columns
+    for place, length in ((y, light.rows), (x, light.columns)):
         first, last = (int(end) for end in place.aminmax())
         size = last - first + 1 + 2 * half
         sides.append((first - half, size) if size < length else (0, length))

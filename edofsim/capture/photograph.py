@@ -133,9 +133,7 @@ def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tenso
     return depths_of(views, camera, fidelity)[0]
 
 
-def depths_of(
-    views: Sequence[View], camera: Camera, fidelity: Fidelity
-) -> tuple[Tensor, BandLimit | None]:
+def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tuple[Tensor, BandLimit | None]:
     """The depth nodes of a fidelity for views, and how light between them is blurred, as in `Axes`."""
     shortest = float(views[0].wavelengths.min())
     nodes = choose_nodes(

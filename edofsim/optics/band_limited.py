@@ -75,8 +75,8 @@ def _known(count: int, half: float, error: float) -> bool:
 
 
 def _spread(count: int, error: float) -> Tensor:
-    """So many places from -1 to 1, both ends among them, a little closer there (D. Kosloff and H. Tal-Ezer, J. Comput. Phys.
-    104, 457, 1993, with the parameter that suits an error)."""
+    """So many places from -1 to 1, both ends among them, a little closer there (D. Kosloff and H. Tal-Ezer,
+    J. Comput. Phys. 104, 457, 1993, with the parameter that suits an error)."""
     if count == 1:
         return torch.zeros(1, dtype=torch.float64)
     steps = torch.arange(count, dtype=torch.float64) / (count - 1) - 0.5

@@ -91,7 +91,8 @@ def psf_bank(
             wave = wave_at(camera, opening, float(wavelengths[band]), nodes, pixels, dtype, where)
             energy = energies(wave)[:, :pixels, :pixels]
             if nodes is not asked:
-                weights = band_limited_weights(asked, nodes, defocus_per_dioptre(camera, float(wavelengths[band])))
+                per_dioptre = defocus_per_dioptre(camera, float(wavelengths[band]))
+                weights = band_limited_weights(asked, nodes, per_dioptre)
                 energy = torch.tensordot(weights.to(energy), energy, 1)
             values[depths, band] = energy
 

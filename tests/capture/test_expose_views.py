@@ -212,8 +212,7 @@ def test_photo_of_band_limited_depths_is_that_of_very_many(occlusion):
     assert between is not None
     assert len(nodes) < many / 8
     few, exact = (
-        capture(view, camera, how, exposure=1.0)
-        for how in (full, Fidelity(occlusion=occlusion, layers=many))
+        capture(view, camera, how, exposure=1.0) for how in (full, Fidelity(occlusion=occlusion, layers=many))
     )
     assert (few.clean - exact.clean).square().mean() < 10 ** (-70 / 10)
     assert torch.allclose(few.truncated, exact.truncated, atol=2e-5)

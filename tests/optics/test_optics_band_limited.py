@@ -54,7 +54,8 @@ def test_psfs_of_many_depths_are_those_of_each(monkeypatch, pieces):
     computed = []
     inner = psf.energies
     monkeypatch.setattr(psf, "energies", lambda wave: computed.append(len(wave.chirps)) or inner(wave))
-    camera = Camera.from_recipe(CameraRecipe(name="deep", psf=PsfSettings(window_px=32, pupil_sampling_um=24.0)))
+    settings = PsfSettings(window_px=32, pupil_sampling_um=24.0)
+    camera = Camera.from_recipe(CameraRecipe(name="deep", psf=settings))
     draw = torch.Generator().manual_seed(1)
     camera = camera.with_height(1e-6 * torch.rand(40, 40, generator=draw, dtype=torch.float64))
     depths = torch.linspace(0.0, 1.2, 150, dtype=torch.float64)
