@@ -145,8 +145,10 @@ def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tupl
         "auto" if fidelity.layers is None else fidelity.layers,
         fidelity.layers_db,
     )
-    # layers that hide each other are at the nodes themselves
-    if fidelity.layers is None and fidelity.method == "layered" and fidelity.occlusion in ("none", "hidden"):
+    # layers that hide each other are at the nodes themselves; sub-apertures share light between two of them
+    at_nodes = fidelity.occlusion not in ("none", "hidden") or fidelity.method != "layered"
+    in_full = fidelity.sub_apertures > 1 and fidelity.sub_apertures_in_full
+    if fidelity.layers is None and not at_nodes and not in_full:
         return fewer_nodes(nodes, camera, shortest, fidelity.layers_db)
     return nodes, None
 

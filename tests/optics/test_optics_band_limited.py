@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from edofsim.optics import Camera, psf, psf_bank
+from edofsim.optics import Camera, cache, psf, psf_bank
 from edofsim.optics.band_limited import band_limited_nodes, band_limited_weights
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
@@ -51,6 +51,7 @@ def test_nodes_are_as_many_as_two_for_each_wave():
 def test_psfs_of_many_depths_are_those_of_each(monkeypatch, pieces):
     """Through a relief without symmetries, against float64, where each depth is computed by itself."""
     torch.set_num_threads(pieces)
+    cache.forget()
     computed = []
     inner = psf.energies
     monkeypatch.setattr(psf, "energies", lambda wave: computed.append(len(wave.chirps)) or inner(wave))
