@@ -39,6 +39,20 @@ def test_dcnn_has_as_many_weights_as_the_paper_describes() -> None:
     assert weights_of(build_network("dcnn")) == 39243
 
 
+def test_folded_normalisations_of_the_dcnn_change_nothing() -> None:
+    """In use the D-CNN folds them into its convolutions; layer by layer, in float64, it is the same."""
+    network = _random_network("dcnn").double()
+    generator = torch.Generator().manual_seed(5)
+    for name, statistics in network.named_buffers():
+        if "running" in name:
+            statistics.copy_(0.5 + torch.rand(statistics.shape, generator=generator))
+    photo = torch.rand(1, 3, 20, 24, generator=generator, dtype=torch.float64)
+    padded = continued(photo, network.radius)
+    expected = network.refine(padded + network.residual(padded))
+    reach = network.radius
+    torch.testing.assert_close(network.unclamped(photo), expected[..., reach:-reach, reach:-reach])
+
+
 def test_the_stronger_network_ships_in_under_2_megabytes() -> None:
     assert 4 * weights_of(build_network("local-unet")) < 2_000_000
     bank = build_network("filter-bank")
