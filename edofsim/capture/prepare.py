@@ -62,6 +62,8 @@ def fewer_nodes(
     held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, BETWEEN)
     if len(held) >= len(nodes):
         return nodes, None
+    if len(held) == 1:  # all light is there
+        return held.to(nodes.device), None
     return held.to(nodes.device), BandLimit(per_dioptre, BLUR_ERROR * 10 ** ((FULL - tolerance_db) / 20))
 
 
