@@ -15,9 +15,9 @@ LEFT_BY_FEWER = 0.25
 """Of what sub-apertures change, what 4 x 4 leave out: 0.12 to 0.34 on the middle of `desk` through two
 masks."""
 LEFT_BY_COARSE = {4: 0.3, 2: 0.15}
-"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.20 and
-0.14 on `desk` through the learned mask, 0.22 and 0.12 through a clear aperture, 0.28 and 0.14 on `clutter`
-through a cubic mask."""
+"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.20
+and 0.14 on `desk` through the learned mask, 0.22 and 0.12 through a clear aperture, 0.28 and 0.14 on
+`clutter` through a cubic mask."""
 
 
 def absent(facts: Facts) -> str:
