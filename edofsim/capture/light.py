@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -91,9 +90,6 @@ class SmoothLight:
         return image.reshape(-1, self.rows, self.columns)
 
 
-Placed = TypeVar("Placed", Light, SmoothLight)
-
-
 @dataclass(frozen=True)
 class Box:
     """Where a blur of `window` pixels carries light to, within a padded frame: rows from `top` on, columns
@@ -104,7 +100,7 @@ class Box:
     rows: int
     columns: int
 
-    def light(self, light: Placed) -> Placed:
+    def light(self, light: Light | SmoothLight) -> Light | SmoothLight:
         """The same light in this part of the frame, which holds it."""
         y, x = light.pixel // light.columns - self.top, light.pixel % light.columns - self.left
         return replace(light, rows=self.rows, columns=self.columns, pixel=y * self.columns + x)
