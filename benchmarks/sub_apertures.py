@@ -16,7 +16,7 @@ import torch
 from edofsim.capture import capture, full_fidelity
 from edofsim.experiments.predictions import MASKS, camera_of, small_version
 from edofsim.optics import Camera
-from edofsim.plan.effects.sub_apertures import COARSE_PX, FEWER
+from edofsim.plan.effects.sub_apertures import FEWER, LEFT_BY_COARSE
 from edofsim.recipe import load_scene
 from edofsim.render import View, render
 
@@ -24,7 +24,7 @@ SCENES = ("desk", "hallway", "clutter", "stilllife")
 
 
 def shares(view: View, camera: Camera) -> Mapping[str, float]:
-    """`fewer` and `coarse`: the shares that are left; empty where sub-apertures have nothing to tell."""
+    """`fewer` and `coarse, N` for each width N: the shares that are left; empty where sub-apertures have nothing to tell."""
     full = full_fidelity(camera, view)
     if full.sub_apertures <= FEWER:
         return {}
@@ -36,10 +36,9 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
 
     best = photo(full.sub_apertures, 1)
     change = float((best - photo(1, 1)).norm())
-    return {
-        "fewer": float((photo(FEWER, 1) - best).norm()) / change,
-        "coarse": float((photo(full.sub_apertures, COARSE_PX) - best).norm()) / change,
-    }
+    left = {f"coarse, {side}": photo(full.sub_apertures, side) for side in LEFT_BY_COARSE}
+    left["fewer"] = photo(FEWER, 1)
+    return {name: float((other - best).norm()) / change for name, other in left.items()}
 
 
 def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
@@ -58,6 +57,6 @@ def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
 
 if __name__ == "__main__":
     each = measured(sys.argv[1:] or SCENES).values()
-    for name in ("fewer", "coarse"):
+    for name in ("fewer", *(f"coarse, {side}" for side in LEFT_BY_COARSE)):
         values = [left[name] for left in each]
         print(f"{name}: {min(values):.2f} to {max(values):.2f}, median {statistics.median(values):.2f}")
