@@ -24,7 +24,7 @@ SCENES = ("desk", "hallway", "clutter", "stilllife")
 
 
 def shares(view: View, camera: Camera) -> Mapping[str, float]:
-    """`fewer` and `coarse, N` for each width N: the shares that are left; empty where sub-apertures tell nothing."""
+    """`fewer` and `coarse, N` for each width N: the shares that are left; empty where there is no change."""
     full = full_fidelity(camera, view)
     if full.sub_apertures <= FEWER:
         return {}
