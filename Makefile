@@ -13,11 +13,11 @@ OUT ?= out
 # processes that share the tests; slow ones are run by themselves, since some measure seconds and memory
 WORKERS ?= $(shell nproc 2>/dev/null || getconf _NPROCESSORS_ONLN)
 
-.PHONY: help setup run check lint types test test-all bench paper docs clean
+.PHONY: help setup run check lint types test test-all results-check bench paper docs clean
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all bench paper docs clean"
+	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all results-check bench paper docs clean"
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
@@ -62,6 +62,10 @@ test: setup $(VENV)/.installed-tools
 
 test-all: test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
+
+# the figures of README and the site against the JSON files that commands wrote
+results-check:
+	@$(or $(wildcard $(BIN)/python),$(PYTHON)) docs/figures.py
 
 bench: setup $(VENV)/.installed-tools
 	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json

@@ -26,8 +26,8 @@ from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
 from .render import View, render
 from .restore import restore
-from .restore.checkpoint import camera_with_mask, load_checkpoint
-from .restore.choice import WIENER, choose_network, depths_between
+from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
+from .restore.choice import WIENER, choose_network, depths_between, restoring
 
 NEAREST = 0.5
 """Metres: depths of a photo that is restored without being told any, from here to infinity."""
@@ -154,17 +154,21 @@ def plan_for(
     time: str | None = None,
     with_: Sequence[str] = (),
     without: Sequence[str] = (),
+    network: str | Path | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Which effects a photo calls for, what leaving each out would cost, and what each takes.
 
     accuracy: `noise` (the default: less error than half of the sensor's noise), `full`, or decibels such as
-    `45dB`; or time, such as `2s`: the best within it. with_, without: names of effects that are simulated in
-    full, or not at all, whatever the plan says.
+    `45dB`, or `score:0.1dB`, by which the PSNR of the restored photo may shift; or time, such as `2s`: the
+    best within it. with_, without: names of effects that are simulated in full, or not at all, whatever the
+    plan says. network: what restores, see `restored`.
     Raises InputError for what is not known.
     """
     overrule = {"with_": list(with_) or None, "without": list(without) or None}
-    return plan_photo(view, camera, overrule, parse_target(accuracy, time), progress=progress)
+    restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, network))
+    target = parse_target(accuracy, time)
+    return plan_photo(view, camera, overrule, target, restore=restore, progress=progress)
 
 
 def photograph(
@@ -194,7 +198,10 @@ def photograph(
         plan = full_fidelity(camera, view)
     if plan is None:
         target = parse_target(accuracy, time)
-        plan = plan_photo(view, camera, target=target, every_effect=False, progress=progress)
+        restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, None))
+        plan = plan_photo(
+            view, camera, target=target, every_effect=False, restore=restore, progress=progress
+        )
     fidelity = plan.fidelity if isinstance(plan, Plan) else plan
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
 
@@ -221,12 +228,17 @@ def restored(
         raise InputError(f"depths {depths}: give (nearest, farthest) in metres, 0 < nearest <= farthest")
     image = photo.image if isinstance(photo, Photo) else photo
     bands = torch.as_tensor(Bands().wavelengths() if wavelengths is None else wavelengths)
-    if network is None and camera.height_map is not None:
-        network = WIENER  # the recipe's network knows the recipe's mask
-    checkpoint, _ = choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))
+    checkpoint = _checkpoint(camera, network)
     truncated = photo.truncated if isinstance(photo, Photo) else None
     between = depths_between(1 / far, 1 / near)
     sharp, _ = restore(
         image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated
     )
     return sharp
+
+
+def _checkpoint(camera: Camera, network: str | Path | None) -> Checkpoint | None:
+    """What restores photos of a camera, see `restored`; None for Wiener deconvolution."""
+    if network is None and camera.height_map is not None:
+        network = WIENER  # the recipe's network knows the recipe's mask
+    return choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))[0]

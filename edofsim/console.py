@@ -7,7 +7,7 @@ import logging
 import re
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,6 +24,8 @@ out = Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty()
 err = Console(stderr=True, highlight=False, soft_wrap=True)
 
 LINE_EVERY_S = 10.0
+
+MOST_PROBLEMS = 30  # a wrong word in each of thousands of objects is one mistake
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -125,7 +127,9 @@ class _Warnings(logging.Handler):
         print(f"edofsim: {record.getMessage()}", file=sys.stderr, flush=True)
 
 
-def _complain(problems: Iterable[str], status: int) -> int:
-    for problem in problems:
+def _complain(problems: Sequence[str], status: int) -> int:
+    rest = len(problems) - MOST_PROBLEMS
+    shown = [*problems[:MOST_PROBLEMS], f"and {rest} more like these"] if rest > 0 else problems
+    for problem in shown:
         err.print(f"edofsim: {problem}", markup=False, style="red" if err.is_terminal else None)
     return status

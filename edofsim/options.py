@@ -21,6 +21,9 @@ class Device(StrEnum):
     cuda = "cuda"
 
 
+Scenes = Annotated[
+    list[str], typer.Argument(metavar="SCENE...", help="Scene recipes (TOML), or names of shipped ones.")
+]
 Scene = Annotated[
     str, typer.Argument(metavar="SCENE", help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.")
 ]
@@ -57,6 +60,18 @@ CacheOption = Annotated[
     ),
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", help="No progress and no forecast.")]
+JobsOption = Annotated[int, typer.Option("--jobs", min=1, help="Worker processes on this machine.")]
+ClusterOption = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="A Dask scheduler, e.g. tcp://host:8786, whose workers see the same folders.",
+    ),
+]
+ShardOption = Annotated[
+    str | None, typer.Option("--shard", metavar="I/N", help="Only the I-th of N shares of the work.")
+]
 LayersOption = Annotated[
     int | None,
     typer.Option(
@@ -71,8 +86,9 @@ AccuracyOption = Annotated[
     str | None,
     typer.Option(
         "--accuracy",
-        metavar="45dB|noise|full",
-        help="What all left-out effects may err by together; default noise: half of the sensor's.",
+        metavar="45dB|score:0.1dB|noise|full",
+        help="What all left-out effects may err by together, or may shift the PSNR of the restored image by; "
+        "default noise: half of the sensor's.",
     ),
 ]
 TimeOption = Annotated[

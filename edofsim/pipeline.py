@@ -32,7 +32,7 @@ from .record import peak_memory_mib
 from .render import View, cached, render
 from .restore import restore
 from .restore.checkpoint import Checkpoint
-from .restore.choice import choose_network, depths_between
+from .restore.choice import choose_network, depths_between, restoring
 from .restore.scores import DepthScore, Score, score, score_by_depth, within_scale
 
 
@@ -104,7 +104,14 @@ def run(
     checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
     view, plan = planned_view(
-        scene, optics, watch, overrule=overrule, target=target, cache=cache, device=device
+        scene,
+        optics,
+        watch,
+        overrule=overrule,
+        target=target,
+        checkpoint=checkpoint,
+        cache=cache,
+        device=device,
     )
     with watch.stage("expose", 0.7, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
@@ -165,6 +172,7 @@ def planned_view(
     *,
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
+    checkpoint: Checkpoint | None = None,
     cache: Path | None = None,
     device: str = "auto",
 ) -> tuple[View, Plan]:
@@ -172,7 +180,8 @@ def planned_view(
 
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, and the
     photo is planned on it. Only where rendering itself is to be cut short, for a time or because an effect of
-    it is to be left out, a preview is planned on before (stage `preview`).
+    it is to be left out, a preview is planned on before (stage `preview`). checkpoint: the network that
+    restores the photo, None for Wiener deconvolution; a target of the restored image asks for it.
     """
     overrule, recipe = checked_overrule(overrule), scene.recipe
     rendered = recipe.source is None or recipe.source.rendered
@@ -180,16 +189,32 @@ def planned_view(
     if rendered and shorter and cached(recipe, scene.base, cache=cache) is None:
         with watch.stage("preview", 0.0, 0.1) as tell:
             looked = look(recipe, scene.base, camera, cache=cache, device=device)
-            plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
+            seen = looked.facts.view
+            plan = plan_scene(
+                looked,
+                camera,
+                overrule=overrule,
+                target=target,
+                restore=restoring(camera, seen.wavelengths, seen.inverse_depth, checkpoint),
+                progress=tell,
+            )
         recipe = simpler_recipe(recipe, plan.fidelity)
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
     with watch.stage("plan", 0.6, 0.7) as tell:
         left = target
         if target is not None and target.kind == "time":
-            left = replace(target, seconds=max(0.0, target.seconds - sum(watch.seconds.values())))
-        facts = facts_of(view, camera, recipe=scene.recipe)
-        plan = plan_photo(view, camera, overrule, left, facts=facts, every_effect=False, progress=tell)
+            left = replace(target, spent=sum(watch.seconds.values()))
+        plan = plan_photo(
+            view,
+            camera,
+            overrule,
+            left,
+            every_effect=False,
+            facts=facts_of(view, camera, recipe=scene.recipe),
+            restore=restoring(camera, view.wavelengths, view.inverse_depth, checkpoint),
+            progress=tell,
+        )
     return view, plan
 
 
@@ -206,5 +231,5 @@ def figures(result: Run) -> dict[str, float]:
     found["seconds.total"] = sum(result.seconds.values())
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
-    found |= plan_figures(result.plan)
+    found |= plan_figures(result.plan, result.seconds["plan"])
     return found

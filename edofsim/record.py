@@ -9,7 +9,10 @@ import math
 import os
 import platform
 import resource
+import shlex
+import subprocess
 import sys
+import time
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -42,6 +45,19 @@ def machine() -> dict[str, str | float | None]:
         "memory_gib": round(pages / 2**30, 1),
         "system": platform.platform(),
     }
+
+
+def commit_of(folder: Path) -> str:
+    """The commit of a checkout that the folder, or the one that holds it, is the root of, with `-dirty` where
+    files differ from it; `unknown` for others, and without git."""
+    if not any((root / ".git").exists() for root in (folder, folder.parent)):
+        return "unknown"
+    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--match="]
+    try:
+        said = subprocess.run(command, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return said.stdout.strip()
 
 
 def _processor() -> str:
@@ -79,6 +95,9 @@ def record(
     """The object that `--json` writes. `figures` is flat: a dotted name that ends in its unit or says it."""
     return {
         "command": command,
+        "typed": shlex.join(["edofsim", *sys.argv[1:]]),
+        "date": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "commit": commit_of(Path(__file__).parent),
         "versions": versions(),
         "machine": machine(),
         "seed": seed,

@@ -156,6 +156,9 @@ class GatheredKernels:
         values = self.base.truncated(node)
         return self.psfs.to(values) @ values
 
+    def at(self, nodes: Tensor, per_dioptre: float) -> GatheredKernels:
+        return replace(self, base=self.base.at(nodes, per_dioptre))
+
 
 def gathered_kernels(kernels: Kernels, gathering: Gathering) -> Kernels:
     """The groups' PSFs at every node; mixed at once where the PSFs are held in memory."""

@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from ..render.view import View
+from .band_limit import BandLimit
 from .convolution import Grid
 from .kernels import HeldKernels, Kernels
-from .light import light_of
+from .light import Light, SmoothLight, box_of, light_of
 from .methods import Blur, Method
 
 
@@ -17,7 +18,7 @@ class Blurring:
 
     kernels: PSFs at depth nodes; response: [channel, band]; prepare: one of the methods;
     gap: difference in inverse depth below which two surfaces are one, in 1/m: their blurs differ by less
-    than a pixel.
+    than a pixel; between: how light between the nodes is blurred, None: it is shared by the two next to it.
     """
 
     def __init__(
@@ -26,10 +27,12 @@ class Blurring:
         response: Tensor,
         prepare: Method,
         gap: float = 0.0,
+        between: BandLimit | None = None,
     ) -> None:
         self.kernels = kernels
         self.response = response
         self.gap = gap
+        self.between = between
         self._prepare = prepare
         self._light: Blur | None = None
         self._coverage: Blur | None = None
@@ -45,9 +48,11 @@ class Blurring:
         which: int64 [n]; part: [n], the fraction of each fragment's light (default: all).
         """
         radiance = None if part is None else view.radiance.index_select(1, which) * part
+        if self.between is not None:
+            return self._smooth_light(self._nearby(view, which), view, which, radiance)
         if self._light is None:
             self._light = self._prepare(self.kernels, self.response)
-        return self._light(light_of(view, self.kernels.nodes, which, radiance), self._grid(view))
+        return self._blurred(self._light, light_of(view, self.kernels.nodes, which, radiance), view)
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """How much some fragments block of what lies behind them: [channel, y, x] of the padded frame.
@@ -56,15 +61,55 @@ class Blurring:
         weighted by the response, as white light is. An opaque surface blocks everything though part of its
         light may leave the PSFs' windows: these PSFs sum to 1.
         """
-        white = amount.expand(self.response.shape[0], -1)
+        if self.between is not None:
+            return self._smooth_coverage(self._nearby(view, which), view, which, amount)
         if self._coverage is None:
-            one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
-            opaque = opaque_kernels(self.kernels, self.response)
-            self._coverage = self._prepare(opaque, one_each)
-        return self._coverage(light_of(view, self.kernels.nodes, which, white), self._grid(view))
+            self._coverage = self._blocking(self.kernels)
+        return self._blurred(self._coverage, light_of(view, self.kernels.nodes, which, amount[None]), view)
 
-    def _grid(self, view: View) -> Grid:
-        return Grid(*view.padded_shape, view.margin, self.kernels.window)
+    def slab(self, view: View, which: Tensor, part: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
+        """`light` and `coverage` of the same fragments."""
+        if self.between is None:
+            return self.light(view, which, part), self.coverage(view, which, amount)
+        near = self._nearby(view, which)
+        radiance = view.radiance.index_select(1, which) * part
+        return (
+            self._smooth_light(near, view, which, radiance),
+            self._smooth_coverage(near, view, which, amount),
+        )
+
+    def _nearby(self, view: View, which: Tensor) -> tuple[Kernels, Tensor]:
+        """PSFs at nodes that suit these fragments' depths, and the shares [node, n] of each in them."""
+        assert self.between is not None
+        depth = view.inverse_depth[which]
+        nodes = self.between.nodes(depth)
+        return self.kernels.at(nodes, self.between.per_dioptre), self.between.shares(depth, nodes)
+
+    def _smooth_light(
+        self, near: tuple[Kernels, Tensor], view: View, which: Tensor, radiance: Tensor | None
+    ) -> Tensor:
+        shine = view.radiance.index_select(1, which) if radiance is None else radiance
+        light = SmoothLight(*view.padded_shape, view.pixel[which], near[1], shine)
+        return self._blurred(self._prepare(near[0], self.response), light, view)
+
+    def _smooth_coverage(
+        self, near: tuple[Kernels, Tensor], view: View, which: Tensor, amount: Tensor
+    ) -> Tensor:
+        light = SmoothLight(*view.padded_shape, view.pixel[which], near[1], amount[None])
+        return self._blurred(self._blocking(near[0]), light, view)
+
+    def _blocking(self, kernels: Kernels) -> Blur:
+        one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
+        return self._prepare(opaque_kernels(kernels, self.response), one_each)
+
+    def _blurred(self, blur: Blur, light: Light | SmoothLight, view: View) -> Tensor:
+        """Blurred in the part of the frame that holds the light's blur."""
+        window, shape = self.kernels.window, view.padded_shape
+        box = box_of(light, window)
+        if box is None:
+            return blur(light, Grid(*shape, view.margin, window))
+        image = blur(box.light(light), Grid(box.rows, box.columns, min(view.margin, window // 2), window))
+        return box.pasted(image, *shape)
 
 
 def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:

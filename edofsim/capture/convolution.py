@@ -48,12 +48,12 @@ def spectrum(image: Tensor, grid: Grid) -> Tensor:
 def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Tensor, grid: Grid) -> Tensor:
     """Convolve images with PSFs and add them, weighted, to the channels' spectra.
 
-    total: complex [channel, ky, kx] or None for a first sum; light: [n, y, x] of the padded frame;
-    psf: [n, v, u], or their spectra, n convolutions in all; weights: [channel, n]. Returns the new total;
-    channel c gains sum_n weights[c, n] light[n] * psf[n].
+    total: complex [channel, ky, kx] or None for a first sum; light: [n, y, x] of the padded frame, or one for
+    all, and psf: [n, v, u], or the spectra of either, n convolutions in all; weights: [channel, n]. Returns
+    the new total; channel c gains sum_n weights[c, n] light[n] * psf[n].
     """
-    through = psf if psf.is_complex() else spectrum(psf, grid)
-    gained = mixed(weights, spectrum(light, grid) * through)
+    through, image = (each if each.is_complex() else spectrum(each, grid) for each in (psf, light))
+    gained = mixed(weights, image * through)
     return gained if total is None else total + gained
 
 

@@ -27,10 +27,9 @@ FULL_SUB_APERTURES = 6
 SUB_APERTURE_LAYERS = 13
 """Depth nodes at most for what sub-apertures change."""
 COARSE_LAYERS = 9
-"""The same in coarse pixels."""
-GATHERED_PIXEL = 2
-"""Side of the pixels in which that change, which has little fine detail, is found where the photo's bands are
-gathered in groups, in pixels."""
+"""The same where the side of its pixels is given, and more than one."""
+COARSE_PIXEL = 2
+"""Side of the pixels in which that change, which has little fine detail, is found, in pixels."""
 MOST_LAYERS = 4096
 """Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
@@ -90,13 +89,14 @@ class Fidelity:
         False,
         "sub-apertures",
         "",
-        "in all bands and nodes, in place of one group a channel and 13 nodes, or 9 where bands are gathered",
+        "in all bands, nodes and pixels, in place of two wavelengths a channel, 13 nodes and pixels of 2",
     )
     sub_aperture_pixel: int | None = _knob(
         None,
         "sub-apertures",
         "px",
-        "side of the pixels in which their change is found; None: 2 where bands are gathered, else 1",
+        "side of the pixels in which their change is found, above 1 in 9 nodes and a wavelength a channel; "
+        "None: 2, in 13 and two",
     )
     method: str = _knob(
         "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
@@ -230,17 +230,23 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
-    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
-    composite each. In coarse pixels, which it has by default where the photo's bands are gathered, it has
-    fewer layers and wavelengths, too."""
-    gathered = fidelity.band_groups > 0 and not fidelity.sub_apertures_in_full
-    pixel = fidelity.sub_aperture_pixel or (GATHERED_PIXEL if gathered else 1)
-    how = replace(fidelity, method="layered", sub_aperture_pixel=pixel)
+    channel, few layers and pixels of `COARSE_PIXEL`, whatever the photo itself has. It is a small part of the
+    photo without fine detail, and costs a composite each. Where the side of its pixels is given, and more
+    than one, it has fewer layers and wavelengths, too."""
+    given = fidelity.sub_aperture_pixel
     if fidelity.sub_apertures_in_full:
-        return how
-    most = COARSE_LAYERS if pixel > 1 else SUB_APERTURE_LAYERS
+        return replace(fidelity, method="layered", sub_aperture_pixel=given or 1)
+    few = given is not None and given > 1
+    most = COARSE_LAYERS if few else SUB_APERTURE_LAYERS
     layers = most if fidelity.layers is None else min(fidelity.layers, most)
-    return replace(how, band_groups=1, group_wavelengths=1 if pixel > 1 else 2, layers=layers)
+    return replace(
+        fidelity,
+        method="layered",
+        band_groups=1,
+        group_wavelengths=1 if few else 2,
+        layers=layers,
+        sub_aperture_pixel=given or COARSE_PIXEL,
+    )
 
 
 def edge_pixels(view: View, gap: float) -> int:

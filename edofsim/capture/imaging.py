@@ -17,6 +17,7 @@ from torch import Tensor
 from ..optics import Camera, defocus
 from ..render.view import View
 from .band_groups import Gathering, every_band, gathered, gathered_kernels, gathered_view
+from .band_limit import BandLimit
 from .blurring import Blurring
 from .checks import check_view
 from .crop import crop, with_margin
@@ -35,13 +36,15 @@ MakeKernels = Callable[[Camera, Tensor, Tensor, int], Kernels]
 class Axes:
     """What images of one view, or of several, share: response [channel, band] and wavelengths [band] of the
     bands, in metres; spectrum [band], their light, that groups of bands are weighted by; ends: least and
-    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed."""
+    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed; between:
+    how light between them is blurred, None: the two next to it share it."""
 
     response: Tensor
     wavelengths: Tensor
     spectrum: Tensor
     ends: tuple[float, float]
     nodes: Tensor
+    between: BandLimit | None = None
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ def imaging_of(
             gathering.response.to(device, dtype),
             METHODS[fidelity.method],
             gap=1 / blur_per_dioptre(camera),
+            between=axes.between,
         ),
     )
 

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
+from ..optics.band_limited import band_limited_weights
 
 
 class Kernels(Protocol):
@@ -18,7 +19,8 @@ class Kernels(Protocol):
 
     nodes: [node] inverse depths in 1/m; wavelengths: [band], metres; window: side of the PSFs in pixels;
     layer(k): [band, y, x] at node k, each pixel the fraction of the light through the pupil that lands in it;
-    truncated(k): [band], the fraction that lands outside the window.
+    truncated(k): [band], the fraction that lands outside the window; at(nodes, per_dioptre): those of other
+    depths between these nodes, where they are enough for band-limited PSFs (see `BandLimit`).
     """
 
     @property
@@ -33,6 +35,8 @@ class Kernels(Protocol):
     def layer(self, node: int) -> Tensor: ...
 
     def truncated(self, node: int) -> Tensor: ...
+
+    def at(self, nodes: Tensor, per_dioptre: float) -> Kernels: ...
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,10 @@ class HeldKernels:
 
     def truncated(self, node: int) -> Tensor:
         return 1 - self.values[node].sum((-2, -1))
+
+    def at(self, nodes: Tensor, per_dioptre: float) -> HeldKernels:
+        weights = band_limited_weights(nodes, self.nodes, per_dioptre).to(self.values)
+        return HeldKernels(torch.tensordot(weights, self.values, 1), nodes, self.wavelengths)
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,9 @@ class StreamedKernels:
         if node not in self._rest:
             self.layer(node)
         return self._rest[node]
+
+    def at(self, nodes: Tensor, per_dioptre: float) -> StreamedKernels:
+        return StreamedKernels(self.compute, nodes, self.wavelengths, self.window, self.ahead)
 
 
 DEFOCUS_STEP = 2.5

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from ..render.view import View
+
+SMALLER = 0.8
+"""Share of the frame from which on a part of it is not worth to be cut out."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,71 @@ class Light:
                 weight = self.share[part] if rising else 1 - self.share[part]
                 image.index_add_(1, self.pixel[part], self.radiance[bands, part] * weight)
         return image.reshape(-1, self.rows, self.columns)
+
+
+@dataclass(frozen=True)
+class SmoothLight:
+    """Fragments whose light every depth node has a share in, which may be negative.
+
+    rows, columns: of the padded frame; pixel: int64 [fragment], row by row in it; shares: [node, fragment];
+    radiance: [band, fragment].
+    """
+
+    rows: int
+    columns: int
+    pixel: Tensor
+    shares: Tensor
+    radiance: Tensor
+
+    @property
+    def bands(self) -> int:
+        return int(self.radiance.shape[0])
+
+    def occupied_nodes(self) -> list[int]:
+        """All of them."""
+        return list(range(len(self.shares)))
+
+    def at_node(self, node: int, bands: slice = slice(None)) -> Tensor:
+        """Image of the light at one node: [band, y, x]."""
+        shine = self.radiance[bands] * self.shares[node]
+        image = shine.new_zeros(len(shine), self.rows * self.columns).index_add_(1, self.pixel, shine)
+        return image.reshape(-1, self.rows, self.columns)
+
+
+@dataclass(frozen=True)
+class Box:
+    """Where a blur of `window` pixels carries light to, within a padded frame: rows from `top` on, columns
+    from `left` on. May reach beyond the frame."""
+
+    top: int
+    left: int
+    rows: int
+    columns: int
+
+    def light(self, light: Light | SmoothLight) -> Light | SmoothLight:
+        """The same light in this part of the frame, which holds it."""
+        y, x = light.pixel // light.columns - self.top, light.pixel % light.columns - self.left
+        return replace(light, rows=self.rows, columns=self.columns, pixel=y * self.columns + x)
+
+    def pasted(self, image: Tensor, rows: int, columns: int) -> Tensor:
+        """An image [channel, y, x] of this part of a frame of rows and columns, as one of all of it."""
+        before = (self.left, columns - self.left - self.columns, self.top, rows - self.top - self.rows)
+        return pad(image, before)
+
+
+def box_of(light: Light | SmoothLight, window: int) -> Box | None:
+    """The part of the frame that a blur carries light to; None where it is hardly smaller than the frame."""
+    if not light.pixel.numel():
+        return None
+    half = window // 2
+    sides = []
+    y, x = light.pixel // light.columns, light.pixel % light.columns
+    for place, length in ((y, light.rows), (x, light.columns)):
+        first, last = (int(end) for end in place.aminmax())
+        size = last - first + 1 + 2 * half
+        sides.append((first - half, size) if size < length else (0, length))
+    (top, rows), (left, columns) = sides
+    return Box(top, left, rows, columns) if rows * columns < SMALLER * light.rows * light.columns else None
 
 
 def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None = None) -> Light:

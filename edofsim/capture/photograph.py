@@ -20,15 +20,19 @@ from ..optics.precision import own_precision
 from ..optics.pupil import transmission
 from ..recipe import CameraRecipe
 from ..render.view import View
+from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
 from .fidelity import Fidelity
 from .imaging import Axes, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
 from .photo import Photo
-from .prepare import channel_weights, choose_nodes, kernels_of
+from .prepare import channel_weights, choose_nodes, fewer_nodes, kernels_of
 from .sensor import automatic_exposure, record, sensor_effects
 from .stopwatch import Stopwatch
+
+GLARE_NODES = 8
+"""Depths at which truncated light is known, for each node of band-limited PSFs: between them it is linear."""
 
 
 @own_precision
@@ -76,13 +80,9 @@ def capture(
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal)
     spectrums = [spectrum_of(view) for view in given] if spectrum is None else [spectrum]
-    axes = Axes(
-        weights,
-        first.wavelengths,
-        torch.stack(spectrums).sum(0),
-        _ends(given),
-        nodes_of(given, camera, fidelity) if nodes is None else nodes,
-    )
+    at, between = depths_of(given, camera, fidelity) if nodes is None else (nodes, None)
+    light = torch.stack(spectrums).sum(0)
+    axes = Axes(weights, first.wavelengths, light, _ends(given), at, between)
     lights = None if fidelity.band_groups else given
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
@@ -95,7 +95,7 @@ def capture(
     lights = [imaging.light(view) for view in given]
     photo = torch.stack([imaging.image(light) for light in lights])
     blurring = imaging.blurring
-    glare = [glare_of(light, blurring.kernels, blurring.response) for light in lights]
+    glare = [glare_of(light, blurring.kernels, blurring.response, between) for light in lights]
     photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
     finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
     watch.lap("blur", 0.5 if finer else 0.9)
@@ -130,15 +130,27 @@ def capture(
 
 def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tensor:
     """The depth nodes [node] of a fidelity for views, ascending inverse depths in 1/m."""
-    return choose_nodes(
+    return depths_of(views, camera, fidelity)[0]
+
+
+def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tuple[Tensor, BandLimit | None]:
+    """The depth nodes of a fidelity for views, and how light between them is blurred, as in `Axes`."""
+    shortest = float(views[0].wavelengths.min())
+    nodes = choose_nodes(
         torch.cat([view.inverse_depth for view in views]),
         torch.cat([view.coverage * ~view.hidden for view in views]),
         camera,
-        float(views[0].wavelengths.min()),
+        shortest,
         fidelity.method,
         "auto" if fidelity.layers is None else fidelity.layers,
         fidelity.layers_db,
     )
+    # layers that hide each other are at the nodes themselves; sub-apertures share light between two of them
+    at_nodes = fidelity.occlusion not in ("none", "hidden") or fidelity.method != "layered"
+    in_full = fidelity.sub_apertures > 1 and fidelity.sub_apertures_in_full
+    if fidelity.layers is None and not at_nodes and not in_full:
+        return fewer_nodes(nodes, camera, shortest, fidelity.layers_db)
+    return nodes, None
 
 
 def ideal_image(view: View, camera: Camera | None = None, exposure: float | None = None) -> Tensor:
@@ -162,27 +174,35 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     return light.reshape(-1, rows, columns)
 
 
-def glare_of(view: View, kernels: Kernels, weights: Tensor) -> tuple[Tensor, Tensor]:
+def glare_of(
+    view: View, kernels: Kernels, weights: Tensor, between: BandLimit | None = None
+) -> tuple[Tensor, Tensor]:
     """What the visible light beyond the PSFs' windows becomes: veiling glare, the same all over the padded
     frame.
 
     Such light lands far from where it belongs, and what leaves the frame comes in from outside of it as well;
     so its mean is all that is known of it. Returns the glare, unexposed, and the truncated fraction of the
-    light that it is made of, both [channel] under the response `weights` [channel, band].
+    light that it is made of, both [channel] under the response `weights` [channel, band]. between: as in
+    `Axes`.
     """
-    radiance = view.radiance
+    radiance, nodes = view.radiance, kernels.nodes
+    if between is not None:
+        nodes = torch.linspace(float(nodes[0]), float(nodes[-1]), GLARE_NODES * len(nodes), dtype=nodes.dtype)
     if kernels.nodes.numel() == 1:
         amount = (radiance @ (~view.hidden).to(radiance))[:, None]
     else:
         which = seen(view)
-        cell, share = hat_weights(view.inverse_depth[which], kernels.nodes)
+        cell, share = hat_weights(view.inverse_depth[which], nodes)
         light = radiance.index_select(1, which)
-        amount = light.new_zeros(view.bands, kernels.nodes.numel())
+        amount = light.new_zeros(view.bands, nodes.numel())
         amount = amount.index_add(1, cell, light * (1 - share))
-        amount = amount.index_add(1, (cell + 1).clamp_max(kernels.nodes.numel() - 1), light * share)
+        amount = amount.index_add(1, (cell + 1).clamp_max(nodes.numel() - 1), light * share)
     there = torch.nonzero(amount.any(0)).squeeze(1)
-    rest = [kernels.truncated(node).to(amount) for node in there.tolist()]
-    beyond = (amount[:, there] * torch.stack(rest, 1)).sum(1) if rest else torch.zeros_like(amount[:, 0])
+    if between is not None:
+        beyond = (amount.T * between.truncated(nodes, kernels).to(amount)).sum(0)
+    else:
+        rest = [kernels.truncated(node).to(amount) for node in there.tolist()]
+        beyond = (amount[:, there] * torch.stack(rest, 1)).sum(1) if rest else torch.zeros_like(amount[:, 0])
     total = weights @ amount.sum(1)
     glare = weights @ beyond
     rows, columns = view.padded_shape

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,12 +10,19 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, psf_bank, response, response_curves, sub_aperture_psfs
+from ..optics.band_limited import band_limited_nodes
+from ..optics.camera import defocus_per_dioptre
+from ..optics.psf import BETWEEN
+from .band_limit import BandLimit
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
 BRUTE_DEPTHS = 475
 """The paper's 3D scene has 475 depths; brute force uses as many unless told otherwise."""
 HELD_BYTES = 1 << 29
 """Largest PSF bank that is held in memory as a whole."""
+BLUR_ERROR = 0.01
+"""Error of a PSF between depths, as `band_limited_nodes` counts it, for a photo that keeps `FULL` dB."""
+FULL = 70.0
 SEEN_SHARE = 0.6
 """Least part of a channel's response that must lie within a view's bands."""
 
@@ -44,7 +50,21 @@ def choose_nodes(
         return ((inverse_depth.detach().double() @ weight) / weight.sum().clamp_min(1e-300)).reshape(1)
     if method == "brute" and layers == "auto":
         layers = BRUTE_DEPTHS
-    return depth_nodes(inverse_depth, layers, math.pi / shortest * camera.aperture_radius**2, tolerance_db)
+    return depth_nodes(inverse_depth, layers, defocus_per_dioptre(camera, shortest), tolerance_db)
+
+
+def fewer_nodes(
+    nodes: Tensor, camera: Camera, shortest: float, tolerance_db: float
+) -> tuple[Tensor, BandLimit | None]:
+    """In place of many nodes of `choose_nodes`, those from which band-limited PSFs at all depths between are
+    known, and how light is blurred with them; the same nodes and None where they are no fewer."""
+    per_dioptre = defocus_per_dioptre(camera, shortest)
+    held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, BETWEEN)
+    if len(held) >= len(nodes):
+        return nodes, None
+    if len(held) == 1:  # all light is there
+        return held.to(nodes.device), None
+    return held.to(nodes.device), BandLimit(per_dioptre, BLUR_ERROR * 10 ** ((FULL - tolerance_db) / 20))
 
 
 def kernels_of(

@@ -5,8 +5,10 @@ from __future__ import annotations
 import inspect
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -14,10 +16,23 @@ from typer.core import TyperCommand, TyperGroup
 from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
 from ..experiments import EXPERIMENTS
-from ..experiments.experiment import Findings, InPaper, Paper
-from ..options import CacheOption, JsonOption, OutOption, QuietOption, SeedOption
+from ..experiments.experiment import Findings, InPaper, InParts, Paper
+from ..options import (
+    CacheOption,
+    ClusterOption,
+    JobsOption,
+    JsonOption,
+    OutOption,
+    QuietOption,
+    SeedOption,
+    ShardOption,
+)
 from ..record import writable_folder
+from .many import seen_by, share_of, spread_of, work_on
 from .shared import Done, begun, figures_table, finish
+
+if TYPE_CHECKING:
+    from ..render.spread import Spread
 
 LOG = logging.getLogger(__name__)
 
@@ -50,7 +65,8 @@ evaluate_app = typer.Typer(
 
 
 def command_of(name: str) -> Callable[..., Done]:
-    """An experiment's `run` as a command: its own options, and those that all experiments have."""
+    """An experiment's `run` as a command: its own options, and those that all experiments have, or all whose
+    work is in parts."""
 
     def command(
         out: OutOption = None, json: JsonOption = None, quiet: QuietOption = False, **options: object
@@ -58,22 +74,47 @@ def command_of(name: str) -> Callable[..., Done]:
         with begun(name, json, quiet=quiet) as progress:
             return perform(name, options, out, json, progress)
 
+    def spread(
+        jobs: JobsOption = 1,
+        cluster: ClusterOption = None,
+        shard: ShardOption = None,
+        out: OutOption = None,
+        json: JsonOption = None,
+        quiet: QuietOption = False,
+        **options: object,
+    ) -> Done:
+        how = spread_of(jobs, cluster, shard)
+        with begun(name, json, quiet=quiet) as progress:
+            return perform(name, options, out, json, progress, how)
+
     run = _run_of(name)
-    own = list(inspect.signature(run, eval_str=True).parameters.values())[2:]
-    shared = list(inspect.signature(command, eval_str=True).parameters.values())[:3]
+    whole = spread if isinstance(run, InParts) else command
+    function = run.run if isinstance(run, InParts) else run
+    own = list(inspect.signature(function, eval_str=True).parameters.values())[2:]
+    shared = list(inspect.signature(whole, eval_str=True).parameters.values())[:-1]
     every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own, *shared)]
-    command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    command.__annotations__ = {each.name: each.annotation for each in every}
-    command.__doc__ = run.__doc__
-    return command
+    whole.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    whole.__annotations__ = {each.name: each.annotation for each in every}
+    whole.__doc__ = function.__doc__
+    return whole
 
 
 def perform(
-    name: str, options: Mapping[str, object], out: Path | None, json: Path | None, progress: Progress
+    name: str,
+    options: Mapping[str, object],
+    out: Path | None,
+    json: Path | None,
+    progress: Progress,
+    how: Spread | None = None,
 ) -> Done:
-    """Run an experiment, and write its page and JSON. json: None for OUT/NAME.json."""
+    """Run an experiment, and write its page and JSON. json: None for OUT/NAME.json; how: the work of its
+    parts is spread, None for one whose work is in none."""
     title = f"{name}-quick" if options.get("quick") else name
     folder = writable_folder(out or Path("out") / title)
+    lost: list[str] = []
+    if how is not None and not (how.alone and how.shard is None):
+        options, lost = _spread(name, options, folder, how, part(progress, 0.0, 0.95))
+        progress = part(progress, 0.95, 1.0)
     found = _run_of(name)(folder, progress, **options)
     outputs = dict(found.outputs)
     if found.page is not None:
@@ -82,7 +123,7 @@ def perform(
         outputs["page"] = write_page(folder / f"{name}.html", found.page)
     seed = options.get("seed")
     given = {option: value for option, value in options.items() if option not in ("seed", "cache", "device")}
-    return finish(
+    done = finish(
         f"evaluate {name}",
         found.shown or [figures_table(found.figures)],
         found.figures,
@@ -91,9 +132,54 @@ def perform(
         problems=found.problems,
         seed=seed if isinstance(seed, int) else None,
         inputs={**given, **found.inputs},
-        left_out=list(found.problems),
+        left_out=[*found.problems, *lost],
         **found.record,
     )
+    return replace(done, failures=lost)
+
+
+def _spread(
+    name: str, options: Mapping[str, object], folder: Path, how: Spread, progress: Progress
+) -> tuple[Mapping[str, object], list[str]]:
+    """Have the parts of an experiment done by workers, or choose those of a share: its options for the parts
+    that are kept in the folder then, and what was said of the others."""
+    experiment = _run_of(name)
+    assert isinstance(experiment, InParts)
+    given = options.get(experiment.option)
+    typed = [str(each) for each in given] if isinstance(given, list) and given else experiment.every()
+    names = share_of(typed, how)
+    chosen = {**options, experiment.option: names}
+    if how.alone:
+        return chosen, []
+    if how.cluster:
+        from ..render.cache import default_folder
+
+        names = [str(Path(each).absolute()) if Path(each).is_file() else each for each in names]
+        chosen = {key: _absolute(value) for key, value in options.items()}
+        if "cache" in chosen:
+            chosen["cache"] = chosen["cache"] or default_folder().absolute()
+    work = partial(_part_of, experiment=name, options=chosen, folder=seen_by(how, folder))
+    ended, problems, failures = work_on(names, names, work, how, progress)
+    done = [each for each, end in zip(names, ended, strict=True) if end is not None]
+    return {**options, experiment.option: done}, [*problems, *failures]
+
+
+def _part_of(
+    part: str, progress: Progress, *, experiment: str, options: Mapping[str, object], folder: Path
+) -> bool:
+    """One part of an experiment, done by a worker: what it found is kept in the folder."""
+    run = _run_of(experiment)
+    assert isinstance(run, InParts)
+    run(folder, progress, **{**options, run.option: [part]})
+    return True
+
+
+def _absolute(value: object) -> object:
+    """Paths and files that an option names, as a worker in another folder finds them."""
+    if isinstance(value, list):
+        return [_absolute(each) for each in value]
+    is_path = isinstance(value, Path) or (isinstance(value, str) and Path(value).is_file())
+    return type(value)(Path(value).absolute()) if is_path else value  # type: ignore[call-arg, arg-type]
 
 
 def _run_of(name: str) -> Callable[..., Findings]:

@@ -2,42 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..core.progress import Progress
 from ..errors import InputError
 from ..options import (
     AccuracyOption,
     CacheOption,
     CameraOption,
+    ClusterOption,
     Device,
     DeviceOption,
+    JobsOption,
     JsonOption,
     LayersOption,
     MethodOption,
     OcclusionOption,
     OutOption,
     QuietOption,
-    Scene,
+    Scenes,
     SeedOption,
+    ShardOption,
     SubAperturesOption,
     TimeOption,
     WithOption,
     WithoutOption,
 )
 from ..record import peak_memory_mib, writable_folder
+from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, finish, inputs_of, plan_lines, recipes_of
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from ..plan import Target
+    from ..recipe import CameraRecipe, Loaded, SceneRecipe
     from ..reference.pinhole import Crop
 
 
 def expose(
-    scene: Scene,
+    scenes: Scenes,
     camera: CameraOption = None,
     method: MethodOption = None,
     layers: LayersOption = None,
@@ -60,102 +70,140 @@ def expose(
         typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
     ] = None,
     seed: SeedOption = 0,
+    jobs: JobsOption = 1,
+    cluster: ClusterOption = None,
+    shard: ShardOption = None,
     out: OutOption = None,
     json: JsonOption = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """A photo through one camera: EXR (linear) and PNG.
+    """A photo of each scene through one camera, or through its own: EXR (linear) and PNG, of several scenes
+    in folders of their own in --out.
 
     The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
     is geometric and for a clear aperture.
 
-    Figures: psnr_db.{photo,against_reference}, seconds.{plan,render,expose,reference}, light_lost.{r,g,b},
-    peak_memory_mib, and what `edofsim plan` says.
+    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference},
+    seconds.{plan,render,expose,reference}, light_lost.{r,g,b}, peak_memory_mib, plan.share_of_saved (planning
+    against the seconds that it saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
-    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
+    how = spread_of(jobs, cluster, shard)
+    names = [f"{scene.recipe.name}-{taker.recipe.name}" for scene, taker in pairs]
     with begun("expose", json, quiet=quiet) as progress:
-        from ..capture import capture, save_image, write_image, write_photo
-        from ..capture.bands import merged_bands
         from ..capture.device import torch_device
         from ..optics import Camera
-        from ..pipeline import Stopwatch, planned_view
-        from ..plan import learn_rates, parse_target, plan_figures
-        from ..reference import check_crop, check_reference, crop_of, reference_photo
-        from ..restore.scores import psnr
+        from ..plan import checked_overrule, parse_target
+        from ..reference import check_reference, crop_of
 
-        target, compute = parse_target(accuracy, time), torch_device(device.value)
-        optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
-        where = None if crop is None else crop_of(crop)
-        if reference is not None:
-            check_reference(reference, optics)
-        name = f"{scene_recipe.recipe.name}-{camera_recipe.recipe.name}"
-        folder = writable_folder(out or Path("out") / name)
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
-        watch = Stopwatch(progress)
-        view, plan = planned_view(
-            scene_recipe,
-            optics,
-            watch,
+        checked_overrule(overrule)
+        torch_device(device.value)
+        for _, taker in pairs if reference is not None else ():
+            check_reference(reference or "", Camera.from_recipe(taker.recipe, taker.base))
+        top = writable_folder(out or Path("out"))
+        folders = [top if out and len(names) == 1 else writable_folder(top / name) for name in names]
+        work = partial(
+            photographed,
             overrule=overrule,
-            target=target,
-            cache=cache,
+            target=parse_target(accuracy, time),
+            bands=bands,
+            reference=reference,
+            where=None if crop is None else crop_of(crop),
+            seed=seed,
+            cache=seen_by(how, cache),
             device=device.value,
         )
-        fidelity = plan.fidelity
-        if bands is not None:  # in place of what the plan gathers them in
-            view = merged_bands(view, bands)
-            fidelity = fidelity.changed({"band_groups": 0, "group_wavelengths": 0})
-        if where is not None:
-            check_crop(view, where)
-        with watch.stage("expose", 0.7, 0.8):
-            photo = capture(view, optics, fidelity, seed=seed, device=compute)
-        if compute == "cpu" and bands is None:
-            learn_rates(plan.seconds, photo.seconds)
-        numbers = {
-            "psnr_db.photo": psnr(photo.image, photo.ideal),
-            **plan_figures(plan),
-            **{
-                f"light_lost.{name}": float(value)
-                for name, value in zip("rgb", photo.truncated, strict=False)
-            },
-        }
-        outputs = {
-            "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
-            "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
-            "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
-        }
-        lines = [
-            *plan_lines(plan),
-            f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
-        ]
-        if reference is not None and where is not None:
-            with watch.stage("reference", 0.8, 1.0) as tell:
-                true = photo.exposure * reference_photo(
-                    reference,
-                    view,
-                    scene_recipe.recipe,
-                    scene_recipe.base,
-                    optics,
-                    where,
-                    device=device.value,
-                    progress=tell,
-                )
-            numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
-            outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
-            outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true)
-            lines.append(
-                f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
-                f"{reference} reference, which took {watch.seconds['reference']:.0f} s"
+        parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
+        found = of_each(parts, [scene.recipe.name for scene, _ in pairs], work, how, progress)
+        inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}
+        if len(pairs) == 1:
+            inputs = inputs_of(*pairs[0], crop=crop, reference=reference)
+        done = finish("expose", found.printed, found.figures, found.outputs, json, inputs=inputs, seed=seed)
+        return replace(done, problems=found.problems, failures=found.failures)
+
+
+def photographed(
+    part: tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path],
+    progress: Progress,
+    *,
+    overrule: Mapping[str, object],
+    target: Target,
+    bands: int | None,
+    reference: str | None,
+    where: Crop | None,
+    seed: int,
+    cache: Path | None,
+    device: str,
+) -> OfScene:
+    """One scene through its camera, into the folder that is given with them."""
+    from ..capture import capture, save_image, write_image, write_photo
+    from ..capture.bands import merged_bands
+    from ..capture.device import torch_device
+    from ..optics import Camera
+    from ..pipeline import Stopwatch, planned_view
+    from ..plan import learn_rates, plan_figures
+    from ..reference import check_crop, reference_photo
+    from ..restore.checkpoint import network_of
+    from ..restore.scores import psnr
+
+    scene, taker, folder = part
+    compute, optics = torch_device(device), Camera.from_recipe(taker.recipe, taker.base)
+    watch = Stopwatch(progress)
+    view, plan = planned_view(
+        scene,
+        optics,
+        watch,
+        overrule=overrule,
+        target=target,
+        checkpoint=network_of(taker),
+        cache=cache,
+        device=device,
+    )
+    fidelity = plan.fidelity
+    if bands is not None:  # in place of what the plan gathers them in
+        view = merged_bands(view, bands)
+        fidelity = fidelity.changed({"band_groups": 0, "group_wavelengths": 0})
+    if where is not None:
+        check_crop(view, where)
+    with watch.stage("expose", 0.7, 0.8):
+        photo = capture(view, optics, fidelity, seed=seed, device=compute)
+    if compute == "cpu" and bands is None:
+        learn_rates(plan.seconds, photo.seconds)
+    numbers = {
+        "psnr_db.photo": psnr(photo.image, photo.ideal),
+        **plan_figures(plan, watch.seconds["plan"]),
+        **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
+    }
+    outputs = {
+        "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
+        "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
+        "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
+    }
+    lines = [
+        *plan_lines(plan, watch.seconds["plan"]),
+        f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
+    ]
+    if reference is not None and where is not None:
+        with watch.stage("reference", 0.8, 1.0) as tell:
+            true = photo.exposure * reference_photo(
+                reference, view, scene.recipe, scene.base, optics, where, device=device, progress=tell
             )
-        numbers |= {f"seconds.{stage}": seconds for stage, seconds in watch.seconds.items()}
-        numbers["peak_memory_mib"] = peak_memory_mib()
-        inputs = inputs_of(scene_recipe, camera_recipe, crop=crop, reference=reference)
-        return finish("expose", lines, numbers, outputs, json, inputs=inputs, seed=seed)
+        numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
+        outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
+        outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true)
+        lines.append(
+            f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
+            f"{reference} reference, which took {watch.seconds['reference']:.0f} s"
+        )
+    numbers |= {f"seconds.{stage}": seconds for stage, seconds in watch.seconds.items()}
+    numbers["peak_memory_mib"] = peak_memory_mib()
+    return OfScene(scene.recipe.name, lines, numbers, outputs)
 
 
 def _part(image: Tensor, where: Crop) -> Tensor:

@@ -34,20 +34,31 @@ def plan(
 
     Decided on small renderings of the scene unless its view is in the cache.
 
-    Figures: plan.{psnr_db,memory_mib,seconds}, plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and
-    for each effect called_for.EFFECT (1 or 0), psnr_db.without_EFFECT, plan.seconds.EFFECT.
+    Figures: plan.{psnr_db,memory_mib,seconds,seconds_saved,score_shift_db},
+    plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and for each effect called_for.EFFECT (1 or 0),
+    psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     with begun("plan", json, quiet=quiet) as progress:
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
+        from ..restore.checkpoint import network_of
+        from ..restore.choice import restoring
 
         target = parse_target(accuracy, time)
         overrule = checked_overrule({"with_": with_, "without": without})
         optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
         recipe, base = scene_recipe.recipe, scene_recipe.base
         looked = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)
-        chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
+        view = looked.facts.view
+        chosen = plan_scene(
+            looked,
+            optics,
+            overrule=overrule,
+            target=target,
+            restore=restoring(optics, view.wavelengths, view.inverse_depth, network_of(camera_recipe)),
+            progress=progress,
+        )
         inputs = inputs_of(scene_recipe, camera_recipe)
         return finish(
             "plan", plan_lines(chosen), plan_figures(chosen), {}, json, inputs=inputs, plan=plan_rows(chosen)

@@ -17,14 +17,19 @@ from ..errors import EdofsimError, InputError
 from ..options import (
     AccuracyOption,
     CacheOption,
+    ClusterOption,
     Device,
     DeviceOption,
+    JobsOption,
     JsonOption,
     OutOption,
     QuietOption,
+    Scenes,
+    ShardOption,
     TimeOption,
 )
 from ..record import peak_memory_mib, writable_folder
+from .many import all_scenes, spread_of
 from .shared import Done, begun, finish
 
 if TYPE_CHECKING:
@@ -34,7 +39,7 @@ if TYPE_CHECKING:
 
 
 def render(
-    scenes: Annotated[list[str], typer.Argument(metavar="SCENE...", help="Scene recipes or shipped names.")],
+    scenes: Scenes,
     members: Annotated[
         int | None, typer.Option("--members", min=1, help="So many different scenes of each family.")
     ] = None,
@@ -43,14 +48,9 @@ def render(
     noise: Annotated[
         str | None, typer.Option("--noise", metavar="1%", help="Stop at this noise, not at a sample count.")
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Worker processes on this machine.")] = 1,
-    cluster: Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, e.g. tcp://host:8786."),
-    ] = None,
-    shard: Annotated[
-        str | None, typer.Option("--shard", metavar="I/N", help="Only the I-th of N shares of the work.")
-    ] = None,
+    jobs: JobsOption = 1,
+    cluster: ClusterOption = None,
+    shard: ShardOption = None,
     out: OutOption = None,
     json: JsonOption = None,
     cache: CacheOption = None,
@@ -65,8 +65,8 @@ def render(
     peak_memory_mib.
     """
     level = _fraction(noise, "--noise") if noise else None
-    share = _shard(shard) if shard else None
-    loaded = _all_scenes(scenes)  # every recipe is checked before any time is spent
+    loaded = all_scenes(scenes)  # every recipe is checked before any time is spent
+    how = spread_of(jobs, cluster, shard)
     folder = writable_folder(out) if out else None
     with begun("render", json, quiet=quiet) as progress:
         from ..render import cache as store
@@ -89,7 +89,7 @@ def render(
         expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
         if not quiet:
             console.err.print(str(expected), markup=False)
-        if len(tasks) == 1 and not cluster and share is None:  # no worker needs starting for one view
+        if len(tasks) == 1 and how.alone and how.shard is None:  # no worker needs starting for one view
             outcomes = [
                 render_one(tasks[0], cache=cache, noise=level, device=device.value, progress=progress)
             ]
@@ -99,7 +99,7 @@ def render(
                 cache=cache,
                 jobs=jobs,
                 cluster=cluster,
-                shard=share,
+                shard=how.shard,
                 noise=level,
                 device=device.value,
                 progress=progress,
@@ -150,11 +150,15 @@ def _as_planned(
     from ..plan import look, plan_scene, simpler_recipe
     from ..recipe import load_camera
     from ..render.jobs import Task
+    from ..restore.checkpoint import network_of
+    from ..restore.choice import restoring
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
     looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
-    plan = plan_scene(looked, optics, target=target, progress=progress)
+    view = looked.facts.view
+    restore = restoring(optics, view.wavelengths, view.inverse_depth, network_of(camera))
+    plan = plan_scene(looked, optics, target=target, restore=restore, progress=progress)
     if not quiet:
         console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
     return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
@@ -179,22 +183,6 @@ def _view_pictures(
     return outputs
 
 
-def _all_scenes(scenes: Sequence[str]) -> list[Loaded[SceneRecipe]]:
-    """All recipes, or all that is wrong with any of them."""
-    from ..recipe import load_scene
-
-    loaded: list[Loaded[SceneRecipe]] = []
-    problems: list[str] = []
-    for scene in scenes:
-        try:
-            loaded.append(load_scene(scene))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return loaded
-
-
 def _fraction(text: str, option: str) -> float:
     """`1%` or `0.01` as 0.01."""
     try:
@@ -204,10 +192,3 @@ def _fraction(text: str, option: str) -> float:
     if not 0 < value < 1:
         raise InputError(f"{option} {text}: give a fraction above 0 and below 1, such as 1% or 0.01")
     return value
-
-
-def _shard(text: str) -> tuple[int, int]:
-    number, slash, count = text.partition("/")
-    if not (slash and number.isdigit() and count.isdigit()):
-        raise InputError(f"--shard {text}: give I/N, such as 1/4 for the first of four")
-    return int(number), int(count)

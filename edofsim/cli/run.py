@@ -67,8 +67,9 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, peak_memory_mib, render_noise,
-    and what `edofsim plan` says.
+    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, seconds.processor (of
+    all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved (planning against the
+    seconds that it saves), and what `edofsim plan` says.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
@@ -100,9 +101,10 @@ def run(
         numbers = pipeline.figures(result)
         numbers["seconds.report"] = clock.perf_counter() - started
         numbers["seconds.total"] += numbers["seconds.report"]
+        numbers["seconds.processor"] = clock.process_time()
         numbers["peak_memory_mib"] = peak_memory_mib()
         lines = [
-            *plan_lines(result.plan),
+            *plan_lines(result.plan, result.seconds["plan"]),
             _score_table(result),
             f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
             f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",

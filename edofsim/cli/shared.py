@@ -112,12 +112,17 @@ def plan_rows(plan: Plan) -> list[dict[str, object]]:
     return [vars(decision) for decision in plan.decisions]
 
 
-def plan_lines(plan: Plan) -> list[str | Table]:
-    """The plan's table, and what it comes to as a whole."""
+def plan_lines(plan: Plan, planning: float | None = None) -> list[str | Table]:
+    """The plan's table, and what it comes to as a whole. planning: seconds that making it took."""
     table = Table(*plan.HEADS, box=None)
     for row in plan.rows():
         table.add_row(*row)
-    return [table, plan.summary(), *([plan.note] if plan.note else [])]
+    took: list[str | Table] = []
+    if planning is not None:
+        took = [f"planned in {planning:.2g} s"]
+        if plan.saves() > 0:
+            took = [f"{took[0]}, {planning / plan.saves():.1%} of the {plan.saves():.2g} s that it saves"]
+    return [table, plan.summary(), *took, *([plan.note] if plan.note else [])]
 
 
 def _as_text(table: PageTable) -> Table:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from ..core.progress import Progress
 from ..errors import InputError
-from ..record import machine
+from ..record import commit_of, machine
 from ..report import Column, Table
 from .experiment import Findings
 
@@ -22,9 +21,7 @@ def run(
         list[str] | None,
         typer.Argument(metavar="[NAME...]", help="optics, render, expose, learn; default all."),
     ] = None,
-    full: Annotated[
-        bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")
-    ] = False,
+    full: Annotated[bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")] = False,
 ) -> Findings:
     """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
 
@@ -46,14 +43,4 @@ def run(
     about = machine()
     line = f"{about['processor']}, {about['cores']} cores, {about['memory_gib']} GiB, {about['system']}"
     commit = commit_of(Path(benches.__file__).parent)
-    return Findings(figures, shown=[table, f"{line}; commit {commit}"], record={"commit": commit})
-
-
-def commit_of(folder: Path) -> str:
-    """The commit of a folder's checkout, with `-dirty` where files differ from it; `unknown` without git."""
-    command = ["git", "-C", str(folder), "describe", "--always", "--dirty", "--match="]
-    try:
-        said = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
-    return said.stdout.strip()
+    return Findings(figures, shown=[table, f"{line}; commit {commit}"])

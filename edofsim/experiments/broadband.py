@@ -39,7 +39,7 @@ from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import psnr
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
-from .experiment import Findings, in_paper
+from .experiment import Findings, in_paper, in_parts
 from .kept import Kept, key_of
 from .planes import CHANNELS, Shown, channels, middle, noisy, through
 from .systems import (
@@ -104,6 +104,7 @@ def sensor_bands_nm() -> np.ndarray:
         "cache": paper.cache,
     }
 )
+@in_parts("systems", lambda: [*shipped_checkpoints(), *WITHOUT_TRAINING])
 def run(
     folder: Path,
     progress: Progress,

@@ -27,13 +27,16 @@ from ..core.progress import Progress
 from ..core.store import found, keep
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import Fidelity, Planner, parse_target
+from ..plan import Fidelity, Planner, Target, parse_target
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
+from .cost_scores import Judge, Shift, shifts
 from .kept import Kept, key_of
 
 TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
+SCORE_DB = 0.1
+"""What the restored image's PSNR may differ by."""
 FINE_DB = 60.0
 """Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
 err the same, and take hours."""
@@ -42,7 +45,8 @@ err the same, and take hours."""
 @dataclass(frozen=True)
 class Case:
     """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
-    predicted_db, predicted_seconds: by the plan; one_part: simulated without sub-apertures, and judged
+    predicted_db, predicted_seconds: by the plan; predicted_shift_db: of the restored image's PSNR, where that
+    was asked for; one_part: simulated without sub-apertures, and judged
     against the full simulation without them."""
 
     name: str
@@ -52,12 +56,14 @@ class Case:
     predicted_db: float = math.inf
     predicted_seconds: float = 0.0
     one_part: bool = False
+    predicted_shift_db: float | None = None
 
 
 @dataclass(frozen=True)
 class Row:
     """What a case came to: PSNR against the full simulation and median seconds, in all and by stage; pace: of
-    the machine meanwhile, where it was asked for."""
+    the machine meanwhile, where it was asked for; shifts: of the scores of restored photos, where these were
+    judged."""
 
     case: Case
     measured_db: float
@@ -65,10 +71,12 @@ class Row:
     stages: Mapping[str, float] = field(default_factory=dict)
     repeats: int = 1
     pace: float = 0.0
+    shifts: Mapping[str, Shift] = field(default_factory=dict)
 
 
 def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Case]:
-    """The sweep of targets, the default choice, each effect left out in turn, and everything in full."""
+    """The sweep of targets, the default choice, that for a restored image where the planner knows what
+    restores, each effect left out in turn, and everything in full."""
     cases = []
     for db in targets:
         plan = planner.plan(parse_target(f"{db}dB", None))
@@ -77,10 +85,14 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
     cases.append(
         _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
     )
-    parts = planner.estimates.by_name().get("sub-apertures")
-    fixed = {"sub-apertures": parts.full} if parts else {}
-    finely = planner.plan(parse_target(f"{FINE_DB:g}dB", None), fixed)
-    fine, its_own = finely.fidelity, 10 ** (-finely.error_db / 20)
+    if planner.restore is not None:
+        plan = planner.plan(Target("score", db=SCORE_DB))
+        case = _case(f"score {SCORE_DB:g} dB", "score", plan.fidelity, planner, math.inf, plan.error_db)
+        cases.append(replace(case, predicted_shift_db=plan.score_shift_db))
+    full_of = {row.effect.name: row.full for row in planner.estimates.rows}
+    fixed = {name: full_of[name] for name in ("sub-apertures",) if name in full_of}
+    with_bands = fixed | {name: full_of[name] for name in ("bands",) if name in full_of}
+    finely, all_bands = (planner.plan(parse_target(f"{FINE_DB:g}dB", None), f) for f in (fixed, with_bands))
     for row in planner.estimates.rows:
         stage = row.effect.stage
         if row.full == 0 or stage in ("render", "sensor"):
@@ -88,11 +100,10 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         error = row.errors[0]
         square = sum(e * e for e in error) / len(error)
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
-        rest = fine if row.levels[0].allowed else fine.changed({"band_groups": 0, "group_wavelengths": 0})
-        fidelity = rest.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
-        # what the fine plan leaves out on its own is in the photo that is measured; with all bands little is
-        beside = its_own if rest == fine else 0.0
-        together = its_own if fidelity == fine else math.hypot(square**0.5, beside)
+        rest = finely if row.levels[0].allowed else all_bands
+        fidelity = rest.fidelity.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
+        its_own = 10 ** (-rest.error_db / 20)  # is in the photo that is measured, too
+        together = its_own if fidelity == rest.fidelity else math.hypot(square**0.5, its_own)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
         # sub-apertures cost a composite each, and change nothing in what other effects do; without
         # occlusion or hidden surfaces there are none
@@ -121,31 +132,41 @@ def measure(
     progress: Progress | None = None,
     clock: Callable[[], float] = time.perf_counter,
     pace: Callable[[], float] | None = None,
+    judge: Judge | None = None,
 ) -> list[Row]:
     """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
 
     folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
-    pace: what tells how fast the machine is just then, asked before and after each case.
+    pace: what tells how fast the machine is just then, asked before and after each case; judge: what restores
+    and scores the photos, None for no scores.
     """
     kept = Kept(folder / "measurements.jsonl")
-    about = _about(view, camera, device, clock)
+    about = _about(view, camera, device, clock, judge)
     (case,) = [case for case in cases if case.kind == "full"]
-    how = (folder, kept, about, device, clock, pace)
+    how = (folder, kept, about, device, clock, pace, judge)
     full = _reference(view, camera, case, *how)
-    whole = full
+    whole, alone = full, case
     if any(case.one_part for case in cases):
-        alone = case.fidelity.changed({"sub_apertures": 1})
-        whole = _reference(view, camera, replace(case, name="full, one part", fidelity=alone), *how)
+        one_part = case.fidelity.changed({"sub_apertures": 1})
+        alone = replace(case, name="full, one part", fidelity=one_part)
+        whole = _reference(view, camera, alone, *how)
+    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, alone))
     turns = [(turn, case) for turn in range(repeats) for case in cases if turn == 0 or case.kind != "full"]
     keys = {(turn, case): _key(about, case, turn) for turn, case in turns}
     todo = [each for each in turns if kept.get(keys[each]) is None]
     for number, (turn, case) in enumerate(todo):
         if progress:
             progress(number / len(todo), f"{case.kind} {case.name}")
-        photo, entry = _timed(view, camera, case, device, clock, pace)
+        photo, entry = _timed(view, camera, case, device, clock, pace, judge if turn == 0 else None)
         entry["db"] = _psnr(photo.clean, whole if case.one_part else full)
         kept.put(keys[turn, case], entry)
-    return [_row(case, [kept.get(keys[each]) or {} for each in turns if each[1] is case]) for case in cases]
+    rows = []
+    for each in cases:
+        entries = [kept.get(keys[turn]) or {} for turn in turns if turn[1] is each]
+        row = _row(each, entries)
+        moved = shifts(entries[0].get("scores", {}), of_part if each.one_part else of_full)
+        rows.append(replace(row, shifts=moved))
+    return rows
 
 
 def _timed(
@@ -155,6 +176,7 @@ def _timed(
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
+    judge: Judge | None,
 ) -> tuple[Photo, Json]:
     psf_memory.forget()
     before = pace() if pace else 0.0
@@ -167,6 +189,8 @@ def _timed(
     }
     if pace:
         entry["pace"] = (before + pace()) / 2
+    if judge:
+        entry["scores"] = dict(judge.scores(view, camera, case.fidelity, photo, device))
     return photo, entry
 
 
@@ -189,6 +213,7 @@ def _reference(
     device: str,
     clock: Callable[[], float],
     pace: Callable[[], float] | None,
+    judge: Judge | None,
 ) -> Tensor:
     """The full simulation's photo, kept in the folder with its measurement: it takes longest of all."""
     key = _key(about, case, 0)
@@ -196,13 +221,15 @@ def _reference(
     before = found(path, lambda path: load_file(path)["photo"])
     if before is not None:
         return before
-    photo, entry = _timed(view, camera, case, device, clock, pace)
+    photo, entry = _timed(view, camera, case, device, clock, pace, judge)
     keep(path, lambda path: save_file({"photo": photo.clean.contiguous()}, path))
     kept.put(key, {**entry, "db": math.inf})
     return photo.clean
 
 
-def _about(view: View, camera: Camera, device: str, clock: Callable[[], float]) -> dict[str, object]:
+def _about(
+    view: View, camera: Camera, device: str, clock: Callable[[], float], judge: Judge | None
+) -> dict[str, object]:
     """What decides all measurements of a photo, for keys."""
     digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
     height = camera.height_map
@@ -214,6 +241,7 @@ def _about(view: View, camera: Camera, device: str, clock: Callable[[], float]) 
         "clock": clock.__name__,
         "threads": torch.get_num_threads(),
         "photo": digest.hexdigest(),
+        "judge": None if judge is None else [*judge.restorers, judge.seeds, judge.alone is not None],
     }
 
 
@@ -245,6 +273,12 @@ def figures(rows: list[Row]) -> dict[str, float]:
         found[f"predicted_db.{name}"] = row.case.predicted_db
         found[f"predicted_seconds.{name}"] = row.case.predicted_seconds
         found |= {f"seconds.{name}.{stage}": value for stage, value in row.stages.items()}
+        for what, shift in row.shifts.items():
+            said = what.replace(" ", "_")
+            found[f"shift_db.{name}.{said}"] = shift.mean
+            found[f"noise_db.{name}.{said}"] = shift.noise
+        if row.case.predicted_shift_db is not None:
+            found[f"predicted_shift_db.{name}"] = row.case.predicted_shift_db
     return found
 
 

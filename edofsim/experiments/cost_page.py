@@ -15,6 +15,11 @@ from ..report.plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, P
 from . import cost, cost_stages
 from .cost import Row, pareto
 
+SHIFTS = (
+    "How far the PSNR of the restored photo, and its gain over the lens alone, lie from those of everything "
+    "in full with the same noise; beside it, the standard deviation of the score itself over seeds of noise."
+)
+
 
 def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
     """The chart of `edofsim cost`: seconds of a photo across, accuracy upwards."""
@@ -141,7 +146,10 @@ def cost_page(
             Key("as fast as in full", f"{numbers['times_faster.chosen']:.1f}", "times", "photo alone"),
         )
     )
-    sections = [Section("Photo", (cost_plot(rows, scene), photo_table(rows), *_said_of_parts(rows)))]
+    sections = [
+        Section("Photo", (cost_plot(rows, scene), photo_table(rows), *_said_of_parts(rows))),
+        Section("Restored photo", (shift_table(rows), Text(SHIFTS))),
+    ]
     for stage, title in (("render", "Rendering"), ("restore", "Restoration")):
         some = [point for point in points if point.stage == stage]
         if some:
@@ -176,10 +184,9 @@ def photo_table(rows: Sequence[Row]) -> Table:
         Column("predicted", "s", 3),
         *(Column(stage, "s", 3) for stage in cost.STAGES),
     )
-    names = {"without": "without ", "target": "for ", "chosen": "", "full": ""}
     cells = tuple(
         (
-            names[row.case.kind] + row.case.name,
+            _name(row),
             _finite(row.measured_db),
             _finite(row.case.predicted_db),
             row.seconds,
@@ -189,6 +196,26 @@ def photo_table(rows: Sequence[Row]) -> Table:
         for row in rows
     )
     return Table(columns, cells)
+
+
+def shift_table(rows: Sequence[Row]) -> Table:
+    """How far each case shifts what is concluded from restored photos, and what noise does from seed to
+    seed."""
+    judged = [row for row in rows if row.shifts and row.case.kind != "full"]
+    scores = list(dict.fromkeys(name for row in judged for name in row.shifts))
+    columns = [Column("case")]
+    for name in scores:
+        columns += [Column(f"{name}, shift", "dB", 3), Column("noise", "dB", 3)]
+    cells = [
+        (_name(row), *(value for name in scores for value in (row.shifts[name].mean, row.shifts[name].noise)))
+        for row in judged
+    ]
+    return Table(tuple(columns), tuple(cells))
+
+
+def _name(row: Row) -> str:
+    before = {"without": "without ", "target": "for ", "score": "for "}
+    return before.get(row.case.kind, "") + row.case.name
 
 
 def _finite(value: float) -> float | None:

@@ -67,6 +67,27 @@ class InPaper(Generic[P]):
         return self.run(*given, **options)
 
 
+@dataclass(frozen=True)
+class InParts(Generic[P]):
+    """An experiment whose work is in parts that can be done in any order and place, each of which keeps what
+    it found in the folder. option: of `run`, the list of their names; every: all names, where it is not
+    given."""
+
+    run: Callable[P, Findings]
+    option: str
+    every: Callable[[], Sequence[str]]
+
+    def __call__(self, *given: P.args, **options: P.kwargs) -> Findings:
+        return self.run(*given, **options)
+
+
+def in_parts(
+    option: str, every: Callable[[], Sequence[str]]
+) -> Callable[[Callable[P, Findings]], InParts[P]]:
+    """Gives an experiment the options --jobs, --cluster and --shard; see `InParts`."""
+    return lambda run: InParts(run, option, every)
+
+
 def in_paper(
     options: Callable[[Paper], Mapping[str, object]],
 ) -> Callable[[Callable[P, Findings]], InPaper[P]]:

@@ -55,7 +55,7 @@ from ..report.plot import new_figure, picture_axes
 from ..restore.scores import psnr
 from ..scene import build_scene
 from ..scene.model import SceneModel
-from .experiment import Findings
+from .experiment import Findings, in_parts
 from .kept import Kept, key_of
 from .occlusion_ways import SNAPPED, WAYS, composites
 
@@ -97,6 +97,7 @@ def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6
     return ((relief - relief.min()) / (relief.max() - relief.min()) * top).float()
 
 
+@in_parts("scenes", lambda: SCENES)
 def run(
     folder: Path,
     progress: Progress,

@@ -19,6 +19,7 @@ import typer
 
 from ..capture import capture
 from ..core.progress import Progress
+from ..errors import InputError
 from ..optics import Camera
 from ..optics.threads import one_thread
 from ..options import CacheOption
@@ -31,14 +32,17 @@ from ..plan import (
     seen_in_thumbnails,
     simpler_recipe,
 )
-from ..recipe import SceneRecipe, load_camera, load_scene
+from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import machine
 from ..render import View, render
 from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
+from ..restore.choice import restoring
 from ..restore.scores import psnr
+from ..scene.family import members as drawn
 from . import cost
-from .experiment import Findings
+from .cost_scores import Judge
+from .experiment import Findings, in_parts
 from .kept import Kept, key_of
 
 SCENES = (
@@ -58,6 +62,7 @@ MASKS = ("clear", "cubic", "learned")
 LEARNED = "paper-dcnn"
 TARGETS_DB = (30, 35, 40, 45, 50, 55)
 MATTERS_DB = 60.0
+RESTORED = "restored"
 QUICK = (160, 128, 16)
 """Width, height and samples of the small versions: the middle of the frame, pixel for pixel."""
 
@@ -86,11 +91,20 @@ def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> Sc
     )
 
 
+@in_parts("scenes", lambda: SCENES)
 def run(
     folder: Path,
     progress: Progress,
     scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Shipped scenes; default all.")
+        list[str] | None,
+        typer.Argument(metavar="[SCENE...]", help="Shipped scenes or recipes; default all that ship."),
+    ] = None,
+    members: Annotated[
+        int, typer.Option("--members", min=0, help="So many members of each scene's family in its place.")
+    ] = 0,
+    first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
+    masks: Annotated[
+        list[str] | None, typer.Option("--mask", help=f"{', '.join(MASKS)}; repeatable; default all.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
     cache: CacheOption = None,
@@ -99,10 +113,20 @@ def run(
     learned), on one thread. Interrupt it at any time: the same command goes on from there.
 
     Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
-    worst_target_missed_db, times_faster.SCENE.MASK (the default choice against everything in full).
+    worst_target_missed_db, share.score_within_{0.15,0.3}_db, worst_score_shift_db (of the restored image, for
+    score:0.1dB), times_faster.SCENE.MASK (the default choice against everything in full),
+    times_faster_score.SCENE.MASK (that for score:0.1dB).
     """
-    outcomes = measure(folder, progress, scenes or SCENES, quick=quick, cache=cache)
-    numbers = figures(outcomes) | {f"times_faster.{name}": value for name, value in saved(outcomes).items()}
+    known = [load_scene(scene) for scene in scenes or SCENES]  # refused before any time is spent
+    if members:
+        known = [replace(each, recipe=r) for each in known for r in drawn(each.recipe, members, first)]
+    unknown = [mask for mask in masks or () if mask not in MASKS]
+    if unknown:
+        raise InputError(f"--mask {unknown[0]}: give one of {', '.join(MASKS)}")
+    outcomes = measure(folder, progress, known, masks or MASKS, quick=quick, cache=cache)
+    numbers = figures(outcomes)
+    for kind, head in (("chosen", "times_faster"), ("score", "times_faster_score")):
+        numbers |= {f"{head}.{name}": value for name, value in saved(outcomes, kind).items()}
     totals = Table((Column("figure"), Column("value", "", 3)), tuple(numbers.items()))
     return Findings(numbers, shown=[_table(outcomes), totals], outputs={"measurements": folder})
 
@@ -110,7 +134,7 @@ def run(
 def measure(
     folder: Path,
     progress: Progress,
-    scenes: Sequence[str],
+    scenes: Sequence[Loaded[SceneRecipe]],
     masks: Sequence[str] = MASKS,
     *,
     quick: bool = False,
@@ -118,9 +142,8 @@ def measure(
 ) -> list[Outcome]:
     """Every scene and mask, on one thread. folder: keeps what was measured, and is gone on from; quick: the
     scenes' small versions."""
-    loaded = [load_scene(scene) for scene in scenes]  # a wrong name is refused before any time is spent
     found = []
-    jobs = [(scene, mask) for scene in loaded for mask in masks]
+    jobs = [(scene, mask) for scene in scenes for mask in masks]
     for number, (scene, mask) in enumerate(jobs):
         name = scene.recipe.name
         progress(number / len(jobs), f"{name}, {mask}")
@@ -129,11 +152,13 @@ def measure(
         camera = camera_of(mask)
         place = folder / f"{name}-{mask}"
         place.mkdir(parents=True, exist_ok=True)
+        network = load_checkpoint(LEARNED, camera.recipe) if mask == "learned" else None
+        restore = restoring(camera, view.wavelengths, view.inverse_depth, network)
+        judge = Judge({RESTORED: restore})
         with one_thread():
-            cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
-            rows = cost.measure(
-                view, camera, cases, place, repeats=1, clock=time.process_time, pace=rates.pace
-            )
+            cases = cost.cases_of(planner_of(view, camera, restore=restore), TARGETS_DB)
+            how = {"clock": time.process_time, "pace": rates.pace, "judge": judge}
+            rows = cost.measure(view, camera, cases, place, repeats=1, **how)
             usual = rates.rates()[rates.PACE][0]
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
         rendering = _rendering(recipe, scene.base, view, camera, place, cache)
@@ -197,6 +222,9 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
     timed = [row for outcome in outcomes for row in outcome.rows]
     off = [row.case.predicted_db - row.measured_db for row in pairs]
     missed = [row.case.asked_db - row.measured_db for row in targets]
+    moved = [
+        abs(row.shifts[RESTORED].mean) for row in timed if row.case.kind == "score" and RESTORED in row.shifts
+    ]
     ratios = [row.case.predicted_seconds / row.seconds for row in timed if row.seconds > 0]
     return {
         "pairs": float(len(pairs)),
@@ -205,16 +233,21 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
         "worst_pessimism_db": -min(off, default=math.nan),
         "share.targets_met": _share(value <= 1 for value in missed),
         "worst_target_missed_db": max(missed, default=math.nan),
+        "share.score_within_0.15_db": _share(value <= 0.15 for value in moved),
+        "share.score_within_0.3_db": _share(value <= 0.3 for value in moved),
+        "worst_score_shift_db": max(moved, default=math.nan),
         "share.time_within_1.5": _share(1 / 1.5 <= ratio <= 1.5 for ratio in ratios),
     }
 
 
-def saved(outcomes: Sequence[Outcome]) -> Mapping[str, float]:
-    """How many times as fast the default choice is as the full fidelity, by scene and mask."""
+def saved(outcomes: Sequence[Outcome], kind: str = "chosen") -> Mapping[str, float]:
+    """How many times as fast as the full fidelity the default choice, or another kind, is, by scene and
+    mask."""
     found = {}
     for outcome in outcomes:
         by_kind = {row.case.kind: row for row in outcome.rows}
-        found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind["chosen"].seconds
+        if kind in by_kind:
+            found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind[kind].seconds
     return found
 
 
@@ -225,7 +258,14 @@ def _share(of: Iterable[bool]) -> float:
 
 def _table(outcomes: Sequence[Outcome]) -> Table:
     """Effects that matter and targets: measured beside predicted."""
-    names = (("PSNR", "dB", 1), ("predicted", "dB", 1), ("time", "s", 2), ("predicted", "s", 2))
+    names = (
+        ("PSNR", "dB", 1),
+        ("predicted", "dB", 1),
+        ("restored shifts", "dB", 3),
+        ("predicted", "dB", 3),
+        ("time", "s", 2),
+        ("predicted", "s", 2),
+    )
     columns = (*map(Column, ("scene", "mask", "case")), *(Column(*each) for each in names))
     rows = tuple(
         (
@@ -234,11 +274,14 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
             f"{row.case.kind} {row.case.name}",
             row.measured_db,
             row.case.predicted_db,
+            row.shifts[RESTORED].mean if RESTORED in row.shifts else None,
+            row.case.predicted_shift_db,
             row.seconds,
             row.case.predicted_seconds,
         )
         for outcome in outcomes
         for row in outcome.rows
-        if row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB
+        if row.case.kind == "score"
+        or (row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB)
     )
     return Table(columns, rows)

@@ -37,7 +37,7 @@ from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
 from ..restore.scores import Score, depth_ranges, score, score_parts, within_scale
 from .depth_edges import near_edges
-from .experiment import Findings, in_paper
+from .experiment import Findings, in_paper, in_parts
 from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
@@ -73,6 +73,7 @@ class Seen:
 
 
 @in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
+@in_parts("scenes", lambda: list(shipped(shipped_folder("scenes"))))
 def run(
     folder: Path,
     progress: Progress,

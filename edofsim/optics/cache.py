@@ -18,7 +18,7 @@ from .camera import Camera
 from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
 from .sampling import Sampling
 
-VERSION = 4
+VERSION = 5
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 TENSORS = ("values", "rest", "wavelengths", "inverse_depths")
 

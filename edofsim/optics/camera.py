@@ -162,6 +162,11 @@ def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor 
     return math.pi / wavelengths * vergence * camera.aperture_radius**2
 
 
+def defocus_per_dioptre(camera: Camera, wavelength: float) -> float:
+    """Change of Psi with inverse depth [rad m] at a wavelength [m]."""
+    return math.pi / wavelength * camera.aperture_radius**2
+
+
 def _material(key: str, name: str, problems: list[str]) -> Material | None:
     try:
         return material(name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -12,8 +11,9 @@ from torch import Tensor
 
 from ..errors import InputError
 from . import cache as bank_cache
+from .band_limited import band_limited_nodes, band_limited_weights
 from .bank import PsfBank
-from .camera import Camera, defocus
+from .camera import Camera, defocus, defocus_per_dioptre
 from .fabrication import direct_part
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
@@ -24,6 +24,9 @@ from .sampling import plan_sampling
 from .threads import in_threads
 from .transform import SensorWindow, make_bases
 
+BETWEEN = 3e-5
+"""Error of PSFs that are interpolated between depths, in the root mean square of their values over depths:
+that of float32 is not much smaller."""
 LARGEST_BYTES = 8 << 30
 """Largest bank that is computed; beyond it the work is refused before it is begun."""
 
@@ -48,7 +51,9 @@ def psf_bank(
     cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
     any case.
 
-    Beside the bank itself the work takes a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
+    Many depths in float32 are interpolated between as many as a band-limited function of Psi needs
+    (`nodes_for`), to within `BETWEEN` of the PSF; float64 is computed depth by depth. Beside the bank itself
+    the work takes a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
@@ -70,19 +75,26 @@ def psf_bank(
     opening = aperture(camera, sampling.grid, seed)
     where = torch.device(device)
 
-    def wave_of(band: int) -> Wave:
-        return wave_at(camera, opening, float(wavelengths[band]), inverse_depths, pixels, dtype, where)
-
     if trainable:
-        values = propagate([wave_of(band) for band in range(len(wavelengths))])[..., :pixels, :pixels]
+        waves = [
+            wave_at(camera, opening, wavelength, inverse_depths, pixels, dtype, where)
+            for wavelength in wavelengths.tolist()
+        ]
+        values = propagate(waves)[..., :pixels, :pixels]
     else:
         values = torch.empty(shape, dtype=dtype, device=where)
 
         def fill(piece: tuple[int, slice]) -> None:
             band, depths = piece
-            wave = wave_of(band)
-            energy = energies(replace(wave, chirps=wave.chirps[depths]))
-            values[depths, band] = energy[:, :pixels, :pixels]
+            asked = inverse_depths[depths]
+            nodes = nodes_for(camera, float(wavelengths[band]), asked, dtype)
+            wave = wave_at(camera, opening, float(wavelengths[band]), nodes, pixels, dtype, where)
+            energy = energies(wave)[:, :pixels, :pixels]
+            if nodes is not asked:
+                per_dioptre = defocus_per_dioptre(camera, float(wavelengths[band]))
+                weights = band_limited_weights(asked, nodes, per_dioptre)
+                energy = torch.tensordot(weights.to(energy), energy, 1)
+            values[depths, band] = energy
 
         in_threads(fill, _pieces(*shape[:2]), where)
     rest = 1 - values.sum((-1, -2))
@@ -138,6 +150,15 @@ def wave_at(
         chirp(opening.grid, defocus(camera, wavelength, inverse_depths), dtype=dtype, device=device),
         make_bases(opening.grid, window, reach, opening.light, dtype, device),
     )
+
+
+def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: torch.dtype) -> Tensor:
+    """The inverse depths that PSFs at `inverse_depths` [depth] are computed at: fewer, or just these."""
+    if dtype == torch.float64:
+        return inverse_depths
+    low, high = (float(end) for end in inverse_depths.aminmax())
+    nodes = band_limited_nodes(low, high, defocus_per_dioptre(camera, wavelength), BETWEEN)
+    return nodes if len(nodes) < len(inverse_depths) else inverse_depths
 
 
 def carries_gradients(camera: Camera) -> bool:

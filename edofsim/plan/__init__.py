@@ -8,6 +8,7 @@ from .figures import plan_figures
 from .overrule import checked_overrule, cuts_rendering
 from .photo import Planner, plan_photo, planner_of
 from .rates import learn as learn_rates
+from .restored import Restore
 from .scene import Looked, look, plan_scene, seen_in_thumbnails
 from .target import Target, parse_target
 from .thumbnail import thumbnail
@@ -20,6 +21,7 @@ __all__ = [
     "Level",
     "Looked",
     "Plan",
+    "Restore",
     "Planner",
     "Target",
     "all_effects",

@@ -15,6 +15,8 @@ from ..render.view import View
 
 PIXELS = 30_000
 """Pixels of the coarse frame with its surroundings, or somewhat more."""
+BINS = 512
+"""Over the view's inverse depths: what lies in one pixel and bin, seen or hidden, becomes one fragment."""
 
 
 @dataclass(frozen=True)
@@ -63,26 +65,37 @@ def coarse_of(view: View, camera: Camera, exposure: float) -> Coarse:
 
 
 def coarser(view: View, times: int) -> View:
-    """The view with pixels `times` as wide; what is left over at its right and lower border is dropped."""
+    """The view with pixels `times` as wide, each with a fragment a depth; what is left over at its right and
+    lower border is dropped."""
     columns = view.padded_shape[1]
     height, width, margin = view.height // times, view.width // times, view.margin // times
     y = torch.div(view.pixel // columns - view.margin, times, rounding_mode="floor") + margin
     x = torch.div(view.pixel % columns - view.margin, times, rounding_mode="floor") + margin
     inside = (y >= 0) & (y < height + 2 * margin) & (x >= 0) & (x < width + 2 * margin)
+    low, high = view.inverse_depth.aminmax()
+    farther = (high - view.inverse_depth) / (high - low).clamp_min(1e-12) * BINS
+    place = (y * (width + 2 * margin) + x) * 2 + view.hidden
+    place = place * BINS + farther.long().clamp_max(BINS - 1)  # by pixel, seen first, near first
     which = torch.nonzero(inside).squeeze(1)
-    pixel = (y * (width + 2 * margin) + x)[which]
-    order = torch.argsort(pixel * 2 + view.hidden[which], stable=True)
+    place, order = torch.sort(place[which])
+    place, group, counts = torch.unique_consecutive(place, return_inverse=True, return_counts=True)
     which = which[order]
+    first = which[counts.cumsum(0) - counts]
+
+    def sums(values: Tensor) -> Tensor:
+        out = values.new_zeros(*values.shape[:-1], len(place))
+        return out.index_add_(-1, group, values.index_select(-1, which)) / times**2
+
     return replace(
         view,
         height=height,
         width=width,
         margin=margin,
-        pixel=pixel[order],
-        coverage=view.coverage[which] / times**2,
-        inverse_depth=view.inverse_depth[which],
-        radiance=view.radiance.index_select(1, which) / times**2,
-        hidden=view.hidden[which],
+        pixel=torch.div(place, 2 * BINS, rounding_mode="floor"),
+        coverage=sums(view.coverage),
+        inverse_depth=view.inverse_depth[first],
+        radiance=sums(view.radiance),
+        hidden=view.hidden[first],
         pixel_angle=view.pixel_angle * times,
     )
 

@@ -18,6 +18,8 @@ WORTH_ASKING = 0.1
 """An effect is looked at only where leaving it out saves this fraction of the time."""
 WORTH_S = 1.0
 """And this many seconds: looking at the light of a view takes about as long."""
+WORTH_RESTORING_S = 5.0
+"""This many where parts of it are restored, too."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,11 @@ class Costs:
             return bands, bands
         return groups * channels, bands if wavelengths == 0 else min(bands, groups * channels * wavelengths)
 
-    def worth_asking(self, effects: Sequence[Effect], most_seconds: float) -> Collection[str]:
-        """Names of the effects that a choice could save time by; none where there is not much to save, or
-        where everything in full stays within `most_seconds`."""
+    def worth_asking(
+        self, effects: Sequence[Effect], most_seconds: float, least_saved: float = WORTH_S
+    ) -> Collection[str]:
+        """Names of the effects that a choice could save time by; none where there is less than `least_saved`
+        seconds to save, or where everything in full stays within `most_seconds`."""
         now = sum(self.seconds_of(self.facts.full).values())
         found: list[str] = []
         least = self.facts.full
@@ -71,6 +75,6 @@ class Costs:
                     found.append(effect.name)
                     least = least.changed(level.change)
                     break
-        if now <= most_seconds or now - sum(self.seconds_of(least).values()) < WORTH_S:
+        if now <= most_seconds or now - sum(self.seconds_of(least).values()) < least_saved:
             return ()
         return tuple(found)

@@ -97,7 +97,9 @@ class Plan:
 
     error_db: predicted PSNR of the photo against the full simulation; asked_db: what was asked for, None
     where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
-    be had and why, or empty; target: what was asked for, as a sentence.
+    be had and why, or empty; target: what was asked for, as a sentence; score_shift_db: by how much the PSNR
+    of the restored image is predicted to differ from that of the full simulation, where that was asked for;
+    full_seconds: predicted, of everything in full.
     """
 
     decisions: tuple[Decision, ...]
@@ -109,6 +111,8 @@ class Plan:
     disk_mib: float = 0.0
     target: str = ""
     note: str = ""
+    score_shift_db: float | None = None
+    full_seconds: float = 0.0
 
     HEADS: ClassVar = ("effect", "called for", "simulated", "left out / dB", "cost / s", "why")
 
@@ -130,10 +134,17 @@ class Plan:
         """What they come to as a whole, a sentence."""
         stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
         whole = sum(self.seconds.values())
+        shift = ""
+        if self.score_shift_db is not None:
+            shift = f"{self.score_shift_db:+.3f} dB restored, "
         return (
-            f"asked for: {self.target}; predicted {self.error_db:.1f} dB in {whole:.2g} s "
+            f"asked for: {self.target}; predicted {shift}{self.error_db:.1f} dB in {whole:.2g} s "
             f"({stages}), {self.memory_mib:.0f} MiB of memory, {self.disk_mib:.0f} MiB of disk"
         )
+
+    def saves(self) -> float:
+        """Predicted seconds that the choice takes less than everything in full."""
+        return max(0.0, self.full_seconds - sum(self.seconds.values()))
 
     def _repr_html_(self) -> str:
         return table_html(". ".join(filter(None, (self.summary(), self.note))), self.HEADS, self.rows())

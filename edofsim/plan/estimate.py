@@ -36,10 +36,12 @@ class Estimate:
 @dataclass(frozen=True)
 class Estimates:
     """All effects. products: [image, image], mean over pixels and channels of the product of two difference
-    images, so that errors of several effects together are sums over it, with their correlation."""
+    images, so that errors of several effects together are sums over it, with their correlation. differences:
+    these images (see `Effect.differences`), none where only their products are known."""
 
     rows: tuple[Estimate, ...]
     products: Tensor
+    differences: tuple[Tensor, ...] = ()
 
     def by_name(self) -> Mapping[str, Estimate]:
         return self._named
@@ -50,6 +52,13 @@ class Estimates:
 
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
+        images, noise, bias = self.left_out(chosen)
+        pairs = self.products[images][:, images].sum() if images else torch.zeros(())
+        return float((pairs + noise).clamp_min(0).sqrt()) + bias
+
+    def left_out(self, chosen: Mapping[str, int]) -> tuple[list[int], float, float]:
+        """What these levels leave out: rows of `products`, the mean square of independent noise, and a shift
+        of all light."""
         images: list[int] = []
         noise = bias = 0.0
         for row in self.rows:
@@ -64,8 +73,7 @@ class Estimates:
                 bias += mean_square**0.5
             else:
                 noise += mean_square
-        pairs = self.products[images][:, images].sum() if images else torch.zeros(())
-        return float((pairs + noise).clamp_min(0).sqrt()) + bias
+        return images, noise, bias
 
     def moot(self, row: Estimate, chosen: Mapping[str, int]) -> bool:
         """Whether an effect does not matter because the one that it is a part of is left out, or moot."""
@@ -101,12 +109,12 @@ def estimate(
             errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
             rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
             continue
-        found = (effect.differences or _of_psfs)(facts, levels[:-1])
+        found = (effect.differences or of_psfs)(facts, levels[:-1])
         images = range(len(differences), len(differences) + len(found))
         differences.extend(found)
         rows.append(Estimate(effect, absent, levels, (*map(rms, found), _nothing(facts)), (*images, -1)))
     rows = _add_nested_effects(rows, differences)
-    return Estimates(tuple(rows), _products(differences))
+    return Estimates(tuple(rows), _products(differences), tuple(differences))
 
 
 def _products(differences: Sequence[Tensor]) -> Tensor:
@@ -120,7 +128,7 @@ def _products(differences: Sequence[Tensor]) -> Tensor:
     return found
 
 
-def _of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+def of_psfs(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """What levels change that change PSFs."""
     found = []
     for level in levels:

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
+from ..errors import InputError
 from ..optics import Camera
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
-from .costs import Costs
+from .costs import WORTH_RESTORING_S, WORTH_S, Costs
 from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
-from .estimate import Estimate, Estimates
+from .estimate import Estimate, Estimates, estimate
 from .facts import Facts, facts_of
 from .overrule import checked_overrule
 from .rates import rates
 from .remember import remembered
+from .restored import Restore, RestoredTiles
 from .target import Target
 from .work import shape_of
 
@@ -26,10 +29,17 @@ SAFETY_DB = 1.0
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 
+SCORE_DB = 57.0
+"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; its shift is in
+proportion to the error. Tiles tell where that is not enough,"""
+MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
+"""and so much more is asked for."""
+
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that is known before a choice: facts, estimates, and what this machine takes for them.
+    """Everything that is known before a choice: facts, estimates, and what this machine takes for them;
+    restore: what restores the photo, where that is asked for.
 
     One planner answers many targets; estimates are made once.
     """
@@ -38,13 +48,15 @@ class Planner:
     costs: Costs
     estimates: Estimates
     disk_mib: float = 0.0
+    restore: Restore | None = None
 
     def seconds_of(self, fidelity: Fidelity) -> Mapping[str, float]:
         """Predicted seconds of each stage."""
         return self.costs.seconds_of(fidelity)
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
-        """Choose for a target. fixed: levels of effects that the user insists on."""
+        """Choose for a target. fixed: levels of effects that the user insists on. Raises InputError for the
+        score of a restored image where nothing is known that restores."""
         target, fixed = target or Target(), dict(fixed or {})
 
         def seconds(chosen: Chosen) -> float:
@@ -52,14 +64,23 @@ class Planner:
             return sum(self.seconds_of(fidelity).values())
 
         note, asked = "", target.asked_db(self.facts)
+        shift = None
         if target.kind == "full":
             chosen = everything(self.estimates, fixed)
         elif target.kind == "time":
-            chosen, possible = within(self.estimates, target.seconds, seconds, fixed)
+            chosen, possible = within(self.estimates, target.left, seconds, fixed)
             if not possible:
+                gone = f", {target.spent:.2g} s are spent," if target.spent else ""
                 note = (
                     f"{target.seconds:g} s cannot be had: the fastest simulation of this scene takes "
-                    f"{seconds(chosen):.2g} s, and this is it"
+                    f"{seconds(chosen):.2g} s{gone} and this is it"
+                )
+        elif target.kind == "score":
+            chosen, asked, shift = self._by_score(target.db, self._kept(fixed, rendering=True), seconds)
+            if abs(shift) > target.db:
+                note = (
+                    f"{target.db:g} dB cannot be had with what you ask for: the restored image shifts by "
+                    f"{shift:.2g} dB with everything else in full, and this is it"
                 )
         else:
             safety = SAFETY_DB + (OCCLUSION_DB if self.facts.full.occlusion != "none" else 0.0)
@@ -67,13 +88,36 @@ class Planner:
             chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
             note = note or self._insisted(asked, chosen, fixed)
-        return self._plan(chosen, fixed, target, asked, note, seconds)
+        plan = self._plan(chosen, fixed, target, asked, note, seconds)
+        return replace(plan, score_shift_db=shift)
 
-    def _kept(self, fixed: Mapping[str, int]) -> dict[str, int]:
+    def _by_score(
+        self, most_db: float, fixed: Mapping[str, int], seconds: Callable[[Chosen], float]
+    ) -> tuple[Chosen, float, float]:
+        """The fastest levels for an accuracy of the photo at which restored tiles shift by few enough
+        decibels, everything in full where none is enough; that accuracy, and the shift."""
+        if self.restore is None:
+            raise InputError("--accuracy score: nothing is known here that restores the photo")
+        tiles = RestoredTiles(self.facts, self.estimates, self.restore)
+        for more in MORE_DB:
+            asked = SCORE_DB - 20 * math.log10(most_db / 0.1) + more
+            chosen = fastest(self.estimates, 10 ** (-asked / 20), seconds, fixed)
+            shift = tiles.shift_db(chosen)
+            if abs(shift) <= most_db:
+                return chosen, asked, shift
+        whole = everything(self.estimates, fixed)
+        return whole, math.inf, tiles.shift_db(whole)
+
+    def _kept(self, fixed: Mapping[str, int], rendering: bool = False) -> dict[str, int]:
         """What an accuracy does not trade: the samples that the recipe asks for also make the all-in-focus
-        image, which photos are scored against."""
-        samples = self.estimates.by_name().get("render samples")
-        return {**({"render samples": samples.full} if samples else {}), **fixed}
+        image, which photos are scored against; rendering: nor any light that this image has."""
+        kept = {
+            row.effect.name: row.full
+            for row in self.estimates.rows
+            if row.effect.name == "render samples"
+            or (rendering and row.effect.stage == "render" and row.images[0] < 0)
+        }
+        return {**kept, **fixed}
 
     def _floor(self, asked: float) -> str:
         noise = overall(self.facts.monte_carlo_noise)
@@ -142,6 +186,7 @@ class Planner:
             disk_mib=self.disk_mib,
             target=target.sentence(self.facts),
             note=note,
+            full_seconds=sum(self.seconds_of(self.facts.full).values()),
         )
 
 
@@ -154,16 +199,20 @@ def planner_of(
     facts: Facts | None = None,
     render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
     disk_mib: float = 0.0,
+    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Planner:
     """Look at a view, or at the facts given, and estimate every effect, or those of `effects`.
 
-    more: levels the user insists on; render_seconds: predicted, of a simulation; disk_mib: of the view.
+    more: levels the user insists on; render_seconds: predicted, of a simulation; disk_mib: of the view;
+    restore: what restores the photo, for targets of the restored image.
     """
     facts = facts or facts_of(view, camera)
     costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
-    found = remembered(facts, effects or all_effects(), more, None, progress)
-    return Planner(facts, costs, found, disk_mib)
+    # what is remembered of estimates is too little to restore
+    ask = estimate if restore else remembered
+    found = ask(facts, effects or all_effects(), more, None, progress)
+    return Planner(facts, costs, found, disk_mib, restore)
 
 
 def plan_photo(
@@ -176,6 +225,7 @@ def plan_photo(
     facts: Facts | None = None,
     render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
     disk_mib: float = 0.0,
+    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Decide on the effects of a photo.
@@ -183,6 +233,7 @@ def plan_photo(
     overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `without` and `with_` (names
     of effects); None values are left to the plan. target: None for the default. every_effect: False looks
     only at effects that the choice can save time by; the others are simulated without asking what they do.
+    restore: what restores the photo, which a target of the restored image needs.
     Raises InputError for an effect that is not known.
     """
     given, target = checked_overrule(overrule), target or Target()
@@ -193,9 +244,12 @@ def plan_photo(
     if not every_effect:
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
-            asked |= set(costs.worth_asking(effects, target.seconds if target.kind == "time" else 0.0))
-    found = remembered(facts, effects, more, asked, progress)
-    planner = Planner(facts, costs, found, disk_mib)
+            least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
+            most = target.left if target.kind == "time" else 0.0
+            asked |= set(costs.worth_asking(effects, most, least))
+    ask = estimate if target.kind == "score" else remembered
+    found = ask(facts, effects, more, asked, progress)
+    planner = Planner(facts, costs, found, disk_mib, restore)
     plan = planner.plan(target, fixed_levels(found, given, more))
     # how light becomes images errs by nothing of its own: no effect weighs it
     method = given.get("method", plan.fidelity.method)
@@ -218,9 +272,7 @@ def _levels_of(insisted: Values) -> dict[str, Level]:
     return more
 
 
-def fixed_levels(
-    estimates: Estimates, insisted: Values, more: Mapping[str, Level]
-) -> dict[str, int]:
+def fixed_levels(estimates: Estimates, insisted: Values, more: Mapping[str, Level]) -> dict[str, int]:
     """The level of each effect that the user insists on."""
     rows = estimates.by_name()
     fixed = {name: rows[name].levels.index(level) for name, level in more.items()}

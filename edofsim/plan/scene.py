@@ -24,6 +24,7 @@ from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
+from .restored import Restore
 from .target import Target
 from .thumbnail import preview_of, thumbnail
 
@@ -117,15 +118,17 @@ def plan_scene(
     *,
     overrule: Values | None = None,
     target: Target | None = None,
+    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """The plan for a scene that was looked at."""
+    """The plan for a scene that was looked at. See `plan_photo`."""
     return plan_photo(
         looked.facts.view,
         camera,
         overrule,
         target,
         facts=looked.facts,
+        restore=restore,
         progress=progress,
         render_seconds=looked.render_seconds,
         disk_mib=looked.disk_mib,

@@ -23,11 +23,13 @@ BINS = 4096
 class Slabs:
     """The slabs that a part of a view is composited in.
 
-    occupied: bool [slab, bin], the depths at which each holds fragments; fragments: [slab], how many.
+    occupied: bool [slab, bin], the depths at which each holds fragments; fragments: [slab], how many;
+    extents: (rows, columns) that each spans.
     """
 
     occupied: Tensor
     fragments: tuple[int, ...]
+    extents: tuple[tuple[int, int], ...]
     _used: dict[tuple[int, int | None], int] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes_used(self, layers: int, slab: int | None = None) -> int:
@@ -132,4 +134,16 @@ def _slabs_of(view: View, gap: float, ends: tuple[float, float]) -> Slabs:
     occupied[slab, place] = True
     counts = torch.bincount(slab, minlength=at.numel() + 1)
     some = counts > 0
-    return Slabs(occupied[some], tuple(counts[some].tolist()))
+    rows, columns = view.padded_shape
+    spans = (_spans(slab, at, len(counts)) for at in (view.pixel // columns, view.pixel % columns))
+    extents = torch.stack(list(spans), 1)[some].tolist()
+    return Slabs(occupied[some], tuple(counts[some].tolist()), tuple((y, x) for y, x in extents))
+
+
+def _spans(slab: Tensor, place: Tensor, count: int) -> Tensor:
+    """From the first to the last place [fragment] of each of so many slabs: int64 [slab]."""
+    first, last = (
+        place.new_zeros(count).scatter_reduce(0, slab, place, reduce, include_self=False)
+        for reduce in ("amin", "amax")
+    )
+    return last - first + 1

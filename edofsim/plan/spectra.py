@@ -41,8 +41,9 @@ MOST_COMPONENTS = 8
 @dataclass(frozen=True)
 class Spectra:
     """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64 [n],
-    the pixel of each, tile by tile; shares: [tile], so that sum_t shares_t m_t estimates the frame's mean
-    from means m of tiles; other fields as in `Facts`, response times exposure."""
+    the pixel of each, tile by tile; corners: (top, left) of each tile in the frame; shares: [tile], so that
+    sum_t shares_t m_t estimates the frame's mean from means m of tiles; other fields as in `Facts`, response
+    times exposure."""
 
     view: View
     camera: Camera
@@ -54,6 +55,7 @@ class Spectra:
     side: int
     which: Tensor
     place: Tensor
+    corners: tuple[tuple[int, int], ...]
     shares: Tensor
     _known: dict[tuple[object, ...], Tensor] = field(default_factory=dict, repr=False, compare=False)
     _light_of: dict[str, tuple[Tensor, Tensor]] = field(default_factory=dict, repr=False, compare=False)
@@ -180,7 +182,7 @@ class Spectra:
                 at = (self.place // size * count + node) * size + self.place % size
                 image.index_add_(1, at, part)
             image = image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
-            taper = 1.0 if name == "cover" else _taper(self.side)
+            taper = 1.0 if name == "cover" else self.taper
             self._known[key] = torch.fft.rfft2(image * taper)
         return self._known[key]
 
@@ -243,16 +245,34 @@ class Spectra:
         share = torch.bincount(node, minlength=len(nodes)).to(change) / node.numel()
         glare = torch.einsum("n,ncyx->cyx", share, total)
         of_all = _summed((changed - glare).expand_as(change)[:, :, None], there)
-        return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * _taper(self.side))
+        return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * self.taper)
 
     def _vector(self, spectrum: Tensor) -> Tensor:
         """Spectra [tile, channel, y, x] of a change as a vector [channel, n]: its sum of squares over n is
         the mean square of the change over the frame."""
-        weight = (
-            _twice(self.side)[None] * self.shares.to(torch.float32)[:, None, None]
-        ).sqrt() / self.side**2
-        weighted = torch.view_as_real(spectrum * weight[:, None])
+        weighted = torch.view_as_real(spectrum * self._weight[:, None])
         return weighted.transpose(0, 1).flatten(1)
+
+    @cached_property
+    def _weight(self) -> Tensor:
+        """Of a half spectrum's entries in a vector, [tile, y, x]."""
+        return (_twice(self.side) * self.shares.to(torch.float32)[:, None, None]).sqrt() / self.side**2
+
+    @property
+    def size(self) -> int:
+        """Entries of a channel of a vector."""
+        return 2 * self._weight.numel()
+
+    @cached_property
+    def taper(self) -> Tensor:
+        """The window [y, x] that the light of tiles is seen under; its mean square is 1."""
+        return _taper(self.side)
+
+    def images(self, vector: Tensor) -> Tensor:
+        """A change given as a vector, under the window: [tile, channel, y, x]."""
+        weighted = vector.unflatten(1, (*self._weight.shape, 2)).transpose(0, 1).contiguous()
+        spectrum = torch.view_as_complex(weighted) / self._weight[:, None]
+        return torch.fft.irfft2(spectrum, s=(self.side, self.side))
 
 
 def spectra_of(
@@ -279,7 +299,8 @@ def spectra_of(
     seen = torch.nonzero(~view.hidden).squeeze(1)
     rows, columns = view.padded_shape
     y, x = view.pixel[seen] // columns - view.margin, view.pixel[seen] % columns - view.margin
-    for number, (top, left) in enumerate(places[tile] for tile in chosen):
+    corners = tuple(places[tile] for tile in chosen)
+    for number, (top, left) in enumerate(corners):
         inside = (y >= top) & (y < top + side) & (x >= left) & (x < left + side)
         which.append(seen[inside])
         place.append((number * side + y[inside] - top) * side + x[inside] - left)
@@ -294,6 +315,7 @@ def spectra_of(
         side,
         torch.cat(which),
         torch.cat(place),
+        corners,
         torch.from_numpy(shares / shares.sum()),
     )
 

@@ -16,14 +16,24 @@ SHARE_OF_NOISE = 0.5
 
 @dataclass(frozen=True)
 class Target:
-    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, or `time`; db, seconds: asked."""
+    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, `score` (the restored image's
+    PSNR is within db of that of the full simulation), or `time`; db, seconds: asked; spent: of these seconds,
+    those that are gone before the photo."""
 
     kind: str = "noise"
     db: float = math.inf
     seconds: float = math.inf
+    spent: float = 0.0
+
+    @property
+    def left(self) -> float:
+        """Seconds for what is still to be done."""
+        return max(0.0, self.seconds - self.spent)
 
     def asked_db(self, facts: Facts) -> float:
-        """The PSNR that is asked for; infinite for `full`, unknown (infinite) for a time."""
+        """The photo's PSNR that is asked for; infinite for `full`, unknown (infinite) for others."""
+        if self.kind == "score":
+            return math.inf
         if self.kind != "noise":
             return self.db
         noise = sensor_noise(facts)
@@ -34,7 +44,10 @@ class Target:
         if self.kind == "full":
             return "everything that scene and camera have"
         if self.kind == "time":
-            return f"the best accuracy within {self.seconds:g} s"
+            gone = f", of which {self.spent:.2g} s are spent" if self.spent else ""
+            return f"the best accuracy within {self.seconds:g} s{gone}"
+        if self.kind == "score":
+            return f"a restored image whose PSNR is within {self.db:g} dB of the full simulation's"
         if self.kind == "db":
             return f"{self.db:g} dB against the full simulation"
         noise = sensor_noise(facts)
@@ -43,7 +56,8 @@ class Target:
 
 
 def parse_target(accuracy: str | None, time: str | None) -> Target:
-    """`45dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else, or both."""
+    """`45dB`, `score:0.1dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else,
+    or both."""
     if accuracy and time:
         raise InputError("--accuracy and --time: ask for one of them")
     if time:
@@ -56,11 +70,14 @@ def parse_target(accuracy: str | None, time: str | None) -> Target:
         return Target()
     if accuracy == "full":
         return Target("full")
-    found = re.fullmatch(r"([0-9.]+)\s*(?:dB)?", accuracy.strip(), re.IGNORECASE)
-    value = _number(found[1]) if found else 0.0
-    if not value > 0:
-        raise InputError(f"--accuracy {accuracy}: give noise, full, or decibels such as 45dB")
-    return Target("db", db=value)
+    found = re.fullmatch(r"(score:)?\s*([0-9.]+)\s*(?:dB)?", accuracy.strip(), re.IGNORECASE)
+    value = _number(found[2]) if found else 0.0
+    if found is None or not value > 0:
+        raise InputError(
+            f"--accuracy {accuracy}: give noise, full, decibels such as 45dB, or, for the restored image, "
+            "score:0.1dB"
+        )
+    return Target("score" if found[1] else "db", db=value)
 
 
 def _number(text: str) -> float:

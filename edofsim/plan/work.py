@@ -11,9 +11,13 @@ import torch
 
 from ..capture.convolution import Grid
 from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera
+from ..capture.light import SMALLER
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
+from ..optics.band_limited import band_limited_nodes
+from ..optics.camera import defocus_per_dioptre
 from ..optics.grid import PupilGrid, disc_coverage
+from ..optics.psf import BETWEEN
 from ..optics.sampling import plan_sampling
 from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition
 from .shape import Shape, Slabs, shape_of
@@ -49,7 +53,8 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     samples = _pupil_samples(camera, fidelity, window, shape)
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, _half_out(camera, fidelity, window, shape)
-    waves = layers * colours
+    known = waves_between(camera, shape, layers)
+    waves = known * colours
     parts, held = _parts_of(shape, camera, fidelity, layers, samples)
     return Work(
         {
@@ -70,7 +75,7 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
                 samples**2 if relief else 0.0,
                 waves * (out * half**2 + out**2 * half),
                 waves * (half**2 + out**2),
-                waves * window**2,
+                layers * colours * window**2,
             ),
             "blur": blur.amounts(layers * (groups + COVERAGES) * window**2 if blur.covers else 0.0),
             "sub_apertures": parts,
@@ -87,6 +92,12 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
         + 24.0 * min(groups, max(1, BLOCK_PIXELS // blur.largest)) * blur.largest
         + held,
     )
+
+
+def waves_between(camera: Camera, shape: Shape, layers: int) -> int:
+    """Depths at which the PSFs of so many layers are computed, at the wavelength in the middle."""
+    middle = (shape.wavelengths[0] + shape.wavelengths[-1]) / 2
+    return min(layers, len(band_limited_nodes(*shape.ends, defocus_per_dioptre(camera, middle), BETWEEN)))
 
 
 def _parts_of(
@@ -182,15 +193,19 @@ class _Blur:
     largest: int = 1
     covers: bool = False
 
-    def add(self, rows: int, columns: int, window: int, nodes: int, images: int, fragments: float) -> None:
-        """One blur of some fragments at some depth nodes, in a frame with its margin."""
+    def add(
+        self, rows: int, columns: int, window: int, nodes: int, images: int, fragments: float, lights: int = 0
+    ) -> None:
+        """One blur of some fragments at some depth nodes, in a frame with its margin. lights: of which there
+        are images, where they are fewer."""
+        lights = lights or images
         size = math.prod(Grid(rows, columns, window // 2, window).transform)
         self.largest = max(self.largest, size)
         self.blurs += 1
         self.visits += nodes
-        self.transforms += (2 * nodes * images + 3) * size * math.log2(size)
+        self.transforms += (nodes * (images + lights) + 3) * size * math.log2(size)
         self.products += (nodes * (images + 3) + 3) * size
-        self.moved += 2 * fragments * images
+        self.moved += 2 * fragments * lights
 
     def amounts(self, opaque: float) -> tuple[float, ...]:
         whole = (1.0, self.blurs, self.visits, self.transforms, self.products)
@@ -208,7 +223,7 @@ def _blur_of(shape: Shape, occlusion: str, window: int, layers: int, groups: int
         work.covers = True
         for _ in range(nodes):  # each fragment is at one of them
             work.add(rows, columns, window, 1, groups, visible / nodes)
-            work.add(rows, columns, window, 1, COVERAGES, visible / nodes)
+            work.add(rows, columns, window, 1, COVERAGES, visible / nodes, 1)
         work.scanned += visible * nodes
         return work
     tiles = shape.tiles(margin) if occlusion == "hidden" else []
@@ -235,8 +250,11 @@ def _composite(
 ) -> None:
     for slab, count in enumerate(slabs.fragments):
         nodes = slabs.nodes_used(layers, slab)
-        work.add(rows, columns, window, nodes, groups, count * scale)
-        work.add(rows, columns, window, nodes, COVERAGES, count * scale)
+        high, wide = (own + 2 * (window // 2) for own in slabs.extents[slab])
+        high, wide = min(rows, high), min(columns, wide)
+        part = (high, wide) if high * wide < SMALLER * rows * columns else (rows, columns)
+        work.add(*part, window, nodes, groups, count * scale)
+        work.add(*part, window, nodes, COVERAGES, count * scale, 1)
         work.scanned += sum(slabs.fragments) * scale
 
 

@@ -27,6 +27,11 @@ MAX_RECIPE_BYTES = 1 << 20
 SHOWN_DIGITS = 30
 
 
+_SHOULD_BE = "Input should be "
+_OF_TYPE = ("_type", "_parsing")
+"""How pydantic's names of errors end where a value is of a wrong type."""
+
+
 def read_toml(path: Path) -> tuple[Json, str]:
     """The parsed TOML file and its text.
 
@@ -69,8 +74,7 @@ def validate(model: type[Model], data: Json, text: str, path: Path) -> Model:
         # a list of which every entry is wrong is called too short as well
         inner = {item["loc"][:end] for item in found for end in range(len(item["loc"]))}
         found = [item for item in found if item["type"] != "too_short" or item["loc"] not in inner]
-        problems = [_sentence(item, model, data, lines, path) for item in found]
-    # one wrong value in a union can be reported once for each member
+        problems = [_sentence(item, model, data, lines, path) for item in _by_value(found, data)]
     raise InputError(dict.fromkeys(problems))
 
 
@@ -111,6 +115,19 @@ def nearest_line(location: Location, lines: Mapping[Location, int]) -> int | Non
     return None
 
 
+def _by_value(found: list[ErrorDetails], data: Json) -> list[ErrorDetails]:
+    """One wrong value in a union is reported once for each member: what it must be, told together."""
+    values: dict[tuple[Location, str], ErrorDetails] = {}
+    for item in found:
+        key = _location_in_file(item["loc"], data), "" if item["type"].endswith(_OF_TYPE) else item["msg"]
+        if key in values:
+            other = item["msg"].removeprefix(_SHOULD_BE)
+            values[key] = cast(ErrorDetails, {**values[key], "msg": f"{values[key]['msg']} or {other}"})
+        else:
+            values[key] = item
+    return list(values.values())
+
+
 def _sentence(
     item: ErrorDetails, model: type[BaseModel], data: Json, lines: Mapping[Location, int], path: Path
 ) -> str:
@@ -118,7 +135,7 @@ def _sentence(
     line = nearest_line(location, lines)
     where = f"{path}{f', line {line}' if line else ''}: "
     name = ".".join(str(part) for part in location) or "the file"
-    message = item["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    message = item["msg"].removeprefix("Value error, ").removeprefix(_SHOULD_BE)
     match item["type"]:
         case "extra_forbidden":
             known = _known_keys(model, item["loc"][:-1], data)
@@ -169,10 +186,9 @@ def _location_in_file(loc: Location, data: object) -> Location:
         if entry is not _ABSENT:
             data = entry
             location.append(part)
-        elif (
-            position == len(loc) - 1
-            and isinstance(data, (Mapping, list))
-            and _entry(data, "kind") != part
+        elif position == len(loc) - 1 and (
+            (isinstance(data, Mapping) and _entry(data, "kind") != part)
+            or (isinstance(data, list) and isinstance(part, int))
         ):
             location.append(part)
     return tuple(location)

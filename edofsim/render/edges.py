@@ -29,7 +29,7 @@ def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: fl
     radius = min(int(np.ceil(widest)), max(rows, columns))
     if radius < 1:
         return found
-    undecided, first_ring = _bounded(nearest, farthest, gap, reach, radius, found)
+    undecided, first_ring, last_ring = _bounded(nearest, farthest, gap, reach, radius, found)
     open_pixels = np.flatnonzero(undecided)
     dy, dx = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     distance = np.hypot(dy, dx).ravel()
@@ -44,22 +44,24 @@ def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: fl
     for start in range(0, len(open_pixels), LANES):
         chosen = open_pixels[start : start + LANES]
         place = (chosen // columns + radius) * padded.shape[1] + chosen % columns + radius
-        first = mi.UInt32(begin[first_ring.ravel()[chosen]])
+        first, end = (mi.UInt32(begin[ring.ravel()[chosen]]) for ring in (first_ring, last_ring))
         level = mi.Float(np.ascontiguousarray(nearest.ravel()[chosen]))
         found.ravel()[chosen] = np.array(
-            _search(table, offsets, needed, mi.Int32(place.astype(np.int32)), level, first)
+            _search(table, offsets, needed, mi.Int32(place.astype(np.int32)), level, first, end)
         )
     return found
 
 
 def _bounded(
     nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: float, radius: int, found: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Decide what minima over squares decide: a square inside the disc proves that something is in sight (and
     is marked in `found`), one around it that nothing is. Returns the pixels that stay open, bool [y, x], and
-    a distance in pixels up to which nothing is in sight of each, int [y, x]."""
+    two distances in pixels, up to the first and beyond the second of which nothing is in sight of each, int
+    [y, x]."""
     open_pixels = np.zeros(nearest.shape, bool)
     clear_to = np.zeros(nearest.shape, np.int64)
+    clear_from = np.zeros(nearest.shape, np.int64)
     inner = 0
     while inner < radius:
         outer = min(radius, max(inner + 1, int(inner * 1.25)))
@@ -67,21 +69,27 @@ def _bounded(
         found |= drop > max(gap, (outer * np.sqrt(2) - EXTENT) / reach)
         possible = drop > max(gap, (inner - EXTENT) / reach)
         clear_to[~open_pixels & ~possible] = outer
+        clear_from[possible] = outer
         open_pixels |= possible
         inner = outer
-    return open_pixels & ~found, clear_to
+    return open_pixels & ~found, clear_to, clear_from
 
 
 @dr.syntax
 def _search(
-    table: mi.Float, offsets: mi.Int32, needed: mi.Float, place: mi.UInt32, level: mi.Float, first: mi.UInt32
+    table: mi.Float,
+    offsets: mi.Int32,
+    needed: mi.Float,
+    place: mi.UInt32,
+    level: mi.Float,
+    first: mi.UInt32,
+    end: mi.UInt32,
 ) -> mi.Bool:
     """Whether table[place + offset] is below level by more than what is needed there, for any offset
-    from number `first` on."""
-    count = dr.opaque(mi.UInt32, dr.width(offsets))
+    from number `first` to before `end`."""
     number = mi.UInt32(first)
     hit = dr.full(mi.Bool, False, dr.width(place))
-    while (number < count) & ~hit:
+    while (number < end) & ~hit:
         at = mi.UInt32(place + dr.gather(mi.Int32, offsets, number))
         hit |= level - dr.gather(mi.Float, table, at) > dr.gather(mi.Float, needed, number)
         number += 1

@@ -1,8 +1,6 @@
 """Many views: workers on this machine or on a Dask cluster, a forecast before, a manifest after.
 
-One function renders one recipe, given to a `concurrent.futures` executor. Workers are spawned, and recycled
-after a few views because Mitsuba's memory grows when scenes are loaded again and again. All state is in the
-cache: what was finished is not rendered again, what was interrupted is gone on from.
+All state is in the cache: what was finished is not rendered again, what was interrupted is gone on from.
 """
 
 from __future__ import annotations
@@ -19,10 +17,11 @@ from ..core.progress import Progress, silent
 from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import cache as store
-from .batch import Batch, RenderOutcome, Task, duration, note, rendered
+from .batch import RenderOutcome, Task, batch, note, rendered
 from .engine import thread_count
 from .fetch import fetch, is_picture, place_of
 from .settings import RenderSettings
+from .spread import duration, shard_of
 
 SECONDS_A_SAMPLE, SECONDS_A_VIEW = 5e-6, 5.0
 """Of one thread, and for building, loading and compiling: for a forecast on a machine that has rendered
@@ -65,20 +64,6 @@ class Forecast:
             f"{duration(self.seconds)} and {self.bytes / 2**20:.0f} MiB of {self.free / 2**30:.1f} GiB "
             f"free ({basis})"
         )
-
-
-def shard_of(tasks: Sequence[Task], shard: tuple[int, int] | None) -> list[Task]:
-    """Every n-th task, beginning with the i-th, for shard (i, n) with i from 1 to n.
-
-    Raises InputError for a shard that does not exist."""
-    if shard is None:
-        return list(tasks)
-    number, count = shard
-    if not 1 <= number <= count:
-        raise InputError(
-            f"there is no shard {number}/{count}: the first of {count} is 1/{count}, the last {count}/{count}"
-        )
-    return list(tasks[number - 1 :: count])
 
 
 def forecast(
@@ -168,11 +153,10 @@ def render_many(
 ) -> list[RenderOutcome]:
     """Render all tasks that are not in the cache, in any order; outcomes are in theirs.
 
-    jobs: worker processes, which share the processors; cluster: address of a Dask scheduler whose workers see
-    the same files, instead. shard: (i, n), for one of n runs that share the work. manifest: JSON-lines file
-    that gets a line a finished view, by default `manifest.jsonl` in the cache. A view that fails is an
-    outcome with an error, and the others go on. Raises InputError for a shard or folder that cannot be used,
-    EngineError where nothing can render, EdofsimError if the disk is too small or full.
+    jobs, cluster, shard: see `Spread`. manifest: JSON-lines file that gets a line a finished view, by default
+    `manifest.jsonl` in the cache. A view that fails is an outcome with an error, and the others go on.
+    Raises InputError for a shard or folder that cannot be used, EngineError where nothing can render,
+    EdofsimError if the disk is too small or full.
     """
     say = progress or silent
     tasks = shard_of(tasks, shard)
@@ -181,12 +165,8 @@ def render_many(
     if expected.bytes > expected.free:
         raise EdofsimError(f"The disk of {folder} is too small for this: {expected}")
     say(0.0, str(expected))
-    batch = Batch(tasks, folder, noise, device, manifest or folder / MANIFEST, say)
-    try:
-        batch.render(jobs, cluster)
-    finally:
-        batch.close()
-    return [batch.outcomes[number] for number in range(len(tasks))]
+    workers = batch(tasks, folder, noise, device, manifest or folder / MANIFEST, say)
+    return workers.run(jobs, cluster)
 
 
 def render_one(
@@ -198,6 +178,6 @@ def render_one(
     progress: Progress | None = None,
 ) -> RenderOutcome:
     """One task in this process: no worker is started. Raises what `edofsim.render.render` raises."""
-    outcome = rendered(task, cache, noise, device, progress)
+    outcome = rendered(task, progress, cache, noise, device)
     note((cache or store.default_folder()) / MANIFEST, outcome)
     return outcome

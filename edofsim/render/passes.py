@@ -96,7 +96,7 @@ def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int
 
 @dataclass
 class Sums:
-    """What came in. radiance: float64 [slot, band]; count, inverse_depth: float64 [slot]; first, second:
+    """What came in. radiance: float64 [band, slot]; count, inverse_depth: float64 [slot]; first, second:
     float64 [pixel of layer 0], of each full pass's band mean and of its square; launches, passes: done;
     samples: a pixel, of passes done; broken: samples that were not finite and count as black; seconds: of all
     launches; last_pass: likewise of the last pass, whose kernels are compiled; adding: of it, for adding up
@@ -120,7 +120,7 @@ class Sums:
         """Nothing yet."""
         slots = sum(group.slots for group in groups)
         seen = sum(len(group.pixels) for group in groups if group.layer == 0)
-        return cls(np.zeros((slots, bands)), np.zeros(slots), np.zeros(slots), np.zeros(seen), np.zeros(seen))
+        return cls(np.zeros((bands, slots)), np.zeros(slots), np.zeros(slots), np.zeros(seen), np.zeros(seen))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The sums themselves, by name."""
@@ -138,14 +138,14 @@ class Sums:
         for surface in range(group.surfaces):
             at = group.first + surface * len(group.pixels)
             where = slice(at + launch.start, at + launch.stop)
-            self.radiance[where] += result.radiance[surface].T
+            self.radiance[:, where] += result.radiance[surface]
             self.count[where] += result.count[surface]
             self.inverse_depth[where] += result.inverse_depth[surface]
         if group.layer == 0:
             # Groups of layer 0 come first and one after the other.
             before = sum(len(other.pixels) for other in groups[: launch.group])
             mean = (
-                sum(radiance.astype(np.float64).mean(axis=0) for radiance in result.radiance) / launch.samples
+                sum(radiance.mean(axis=0, dtype=np.float64) for radiance in result.radiance) / launch.samples
             )
             self.first[before + launch.start : before + launch.stop] += mean
             self.second[before + launch.start : before + launch.stop] += mean**2

@@ -44,10 +44,15 @@ def trace(
     light alone, 2 adds direct light. Not evaluated: the caller evaluates all three together.
     """
     rays = camera_rays(lens, samples)
-    ray, exists = rays.ray, mi.Bool(True)
+    ray, exists = rays.ray, dr.full(mi.Bool, True, samples.size)
     if samples.layer > 0:
         ray, exists, _ = behind(stage, ray, rays.limits, dr.opaque(mi.Float, gap))
+    else:
+        ray.o = dr.zeros(mi.Point3f, samples.size)
     seed = combined(rays.seed, dr.opaque(mi.UInt32, samples.layer))
+    # in memory, so that one kernel walks on from there, whatever the layer: its compilation takes longest
+    dr.make_opaque(ray.o, ray.d, rays.index, seed, exists)
+    ray = mi.Ray3f(ray.o, ray.d)
     radiance, inverse_depth = walk(stage, ray, rays.index, seed, exists, dr.opaque(mi.UInt32, max_depth))
     return radiance, inverse_depth, exists
 

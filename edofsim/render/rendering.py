@@ -271,20 +271,22 @@ def assemble(
     """Fragments from sums, sorted by pixel and from near to far."""
     pixel = np.concatenate([np.tile(group.pixels, group.surfaces) for group in groups])
     hidden = np.concatenate([np.full(group.slots, group.layer > 0) for group in groups])
-    met = sums.count > 0
-    pixel, hidden, count = pixel[met], hidden[met], sums.count[met]
-    inverse_depth = (sums.inverse_depth[met] / count).astype(np.float32)
-    order = np.lexsort((hidden, -inverse_depth, pixel))
-    radiance = (sums.radiance[met][order] / sums.samples).astype(np.float32)
+    met = np.flatnonzero(sums.count > 0)
+    inverse_depth = (sums.inverse_depth[met] / sums.count[met]).astype(np.float32)
+    order = np.lexsort((hidden[met], -inverse_depth, pixel[met]))
+    slot, inverse_depth = met[order], inverse_depth[order]
+    radiance = np.empty((len(wavelengths), len(slot)), np.float32)
+    for total, mean in zip(sums.radiance, radiance, strict=True):
+        mean[:] = total[slot] / sums.samples
     return View(
         height=settings.height,
         width=settings.width,
         margin=settings.margin,
-        pixel=torch.from_numpy(pixel[order]),
-        coverage=torch.from_numpy((count[order] / sums.samples).astype(np.float32)),
-        inverse_depth=torch.from_numpy(inverse_depth[order]),
-        radiance=torch.from_numpy(np.ascontiguousarray(radiance.T)),
-        hidden=torch.from_numpy(hidden[order]),
+        pixel=torch.from_numpy(pixel[slot]),
+        coverage=torch.from_numpy((sums.count[slot] / sums.samples).astype(np.float32)),
+        inverse_depth=torch.from_numpy(inverse_depth),
+        radiance=torch.from_numpy(radiance),
+        hidden=torch.from_numpy(hidden[slot]),
         wavelengths=torch.from_numpy(np.asarray(wavelengths, np.float64).copy()),
         pixel_angle=settings.pixel_angle,
         noise=sums.noise(),

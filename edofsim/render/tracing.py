@@ -114,7 +114,8 @@ def run_launch(
             dr.eval(values)
         sums = [dr.block_sum(value, launch.samples, mode="evaluated") for value in values]
         dr.eval(sums)
-        result.radiance.append(np.array(sums[0]).reshape(stage.bands, -1))
+        # band by band: all at once would be a kernel for each number of pixels
+        result.radiance.append(np.stack([np.array(band) for band in sums[0]]))
         result.count.append(np.array(sums[1]))
         result.inverse_depth.append(np.array(sums[2]))
     return result

@@ -28,6 +28,12 @@ CARRIER = (0.0, 1.0, 0.5)
 ROWS = 3
 """A spectrum is at most this many coefficients times as many basis spectra."""
 
+ALIGNMENT = 64
+"""Bytes."""
+
+SPARES = 16
+"""The engine's numbers of surfaces and of meshes end at a multiple of so many."""
+
 FIELDS = 8
 BASIS, TEXTURE, WIDTH, HEIGHT, REPEATS, CLOSED, INDEX = range(7)
 """What the table of objects says of each, as uint32: row of its basis, first texel, size (0: no texture),
@@ -51,7 +57,7 @@ class Stage:
     FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; lights: as
     `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up;
     disperses: whether any index changes with wavelength; few_lights: (row of a basis, its rows of Floats
-    [row][band]) for each basis of the lights if these are few, else None.
+    [row][band]) for each basis of the lights if these are few, else None; spares: see `_spares`.
     """
 
     scene: mi.Scene
@@ -68,6 +74,7 @@ class Stage:
     disperses: bool
     has_sky_image: bool
     few_lights: FewLights | None
+    spares: tuple[object, ...]
 
     def in_world(self, ray: mi.Ray3f) -> mi.Ray3f:
         """A ray of camera space in the scene's world: they are the same."""
@@ -173,11 +180,11 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     texels = np.concatenate(tables.texels) if tables.texels else np.zeros(4, np.float32)
     stage = Stage(
         scene=scene,
-        spectra=mi.Float(np.concatenate(tables.spectra).ravel()),
-        texels=mi.Float(texels),
-        objects=mi.UInt32(np.concatenate(objects)),
+        spectra=mi.Float(_aligned(np.concatenate(tables.spectra), np.float32)),
+        texels=mi.Float(_aligned(texels, np.float32)),
+        objects=mi.UInt32(_aligned(np.concatenate(objects), np.uint32)),
         object_of=registry_table(mi, [mi.ShapePtr(mesh) for mesh in meshes]),
-        lights=mi.UInt32(np.concatenate(lights) if lights else np.zeros(FIELDS, np.uint32)),
+        lights=mi.UInt32(_aligned(np.concatenate(lights) if lights else np.zeros(FIELDS), np.uint32)),
         light_of=registry_table(mi, [mi.EmitterPtr(emitter) for emitter in emitters]),
         environment=len(lights) - 1 if model.environment is not None else -1,
         bands=bands,
@@ -186,9 +193,37 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
         has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
         has_sky_image=sky_image,
         few_lights=_few_lights(mi, lights, np.concatenate(tables.spectra), bands),
+        spares=_spares(mi, meshes),
     )
     dr.eval(stage.spectra, stage.texels, stage.objects, stage.object_of, stage.lights, stage.light_of)
     return stage
+
+
+def _spares(mi: ModuleType, meshes: list[mi.Mesh]) -> tuple[object, ...]:
+    """Surfaces and meshes that nothing uses, kept with the scene: with them the engine's numbers of each end
+    at a multiple of SPARES. A kernel is compiled for one such number, and serves all scenes that have
+    it."""
+    plugin = {"type": "diffuse", "reflectance": {"type": "rawconstant", "value": list(CARRIER)}}
+    spares: list[object] = [mi.load_dict(plugin)]
+    while _number(mi, mi.BSDFPtr(spares[-1])) % SPARES:
+        spares.append(mi.load_dict(plugin))
+    if meshes:
+        spares.append(_spare_mesh(mi, meshes[0]))
+        while _number(mi, mi.ShapePtr(spares[-1])) % SPARES:
+            spares.append(_spare_mesh(mi, meshes[0]))
+    return tuple(spares)
+
+
+def _spare_mesh(mi: ModuleType, like: mi.Mesh) -> mi.Mesh:
+    """A triangle of the same kind as another mesh."""
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = like.bsdf()
+    properties["face_normals"] = like.has_face_normals()
+    kinds = {
+        "has_vertex_normals": like.has_vertex_normals(),
+        "has_vertex_texcoords": like.has_vertex_texcoords(),
+    }
+    return mi.Mesh("spare", 3, 1, props=properties, **kinds)
 
 
 def _few_lights(
@@ -326,6 +361,16 @@ def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:
     return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
 
 
+def _aligned(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
+    """The values in one row, where a line of the processor's cache begins: the engine reads memory of NumPy's
+    in place, and another kernel is compiled for what lies elsewhere."""
+    memory = np.empty(values.size * np.dtype(kind).itemsize + ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % ALIGNMENT
+    row = memory[start : start + memory.size - ALIGNMENT].view(kind)
+    row[:] = values.ravel()
+    return row
+
+
 def make_mesh(mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[str, object] | None) -> mi.Mesh:
     """A Mitsuba mesh with its surface and, if it is a lamp, its emitter (a plugin dictionary)."""
     mesh = item.mesh
@@ -344,12 +389,12 @@ def make_mesh(mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[st
         props=properties,
     )
     parameters = mi.traverse(out)
-    parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices, np.float32).ravel()
-    parameters["faces"] = np.ascontiguousarray(mesh.faces, np.uint32).ravel()
+    parameters["vertex_positions"] = _aligned(mesh.vertices, np.float32)
+    parameters["faces"] = _aligned(mesh.faces, np.uint32)
     if mesh.normals is not None:
-        parameters["vertex_normals"] = np.ascontiguousarray(mesh.normals, np.float32).ravel()
+        parameters["vertex_normals"] = _aligned(mesh.normals, np.float32)
     if mesh.uv is not None:
-        parameters["vertex_texcoords"] = np.ascontiguousarray(mesh.uv, np.float32).ravel()
+        parameters["vertex_texcoords"] = _aligned(mesh.uv, np.float32)
     parameters.update()
     return out
 
@@ -449,9 +494,14 @@ def _light_weights(model: SceneModel) -> list[float]:
 
 def registry_table(mi: ModuleType, pointers: list[mi.ShapePtr | mi.EmitterPtr]) -> mi.UInt32:
     """A UInt32 table from the engine's number of a shape or emitter to our row."""
-    import drjit as dr
-
-    numbers = [int(dr.reinterpret_array(mi.UInt32, pointer)[0]) for pointer in pointers]
+    numbers = [_number(mi, pointer) for pointer in pointers]
     table = np.zeros(max(numbers, default=0) + 1, np.uint32)
     table[numbers] = np.arange(len(numbers))
     return mi.UInt32(table)
+
+
+def _number(mi: ModuleType, pointer: mi.ShapePtr | mi.EmitterPtr | mi.BSDFPtr) -> int:
+    """The engine's number of what is pointed at."""
+    import drjit as dr
+
+    return int(dr.reinterpret_array(mi.UInt32, pointer)[0])

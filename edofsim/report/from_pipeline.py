@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from ..capture import Fidelity, capture
+from ..capture.bands import merged_bands
+from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
 from ..plan import Plan, overall
 from ..record import machine, versions
+from ..render.view import View
 from ..restore import channel_psfs
 from .model import ImageScore, PlanRow, Psfs, RunReport
 from .plot import Plot
@@ -23,7 +27,11 @@ from .run_page import write_report
 if TYPE_CHECKING:
     from ..pipeline import Run
 
-PSF_DEPTHS_M = (0.5, 0.7, 1.0, 1.5, 3.0, math.inf)
+PSF_DEPTHS = 6
+"""Of the point spread functions, evenly spaced in dioptres over the scene."""
+FOCUSED, FOCUSED_LAYERS = 9, 16
+"""Distances of the slider over depth, evenly spaced in dioptres, and the depth layers of its pictures."""
+LEAST_DIOPTRES = 0.01
 PICTURE = 250  # samples across the picture of the DOE
 
 
@@ -34,8 +42,9 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     """
     camera = result.optics
     height, width = _relief(camera)
-    inverse_depths = torch.tensor([1 / depth for depth in PSF_DEPTHS_M])
-    psfs = channel_psfs(camera, result.view.wavelengths, inverse_depths)
+    dioptres = _spaced(result.view, PSF_DEPTHS)
+    psfs = channel_psfs(camera, result.view.wavelengths, torch.tensor(dioptres))
+    depths_m = tuple(1 / each if each > 0 else math.inf for each in dioptres)
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -48,10 +57,11 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         wiener=result.wiener,
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
-        psfs=Psfs(psfs, PSF_DEPTHS_M, camera.pixel * 1e6),
+        psfs=Psfs(psfs, depths_m, camera.pixel * 1e6),
         height_m=height,
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,
+        focused=_focused(result),
         plan=tuple(
             PlanRow(
                 d.effect,
@@ -75,6 +85,49 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         restored_label=f"Restored ({result.restored_by})",
     )
     return write_report(path, report)
+
+
+def _focused(result: Run) -> dict[float, Tensor]:
+    """What the lens alone sees focused from near to far, [3, y, x] by distance, as exposed for the photo.
+
+    Quickly: three bands, few layers, the pupil as a whole. Without distances that cannot be focused at, or
+    whose PSFs would take more samples than are allowed.
+    """
+    view = merged_bands(result.view, min(3, result.view.bands))
+    fidelity = Fidelity(layers=FOCUSED_LAYERS)
+    found: dict[float, Tensor] = {}
+    for dioptres in _spaced(view, FOCUSED):
+        metres = 1 / max(dioptres, LEAST_DIOPTRES)
+        try:
+            camera = refocused(result.optics.without_mask(), metres)
+            photo = capture(view, camera, fidelity, exposure=result.photo.exposure)
+        except InputError:
+            continue
+        found[metres] = photo.clean.cpu()
+    return found
+
+
+def _spaced(view: View, count: int) -> list[float]:
+    """Inverse depths in 1/m evenly from near to far, without the nearest and farthest hundredth of the view;
+    one where all lies at one depth."""
+    some = view.inverse_depth[:: max(1, view.inverse_depth.numel() // 10**6)]
+    near, far = (float(some.quantile(share)) for share in (0.99, 0.01))
+    if near - far < 1e-6:
+        return [near]
+    return [near + (far - near) * step / (count - 1) for step in range(count)]
+
+
+def refocused(camera: Camera, metres: float) -> Camera:
+    """A camera focused at another distance, whose pixels grow or shrink to see the same angle as before.
+
+    Raises InputError for a distance that it cannot focus at."""
+    recipe = camera.recipe.model_copy(
+        update={"focus": camera.recipe.focus.model_copy(update={"distance_m": metres})}
+    )
+    moved = Camera.from_recipe(recipe, camera.base)
+    pixel_um = recipe.sensor.pixel_um * moved.sensor_distance / camera.sensor_distance
+    sensor = recipe.sensor.model_copy(update={"pixel_um": pixel_um})
+    return Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}), camera.base)
 
 
 def _target(plan: Plan) -> str:

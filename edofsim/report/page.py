@@ -64,6 +64,17 @@ class Keys:
 
 
 @dataclass(frozen=True)
+class Values:
+    """What a page's script tells of a pixel of a gallery: the light of its pictures, which were brightened
+    `gain` times, and the depth there, from a picture of `depth_picture` and the inverse depth in 1/m that its
+    largest code stands for."""
+
+    gain: float
+    depth: Picture
+    most: float
+
+
+@dataclass(frozen=True)
 class Gallery:
     """Pictures side by side, `columns` on a desktop and at most two on a phone; `pixels` keeps pixels square.
 
@@ -77,6 +88,19 @@ class Gallery:
     pixels: bool = False
     name: str = ""
     title: str = ""
+    values: Values | None = None
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A slider over pictures, of which one is seen. label: of the slider; gallery: the name of the one whose
+    values under the pointer are told, at the same places."""
+
+    kind: ClassVar[str] = "sweep"
+    pictures: tuple[Picture, ...]
+    label: str
+    caption: str = ""
+    gallery: str = ""
 
 
 @dataclass(frozen=True)
@@ -187,7 +211,7 @@ class SideBySide:
     blocks: tuple[Block, ...]
 
 
-Block = Text | Notes | Keys | Gallery | Compare | Table | Pairs | Code | Links | SideBySide | Plot
+Block = Text | Notes | Keys | Gallery | Compare | Sweep | Table | Pairs | Code | Links | SideBySide | Plot
 
 
 @dataclass(frozen=True)

@@ -70,23 +70,41 @@ def clipped_fraction(image: Tensor, gain: float = 1.0) -> float:
     return float((image * gain > 1).double().mean())
 
 
-def picture(image: Tensor, label: str, alt: str, *, gain: float = 1.0, note: str = "") -> Picture:
+def picture(
+    image: Tensor, label: str, alt: str, *, gain: float = 1.0, note: str = "", largest: int = LARGEST_SIDE
+) -> Picture:
     """A linear image [3, y, x] as a picture. Values that are not numbers turn magenta, as in no photograph.
 
-    Images longer than LARGEST_SIDE are averaged, in linear light, over whole blocks of pixels.
+    Images longer than `largest` are averaged, in linear light, over whole blocks of pixels.
     """
-    linear = image.detach().cpu().float()
-    block = math.ceil(max(linear.shape[-2:]) / LARGEST_SIDE)
+    linear, block = _in_blocks(image.detach().cpu().float(), largest)
     if block > 1:
-        linear = torch.nn.functional.avg_pool2d(linear[None], block, ceil_mode=True, count_include_pad=False)[
-            0
-        ]
         note = f"{note}, shown at 1/{block} of its size".lstrip(", ")
     encoded = srgb_encode(torch.nan_to_num(linear, nan=0.0) * gain)
     bad = ~torch.isfinite(linear).all(0)
     encoded[:, bad] = torch.tensor(NOT_A_NUMBER)[:, None]
     pixels = (encoded * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
     return Picture(png_bytes(pixels), pixels.shape[1], pixels.shape[0], label, alt, note)
+
+
+def _in_blocks(image: Tensor, largest: int) -> tuple[Tensor, int]:
+    """An image [channel, y, x] averaged over whole blocks of pixels, and their side."""
+    block = math.ceil(max(image.shape[-2:]) / largest)
+    if block == 1:
+        return image, 1
+    pooled = torch.nn.functional.avg_pool2d(image[None], block, ceil_mode=True, count_include_pad=False)
+    return pooled[0], block
+
+
+def depth_picture(inverse_depth: Tensor) -> tuple[Picture, float]:
+    """Inverse depths [y, x] in 1/m for a page's script: red * 256 + green, 65535 the largest, blue where
+    there is none; in the blocks that `picture` takes. And the largest."""
+    depth, _ = _in_blocks(inverse_depth.detach().cpu().float()[None], LARGEST_SIDE)
+    known = torch.isfinite(depth[0])
+    most = float(depth[0][known].max()) if bool(known.any()) else 0.0
+    code = (torch.nan_to_num(depth[0]) / (most or 1.0) * 65535).round().clamp(0, 65535).long()
+    pixels = torch.stack([code // 256, code % 256, 255 * (~known).long()], -1).to(torch.uint8).numpy()
+    return Picture(png_bytes(pixels), pixels.shape[1], pixels.shape[0], "depth", ""), most
 
 
 def picture_file(path: Path, label: str, alt: str, *, note: str = "") -> Picture:

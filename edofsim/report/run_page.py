@@ -26,14 +26,26 @@ from .page import (
     Pairs,
     Section,
     SideBySide,
+    Sweep,
     Table,
     Text,
+    Values,
     write_page,
 )  # fmt: skip
-from .pictures import Box, Picture, clipped_fraction, display_gain, picture, with_boxes
+from .pictures import (
+    Box,
+    Picture,
+    clipped_fraction,
+    depth_picture,
+    display_gain,
+    picture,
+    with_boxes,
+)
 from .words import DASH, decibels, depth_range, distance, duration, listed, number, percent, significant
 
 CROP_PX = 72
+FOCUSED_PX = 640
+"""Of the longer side of pictures focused elsewhere, of which there are many."""
 LETTERS = "ABC"
 
 
@@ -56,6 +68,7 @@ def report_page(report: RunReport, crops: tuple[Crop, ...] | None = None) -> Pag
     shown = _pictures(report, gain)
     sections = [
         Section("Images", _images(report, shown, crops, gain)),
+        Section("Focus", _focus(report, gain)),
         Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain, chosen)),
         Section("Depth and scores", _depth(report)),
         Section("Optics", _optics(report)),
@@ -161,8 +174,23 @@ def _images(
     return (
         Compare("images-all", report.label("photo"), report.label(right),
                 "Drag the divider, or move it with the arrow keys; choose any two images above."),
-        Gallery(tuple(framed.values()), caption, columns=2, name="images-all"),
+        Gallery(tuple(framed.values()), caption, columns=2, name="images-all",
+                values=Values(gain, *depth_picture(report.inverse_depth))),
     )  # fmt: skip
+
+
+def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
+    """The slider over depth."""
+    pictures = tuple(
+        picture(image, distance(metres), f"{report.title}, {report.lens_alone_label.lower()} focused at "
+                f"{distance(metres)}.", gain=gain, largest=FOCUSED_PX)
+        for metres, image in report.focused.items()
+    )  # fmt: skip
+    caption = (
+        f"What {report.camera} sees without its mask when it is focused at another distance, without "
+        "noise and in three bands."
+    )
+    return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 
 
 def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool = True) -> tuple[Block, ...]:

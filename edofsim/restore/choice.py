@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -10,6 +11,7 @@ from torch import Tensor
 from ..optics import Camera
 from ..recipe import CameraRecipe, Loaded
 from .checkpoint import Checkpoint, camera_with_mask, load_checkpoint, network_of
+from .restore import restore
 
 WIENER = "wiener"
 """In place of a checkpoint: Wiener deconvolution, whatever the camera."""
@@ -32,6 +34,17 @@ def choose_network(
     if checkpoint is None:
         return None, Camera.from_recipe(camera.recipe, camera.base)
     return checkpoint, camera_with_mask(camera.recipe, checkpoint, camera.base)
+
+
+def restoring(
+    camera: Camera, wavelengths: Tensor, inverse_depth: Tensor, checkpoint: Checkpoint | None
+) -> Callable[[Tensor, Tensor | None], Tensor]:
+    """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`. wavelengths:
+    [band]; inverse_depth: of all that the photo may show."""
+    depths = depths_between(*inverse_depth.aminmax())
+    return lambda photo, truncated: restore(
+        photo, camera, wavelengths, depths, checkpoint=checkpoint, truncated=truncated
+    )[0]
 
 
 def depths_between(far: Tensor | float, near: Tensor | float, count: int = 9) -> Tensor:

@@ -45,12 +45,15 @@ def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = Non
     names = _names(recipe.objects, problems)
     objects: list[SceneObject] = []
     tops: dict[str, float] = {}
+    angle = recipe.frame.pixel_angle_mrad
+    about = (wavelengths, Path(base), recipe.seed)
     for number, (name, item) in enumerate(zip(names, recipe.objects, strict=True)):
         if progress is not None and number % TELL_EVERY == 0:
             progress(number / len(names), f"building the scene, object {number + 1} of {len(names)}")
         try:
             assert isinstance(item, Builder)  # what the registry holds
-            parts = item.build(Context(wavelengths, Path(base), recipe.seed, name))
+            context = Context(*about, name, 0.0 if angle == "auto" else angle * 1e-3)
+            parts = item.build(context)
             built = _placed(item, name, parts, recipe, tops)
         except InputError as error:
             problems += [p if p.startswith(name) else f"{name}: {p}" for p in error.problems]

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 import torch
 
+from edofsim.capture import Fidelity, capture, light
 from edofsim.capture.checks import check_pixel_angle, check_view, check_window
 from edofsim.capture.crop import crop, with_margin
 from edofsim.capture.kernels import DEFOCUS_STEP, StreamedKernels, depth_nodes
+from edofsim.capture.photograph import depths_of
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
+from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.recipe import CameraRecipe
+from edofsim.recipe.camera import PsfSettings
+from edofsim.render.view import View
 
 
 def plain(bench, rows=20, columns=24, margin=4):
@@ -158,3 +167,70 @@ def test_streamed_kernels_are_those_held(bench):
         assert torch.equal(streamed.layer(k), held.layer(k))
         assert torch.allclose(streamed.truncated(k), held.truncated(k))
     assert calls == [3, 3, 1]
+
+
+def deep_view(camera: Camera, margin: int = 24, side: int = 40) -> View:
+    """Noise on a slope, and in front of it a bar that leans and hides some of it."""
+    rows = side + 2 * margin
+    draw = torch.Generator().manual_seed(3)
+    slope = torch.linspace(0.0, 1.4, rows).expand(rows, rows).reshape(-1)
+    bar = torch.zeros(rows, rows, dtype=torch.bool)
+    bar[30:60, 40:46] = True
+    behind = torch.nonzero(bar.flatten()).squeeze(1)
+    near = torch.where(bar.flatten(), 1.7 + slope / 4, slope)
+    pixel = torch.cat([torch.arange(rows * rows), behind])
+    order = torch.argsort(pixel, stable=True)
+    return View(
+        height=side,
+        width=side,
+        margin=margin,
+        pixel=pixel[order],
+        coverage=torch.ones(len(pixel)),
+        inverse_depth=torch.cat([near, slope[behind]])[order],
+        radiance=torch.rand(1, len(pixel), generator=draw)[:, order],
+        hidden=(torch.arange(len(pixel)) >= rows * rows)[order],
+        wavelengths=torch.tensor([482e-9], dtype=torch.float64),
+        pixel_angle=camera.pixel_angle,
+    )
+
+
+def deep_camera() -> Camera:
+    lens, mask = PlanoConvexLens(aperture_radius_mm=1.5), CubicMask(alpha_rad=20.0)
+    return Camera.from_recipe(CameraRecipe(name="deep", lens=lens, mask=mask, psf=PsfSettings(window_px=48)))
+
+
+@pytest.mark.parametrize("occlusion", ["none", "hidden"])
+def test_photo_of_band_limited_depths_is_that_of_very_many(occlusion):
+    """Slabs blurred at few nodes of their own, negative shares and all, against four times as many depth
+    nodes as 70 dB asks for where light is shared by the two next to it: noise on every surface."""
+    camera = deep_camera()
+    view = deep_view(camera)
+    full = Fidelity(occlusion=occlusion)
+    nodes, between = depths_of([view], camera, full)
+    per_dioptre = math.pi / 482e-9 * camera.aperture_radius**2
+    many = 4 * len(depth_nodes(view.inverse_depth, "auto", per_dioptre, 70.0))
+    assert between is not None
+    assert len(nodes) < many / 8
+    few, exact = (
+        capture(view, camera, how, exposure=1.0) for how in (full, Fidelity(occlusion=occlusion, layers=many))
+    )
+    assert (few.clean - exact.clean).square().mean() < 10 ** (-70 / 10)
+    assert torch.allclose(few.truncated, exact.truncated, atol=2e-5)
+
+
+def test_blur_of_a_part_of_the_frame_is_that_of_all_of_it(monkeypatch):
+    """What is cut out around a slab and pasted back, against transforms of the whole frame."""
+    camera = deep_camera()
+    view = deep_view(camera)
+    parts = []
+    pasted = light.Box.pasted
+    monkeypatch.setattr(light.Box, "pasted", lambda box, *how: parts.append(box) or pasted(box, *how))
+    for how in (Fidelity(layers=7), Fidelity()):
+        monkeypatch.setattr(light, "SMALLER", 1.0)
+        cut = capture(view, camera, how, exposure=1.0, dtype=torch.float64).clean
+        assert parts
+        monkeypatch.setattr(light, "SMALLER", 0.0)
+        parts.clear()
+        whole = capture(view, camera, how, exposure=1.0, dtype=torch.float64).clean
+        assert not parts
+        assert (cut - whole).abs().max() < 1e-9

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import csv
 import math
+import statistics
 from dataclasses import replace
 
 import pytest
 import torch
 
 from edofsim.capture import capture
+from edofsim.errors import InputError
 from edofsim.experiments import cost, predictions
-from edofsim.experiments.cost_page import cost_plot
+from edofsim.experiments.cost_page import cost_plot, shift_table
+from edofsim.experiments.cost_scores import GAIN, Judge
 from edofsim.optics import Camera
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.plan import Fidelity, planner_of, rates, remember
-from edofsim.recipe import CameraRecipe
+from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
+from edofsim.restore.scores import psnr, within_scale
 
 CAMERA = Camera.from_recipe(
     CameraRecipe(name="test", lens=PlanoConvexLens(aperture_radius_mm=1.0), psf=PsfSettings(window_px=32))
 )
+NARROW = PlanoConvexLens(aperture_radius_mm=0.5)
+SIMPLER = Camera.from_recipe(CAMERA.recipe.model_copy(update={"lens": NARROW}))
 SIDE, MARGIN = 40, 16
 RATES = {
     "prepare": (1e-3, 2e-9, 1e-8, 3e-8, 1e-8, 1e-4),
@@ -118,6 +124,34 @@ def test_another_view_is_not_mixed_with_what_was_measured(view: View, tmp_path):
     assert first[0].measured_db != second[0].measured_db
 
 
+def test_what_becomes_of_scores_is_told_beside_their_noise(view: View, tmp_path):
+    """Against photos that are taken anew with each seed, and a restoration that only darkens."""
+    few, full = Fidelity(layers=2, occlusion="none"), Fidelity(layers=4, occlusion="none")
+    cases = [cost.Case("few", "target", few, 30.0), cost.Case("full", "full", full)]
+    judge = Judge({"darker": lambda image, truncated: 0.9 * image}, seeds=3, alone=SIMPLER)
+    row = cost.measure(view, CAMERA, cases, tmp_path, repeats=1, judge=judge)[0]
+
+    def score(camera: Camera, fidelity: Fidelity, seed: int, darker: float) -> float:
+        exposure = capture(view, CAMERA, full).exposure
+        photo = capture(view, camera, fidelity, seed=seed, exposure=exposure)
+        return psnr(within_scale(darker * photo.image), within_scale(photo.ideal))
+
+    by_seed = [[score(CAMERA, how, seed, 0.9) for seed in range(3)] for how in (few, full)]
+    shift = sum(by_seed[0]) / 3 - sum(by_seed[1]) / 3
+    assert row.shifts["darker"].mean == pytest.approx(shift, abs=1e-4) and abs(shift) > 1e-3
+    assert row.shifts["darker"].noise == pytest.approx(statistics.stdev(by_seed[1]), rel=1e-3)
+    alone = [sum(score(SIMPLER, how, seed, 1.0) for seed in range(3)) / 3 for how in (few, full)]
+    assert row.shifts[GAIN].mean == pytest.approx(shift - (alone[0] - alone[1]), abs=1e-4)
+    cells = shift_table([row]).rows[0]
+    assert cells[0] == "for few" and cells[1] == row.shifts["darker"].mean
+    assert cost.figures([row])["shift_db.target.few.darker"] == row.shifts["darker"].mean
+
+
+def test_a_mask_that_is_not_known_is_refused(tmp_path):
+    with pytest.raises(InputError, match="--mask waffle: give one of clear"):
+        predictions.run(tmp_path, lambda *_: None, ["wall"], masks=["waffle"])
+
+
 def test_the_front_holds_what_nothing_beats():
     def row(seconds: float, db: float) -> cost.Row:
         return cost.Row(cost.Case("", "target", Fidelity()), db, seconds)
@@ -146,7 +180,7 @@ def test_shares_are_counted_over_effects_that_matter():
 def test_predictions_hold_on_a_small_scene(tmp_path):
     """The middle of a photograph with measured depth, through the cubic mask: nothing needs rendering."""
     found = predictions.figures(
-        predictions.measure(tmp_path, lambda *_: None, ["motorcycle"], ["cubic"], quick=True)
+        predictions.measure(tmp_path, lambda *_: None, [load_scene("motorcycle")], ["cubic"], quick=True)
     )
     assert found["pairs"] >= 5
     assert found["share.error_within_3_db"] >= 0.9

@@ -18,6 +18,7 @@ from edofsim.plan import (
     EFFECTS,
     Effect,
     Level,
+    Target,
     all_effects,
     decibels,
     overall,
@@ -191,6 +192,9 @@ def test_a_time_that_cannot_be_had_gives_the_fastest_and_says_so():
     fast = known.plan(parse_target("10dB", None))
     assert "cannot be had" in plan.note
     assert sum(plan.seconds.values()) <= 1.05 * sum(fast.seconds.values())
+    late = known.plan(Target("time", seconds=20.0, spent=19.999999))
+    assert "20 s, of which 20 s are spent" in late.target and "20 s are spent" in late.note
+    assert late.fidelity == plan.fidelity
     enough = known.plan(parse_target(None, "1h"))
     assert not enough.note and enough.error_db == float("inf")
 
@@ -293,13 +297,14 @@ def test_every_knob_of_a_fidelity_belongs_to_an_effect_that_sets_it():
     assert text == effects_page()
 
 
-@pytest.mark.parametrize("text", ["0dB", "-3dB", "good", "dB"])
+@pytest.mark.parametrize("text", ["0dB", "-3dB", "good", "dB", "score:", "score:0dB", "score:-1dB"])
 def test_wrong_targets_are_refused(text: str):
     with pytest.raises(InputError, match="--accuracy"):
         parse_target(text, None)
 
 
 def test_a_target_is_an_accuracy_or_a_time():
+    assert parse_target("score:0.1dB", None) == Target("score", db=0.1)
     assert parse_target("45dB", None).db == 45 and parse_target(None, "2min").seconds == 120
     with pytest.raises(InputError, match="one of them"):
         parse_target("full", "3s")

@@ -13,9 +13,10 @@ import pytest
 from edofsim.capture import blurring, capture, prepare
 from edofsim.capture.methods import layered
 from edofsim.capture.photo import Photo
+from edofsim.cli.shared import plan_lines
 from edofsim.optics import Camera
 from edofsim.pipeline import Stopwatch, planned_view
-from edofsim.plan import Plan, look, parse_target, plan_photo, plan_scene
+from edofsim.plan import Fidelity, Plan, look, parse_target, plan_figures, plan_photo, plan_scene
 from edofsim.plan.coarse import Coarse
 from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe, load_scene
@@ -207,6 +208,7 @@ def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Pat
     watch = Stopwatch()
     _, plan = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
     assert "preview" in watch.seconds and "cannot be had" in plan.note
+    assert "within 0.001 s, of which" in plan.target  # what was asked for, and what is gone of it
     again = Stopwatch()
     planned_view(loaded, CAMERA, again, cache=tmp_path)
     assert set(again.seconds) == {"render", "plan"}
@@ -216,3 +218,12 @@ def test_everything_in_full_is_asked_nothing(cache: Path, looks: list[str]):
     loaded = small("desk")
     _, plan = planned_view(loaded, CAMERA, Stopwatch(), cache=cache, target=parse_target("full", None))
     assert not looks and plan.fidelity.sub_apertures > 1 and plan.fidelity.band_groups == 0
+
+
+def test_what_planning_took_is_told_as_a_share_of_what_it_saves():
+    plan = Plan((), Fidelity(), seconds={"blur": 2.0}, full_seconds=12.0)
+    assert plan_lines(plan, 0.5)[-1] == "planned in 0.5 s, 5.0% of the 10 s that it saves"
+    assert plan_figures(plan, 0.5)["plan.share_of_saved"] == 0.05
+    nothing = Plan((), Fidelity(), seconds={"blur": 2.0}, full_seconds=2.0)
+    assert plan_lines(nothing, 0.5)[-1] == "planned in 0.5 s"
+    assert "plan.share_of_saved" not in plan_figures(nothing, 0.5)

@@ -150,6 +150,20 @@ def test_the_command_ends_in_one_message_and_status_2(tmp_path: Path):
     assert "radius_mm" in done.stderr and "Traceback" not in done.stderr
 
 
+def test_a_value_that_is_nothing_that_it_may_be_is_told_once(tmp_path: Path):
+    (only,) = problems(tmp_path, GOOD.replace("roughness = 0.2", "reflectance = [0.1]"))
+    assert only.endswith("objects.1.surface.reflectance must be a valid number or a valid string, not [0.1]")
+
+
+def test_one_mistake_in_thousands_of_objects_ends_in_a_message_that_can_be_read(tmp_path: Path):
+    path = tmp_path / "scene.toml"
+    path.write_text('name = "many"\n' + '[[objects]]\nkind = "sphere"\nradios_mm = 1\n' * 1000)
+    command = [sys.executable, "-m", "edofsim", "render", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) < 100 and "more like these" in done.stderr
+
+
 def test_a_byte_order_mark_and_windows_line_ends(tmp_path: Path):
     path = tmp_path / "scene.toml"
     path.write_bytes(b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").encode())

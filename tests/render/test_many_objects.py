@@ -11,6 +11,7 @@ import pytest
 from edofsim.recipe import SceneRecipe
 from edofsim.render.translate import is_closed
 from edofsim.scene import build_scene, solids
+from edofsim.scene.builders.basic import ball_segments
 from edofsim.scene.model import TriangleMesh
 
 
@@ -73,6 +74,28 @@ def test_many_alike_objects_are_looked_at_once():
     for _ in range(20):
         np.sort(numbers)
     assert each < max(2e-3, 4 * (time.process_time() - start) / 20)
+
+
+@pytest.mark.parametrize("radius_px", [0.2, 0.7, 1.5, 2.0])
+def test_small_balls_have_few_faces_and_the_outline_of_a_circle(radius_px: float):
+    """An inscribed polygon lies inside the circle by its sagitta, which is within a hundredth of a pixel."""
+    ball = solids.sphere(radius_px, ball_segments(radius_px))
+    assert len(ball.faces) < 0.15 * len(solids.sphere(1.0, 96).faces)
+    equator = ball.vertices[np.isclose(ball.vertices[:, 1], 0, atol=1e-6)]
+    angle = np.sort(np.arctan2(equator[:, 2], equator[:, 0]))
+    widest = np.diff(angle).max()
+    assert radius_px * (1 - np.cos(widest / 2)) < 0.0101
+
+
+def test_thousands_of_small_balls_have_few_faces_each_and_large_and_glass_ones_all(tmp_path: Path):
+    ball = {"kind": "sphere", "depth_m": 1.0, "radius_mm": 4.0}
+    glass = {**ball, "surface": {"kind": "glass"}}
+    objects = [ball, {**ball, "radius_mm": 40.0}, glass]
+    frame = {"width_px": 24, "height_px": 16, "pixel_angle_mrad": 4.0}
+    data = {"name": "balls", "objects": objects, "lights": [{"kind": "sky"}], "bands": {"count": 3}}
+    model = build_scene(SceneRecipe.model_validate({**data, "frame": frame}), tmp_path)
+    small, large, lens = (len(item.mesh.faces) for item in model.objects)
+    assert 3000 * small < 2_000_000 and large == lens == len(solids.sphere(1.0, 96).faces)
 
 
 def test_names_given_twice_are_found_among_many():

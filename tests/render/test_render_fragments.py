@@ -241,3 +241,28 @@ def test_no_survey_of_depths_where_pixels_are_not_parted(mi, make, monkeypatch):
     whole = render_model(scene, make.settings(samples=16, hidden=False, fragments=1))
     assert len(parted.pixel) > len(whole.pixel) == 16 * 12
     np.testing.assert_allclose(whole.all_in_focus().numpy(), parted.all_in_focus().numpy(), rtol=1e-5)
+
+
+def test_another_scene_of_the_same_kinds_compiles_nothing(mi, make):
+    """Kernels are of the kinds of objects and lights, not of their number and place, nor of the layer, the
+    number of pixels or the seed; and all layers share the large one."""
+    import drjit as dr
+
+    def compiled(shift, *more, **sizes):
+        cards = [
+            make.thing(f"card at {z} m", make.facing(width, width, z, x=shift * z), make.matt(0.2 + shift))
+            for width, z in ((0.02, 0.5), (0.05, 1.0), (0.12, 2.0), *more)
+        ]
+        wall = make.thing("wall", make.facing(40, 40, 8.0), make.matt(0.5))
+        dr.kernel_history_clear()
+        view = render_model(
+            make.model([*cards, wall], sky=1.0 + shift),
+            make.settings(margin=4, angle=0.004, pupil_radius=0.02, samples=16, max_depth=3, **sizes),
+        )
+        assert len(view.metadata["layers"]) == 3  # what is seen, and two surfaces behind it
+        large = [entry for entry in dr.kernel_history() if entry.get("operation_count", 0) > 1000]
+        return sum(not entry["cache_hit"] for entry in large), len({entry["hash"] for entry in large})
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        assert compiled(0.0, width=20, height=16)[1] == 1
+        assert compiled(0.01, (0.3, 5.0), (0.4, 6.0), width=23, height=18, seed=5) == (0, 1)

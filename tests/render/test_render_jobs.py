@@ -19,8 +19,8 @@ from edofsim.recipe import SceneRecipe
 from edofsim.render import Task, cache, forecast, render, render_many, tracing
 from edofsim.render import engine as engines
 from edofsim.render import jobs as job_module
-from edofsim.render.jobs import shard_of
 from edofsim.render.rendering import render_model
+from edofsim.render.spread import shard_of
 
 
 def recipe(seed=0, **more):

@@ -13,7 +13,8 @@ import pytest
 
 from edofsim.errors import EdofsimError
 from edofsim.recipe import SceneRecipe
-from edofsim.render import Task, batch, cache, render, render_many
+from edofsim.render import Task, cache, render, render_many, spread
+from edofsim.render.batch import batch
 
 SECONDS = 300
 
@@ -54,14 +55,14 @@ def ended(work):
 
 def killer(monkeypatch, times):
     """A progress that kills the next `times` workers as soon as they are there."""
-    real, killed = batch.ProcessPoolExecutor, []
+    real, killed = spread.ProcessPoolExecutor, []
     pools = []
 
     def pool(*arguments, **options):
         pools.append(real(*arguments, **options))
         return pools[-1]
 
-    monkeypatch.setattr(batch, "ProcessPoolExecutor", pool)
+    monkeypatch.setattr(spread, "ProcessPoolExecutor", pool)
 
     def progress(fraction, message):
         for process in list((pools[-1]._processes or {}).values()) if pools else []:
@@ -74,7 +75,7 @@ def killer(monkeypatch, times):
 
 def test_more_views_than_a_worker_renders(mi, tmp_path, monkeypatch):
     """Workers make way for new ones after two views: all of three come, by two workers."""
-    monkeypatch.setattr(batch, "VIEWS_A_WORKER", 2)
+    monkeypatch.setattr(spread, "PARTS_A_WORKER", 2)
     tasks = tasks_in(tmp_path, 3)
     for task in tasks:
         render(task.recipe, tmp_path, cache=tmp_path)
@@ -105,13 +106,13 @@ def test_only_the_view_that_kills_its_worker_fails(tmp_path, monkeypatch):
 
 def test_what_dask_says_of_dead_workers_and_schedulers_is_one_message(tmp_path):
     scheduler = pytest.importorskip("distributed.scheduler")
-    each = batch.Batch(tasks_in(tmp_path, 1), tmp_path, None, "auto", tmp_path / "manifest", print)
+    each = batch(tasks_in(tmp_path, 1), tmp_path, None, "auto", tmp_path / "manifest", print)
     dead, gone = Future(), Future()
     dead.set_exception(scheduler.KilledWorker("view", None, 3))
-    assert "worker died" in each._outcome(0, dead).error
+    assert "worker died" in each._result(0, dead).error
     gone.set_exception(CancelledError())
     with pytest.raises(EdofsimError, match="scheduler went away.*again"):
-        each._outcome(0, gone)
+        each._result(0, gone)
 
 
 CLUSTER = """

@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from edofsim.report import ImageScore, Mtfs, PlanRow, Psfs, RunReport, write_report
+from edofsim.report.words import distance
 from edofsim.restore.scores import score, score_by_depth
 
 CHROMIUM = next(
@@ -48,6 +49,24 @@ addEventListener("load", () => {
   left.dispatchEvent(new Event("change"));
   found.left = stage.querySelector("img").alt;
   found.spoken = range.getAttribute("aria-valuetext");
+  const sweep = document.querySelector(".sweep"), slider = sweep.querySelector("input");
+  slider.value = 2;
+  slider.dispatchEvent(new Event("input"));
+  found.focused = sweep.querySelector("output").textContent;
+  const seen = [...sweep.querySelectorAll(".stage img")].filter((each) => each.offsetHeight);
+  found.seen = seen.map((each) => each.alt);
+  const picture = document.querySelector("#images-all img[data-label]");
+  const frame = picture.getBoundingClientRect();
+  const pointed = { clientX: frame.left + 0.631 * frame.width, clientY: frame.top + 0.408 * frame.height };
+  picture.dispatchEvent(new PointerEvent("pointermove", pointed));
+  found.values = document.querySelector("#images-all .values").textContent;
+  const saved = (where) => {
+    const link = document.querySelector(where + " .save");
+    link.addEventListener("click", (event) => event.preventDefault());
+    link.click();
+    return [link.download, decodeURIComponent(link.href).slice(0, 60)];
+  };
+  found.saved = [".picture", ".sweep", ".plot", "table"].map(saved);
   parent.postMessage(found, "*");
 });
 </script></body>"""
@@ -76,6 +95,7 @@ def long_report() -> RunReport:
         purpose="A purpose. " * 12,
         camera="a-camera-with-a-long-name-too",
         ideal=ideal, photo=photo, restored=photo, lens_alone=photo, inverse_depth=depth,
+        focused={0.5: ideal, 1.0: photo, 100.0: 0.5 * ideal},
         scores={"photo": scored, "restored": scored, "lens_alone": scored},
         psfs=Psfs(torch.full((12, 3, 65, 65), 1 / 65**2), depths, 6.0),
         mtfs=Mtfs(torch.linspace(0, 100, 5), torch.rand(12, 3, 5, generator=random), depths),
@@ -108,3 +128,14 @@ def test_page_in_a_browser(tmp_path: Path):
         assert float(entry["dragged"].rstrip("%")) == pytest.approx(75, abs=0.5)
         assert entry["left"].startswith("Ideal")
         assert "% Ideal" in entry["spoken"]
+        assert entry["focused"] == distance(100.0) and len(entry["seen"]) == 1
+        assert f"focused at {distance(100.0)}" in entry["seen"][0]
+        report = long_report()
+        place, light = entry["values"].split(" · ")[:2]
+        x, y = 50, 24  # 0.631 of 80 and 0.408 of 60
+        assert place == f"x {x}, y {y}, {1 / float(report.inverse_depth[y, x]):.3g} m"
+        found_light = [float(value) for value in light.removeprefix("Ideal ").replace("≥ ", "").split()]
+        assert found_light == pytest.approx(report.ideal[:, y, x].tolist(), abs=0.005)
+        kinds = ("data:image/png", "data:image/png", "data:image/svg+xml", "data:text/csv")
+        assert all(link.startswith(kind) for (_, link), kind in zip(entry["saved"], kinds, strict=True))
+        assert [name.rpartition(".")[2] for name, _ in entry["saved"]] == ["png", "png", "svg", "csv"]

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from skimage.io import imsave
 
-from edofsim.render import batch
+from edofsim.errors import EdofsimError
+from edofsim.render import spread
 
 Run = Callable[..., tuple[int, str]]
 
@@ -62,13 +63,13 @@ def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
 def test_what_is_done_of_a_list_is_shown_when_one_fails(
     edofsim: Run, scenes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    real = batch.Batch._outcome
+    real = spread.Workers._result
 
     def lost(self, number, future):
         outcome = real(self, number, future)
-        return self._failed(number, batch.LOST) if number == 1 else outcome
+        return self.failed(number, EdofsimError(spread.LOST)) if number == 1 else outcome
 
-    monkeypatch.setattr(batch.Batch, "_outcome", lost)
+    monkeypatch.setattr(spread.Workers, "_result", lost)
     paths = [scenes("first", PANEL), scenes("second", PANEL), scenes("third", RGBD)]
     status, said = edofsim(
         "render", *paths, "--cache", tmp_path / "c", "--out", tmp_path / "o", "--json", tmp_path / "r.json"

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from ..convolution import Grid
 from ..kernels import Kernels
-from ..light import Light
+from ..light import Light, SmoothLight
 
-Blur: TypeAlias = Callable[[Light, Grid], Tensor]
+Blur: TypeAlias = Callable[[Light | SmoothLight, Grid], Tensor]
 
 
 class Method(Protocol):

@@ -11,21 +11,22 @@ from torch import Tensor
 
 from ..convolution import Grid, add_convolved, image_of
 from ..kernels import Kernels
-from ..light import Light
+from ..light import Light, SmoothLight
 from .base import Blur
 
 
 def prepare(kernels: Kernels, response: Tensor) -> Blur:
     """Nothing to prepare: the error is that of the depth nodes alone."""
 
-    def blur(light: Light, grid: Grid) -> Tensor:
+    def blur(light: Light | SmoothLight, grid: Grid) -> Tensor:
         photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)
         one = torch.ones(1, 1, dtype=photo.dtype, device=photo.device)
         for node in light.occupied_nodes():
             psf = kernels.layer(node)
-            for band in range(light.bands):
+            for band in range(response.shape[1]):
                 each = slice(band, band + 1)
-                total = add_convolved(None, light.at_node(node, each), psf[each], one, grid)
+                image = light.at_node(node, each if light.bands > 1 else slice(None))
+                total = add_convolved(None, image, psf[each], one, grid)
                 photo = photo + response[:, band, None, None] * image_of(total, grid)
         return photo
 

@@ -12,38 +12,42 @@ from torch import Tensor
 
 from ..convolution import Grid, add_convolved, image_of, spectrum
 from ..kernels import Kernels
-from ..light import Light
+from ..light import Light, SmoothLight
 from .base import Blur
 
-BLOCK_PIXELS = 1 << 22
-"""Pixels of all transforms at work at one time: bounds memory whatever the bands and the frame."""
+BLOCK_PIXELS = 1 << 20
+"""Pixels of all transforms at work at one time: what stays near a processor is transformed up to three times
+as fast as what does not, and memory is bounded whatever the bands and the frame."""
+KEPT_PIXELS = 1 << 22
+"""Pixels of the PSFs' spectra of one node that are kept from one blur to the next."""
 KEPT_NODES = 2
-"""Nodes whose PSFs' spectra are kept from one blur to the next: slabs that follow each other share that many.
-They are where all bands are in one block."""
+"""Nodes whose PSFs' spectra are kept: slabs that follow each other share that many."""
 
 
 def prepare(kernels: Kernels, response: Tensor) -> Blur:
-    """Nothing to prepare: the error is that of the depth nodes alone."""
-    kept: dict[tuple[int, Grid], Tensor] = {}
+    """Nothing to prepare: the error is that of the depth nodes alone. Light of one band is that of all."""
+    kept: dict[tuple[int, int, Grid], Tensor] = {}
+    count = response.shape[1]
 
-    def spectra(node: int, bands: slice, grid: Grid, whole: bool) -> Tensor:
-        found = kept.pop((node, grid), None)
+    def through(node: int, begin: int, block: int, grid: Grid) -> Tensor:
+        found = kept.pop((node, begin, grid), None)
         if found is None:
-            found = spectrum(kernels.layer(node)[bands], grid)
-        if whole:
-            kept[node, grid] = found
-            while len(kept) > KEPT_NODES:
+            found = spectrum(kernels.layer(node)[begin : begin + block], grid)
+        if count * math.prod(grid.transform) <= KEPT_PIXELS:
+            kept[node, begin, grid] = found
+            while len(kept) > KEPT_NODES * math.ceil(count / block):
                 kept.pop(next(iter(kept)), None)
         return found
 
-    def blur(light: Light, grid: Grid) -> Tensor:
+    def blur(light: Light | SmoothLight, grid: Grid) -> Tensor:
         block = max(1, BLOCK_PIXELS // math.prod(grid.transform))
         total = None
         for node in light.occupied_nodes():
-            for begin in range(0, light.bands, block):
+            shared = spectrum(light.at_node(node), grid) if light.bands == 1 else None
+            for begin in range(0, count, block):
                 bands = slice(begin, begin + block)
-                image = light.at_node(node, bands)
-                psf = spectra(node, bands, grid, light.bands <= block)
+                image = light.at_node(node, bands) if shared is None else shared
+                psf = through(node, begin, block, grid)
                 total = add_convolved(total, image, psf, response[:, bands], grid)
         if total is None:
             return light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)

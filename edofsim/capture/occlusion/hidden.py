@@ -114,7 +114,7 @@ def composite(view: View, blurring: Blurring) -> Tensor:
     def blurred(which: Tensor) -> tuple[Tensor, Tensor]:
         shown = revealed(view, which)
         part = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
-        return blurring.light(view, which, part), blurring.coverage(view, which, shown)
+        return blurring.slab(view, which, part, shown)
 
     return merged((blurred(which) for which in reversed(slabs)), len(slabs))
 

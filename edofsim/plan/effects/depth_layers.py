@@ -24,7 +24,9 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     most = facts.layers_of(None)
-    few = [Level(_label(n), {"layers": n}) for n in LAYERS if n < most]
+    # few depths lie at no nodes but their own: nearly as many layers save little, and err like fewer
+    useful = most if facts.depths is None else most // 2 + 1
+    few = [Level(_label(n), {"layers": n}) for n in LAYERS if n < min(most, useful)]
     full = f"{facts.depth_count} layers" if facts.depth_count else "all layers"
     return [*few, Level(full, {"layers": None})]
 

@@ -12,12 +12,11 @@ from ..facts import Facts, photographed
 
 FEWER = 4
 LEFT_BY_FEWER = 0.25
-"""Of what sub-apertures change, what 4 x 4 leave out: 0.12 to 0.34 on the middle of `desk` through two
-masks."""
-COARSE_PX = 2
-LEFT_BY_COARSE = 0.25
-"""And what pixels twice as wide do, with the fewer layers and wavelengths that come with them, there through
-a clear aperture."""
+"""Of what sub-apertures change, what 4 x 4 leave out: 0.12 to 0.33 on the middle of `desk` through three
+masks (`python -m benchmarks.sub_apertures desk`)."""
+LEFT_BY_COARSE = {4: 0.3, 2: 0.15}
+"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them, by the
+same command."""
 
 
 def absent(facts: Facts) -> str:
@@ -32,13 +31,13 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     full = facts.full.sub_apertures
-    some = [FEWER, full] if full > FEWER else [full]
+    some = [(FEWER, 4), (FEWER, 2), (full, 2)] if full > FEWER else [(full, 4), (full, 2)]
     coarse = [
-        Level(f"{n} x {n}, in coarse pixels", {"sub_apertures": n, "sub_aperture_pixel": COARSE_PX})
-        for n in some
+        Level(f"{n} x {n}, in pixels of {side}", {"sub_apertures": n, "sub_aperture_pixel": side})
+        for n, side in some
     ]
     whole = Level("the whole pupil", {"sub_apertures": 1})
-    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": 1})]
+    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": None})]
 
 
 def why(facts: Facts) -> str:
@@ -58,7 +57,8 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
         if across not in (most, full):  # what a user insists on
             return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
         fewer = LEFT_BY_FEWER if across < full else 0.0
-        coarse = LEFT_BY_COARSE if level.change.get("sub_aperture_pixel") == COARSE_PX else 0.0
+        side = level.change.get("sub_aperture_pixel")
+        coarse = LEFT_BY_COARSE[side] if side else 0.0
         return whole * math.hypot(fewer, coarse)
 
     return [left(level) for level in levels]

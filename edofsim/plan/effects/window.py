@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from torch import Tensor
+
 from ..effect import Effect, Level
-from ..facts import Facts
+from ..estimate import of_psfs
+from ..facts import Facts, photographed
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
 
@@ -18,9 +23,17 @@ def why(facts: Facts) -> str:
     return f"the recipe's PSFs reach {facts.camera.recipe.psf.window_px // 2} pixels"
 
 
-EFFECT = Effect(
-    "PSF window",
-    levels,
-    why,
-    stage="psf",
-)
+def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
+    """Of spectra; where surfaces hide others, what lies in front also covers less of what is behind with
+    narrower PSFs. Of windows that leave little else this is seen in coarse photos, and the larger counts."""
+    found = of_psfs(facts, levels)
+    if facts.full.occlusion != "hidden":
+        return found
+    least = facts.camera.recipe.psf.window_px / 2
+    wide = [number for number, level in enumerate(levels) if level.change["window_px"] >= least]
+    for number, seen in zip(wide, photographed(facts, [levels[n].change for n in wide]), strict=True):
+        found[number] = max(found[number], seen, key=lambda change: float(change.square().sum()))
+    return found
+
+
+EFFECT = Effect("PSF window", levels, why, differences=differences, stage="psf")

@@ -56,5 +56,102 @@ document.querySelectorAll(".compare").forEach((figure) => {
   show();
 });
 
+// A slider over pictures, of which one is seen.
+document.querySelectorAll(".sweep").forEach((figure) => {
+  const pictures = [...figure.querySelectorAll("img")], range = figure.querySelector("input");
+  const show = () => {
+    pictures.forEach((picture, number) => (picture.hidden = number !== +range.value));
+    const label = pictures[range.value].dataset.label;
+    figure.querySelector("output").textContent = label;
+    range.setAttribute("aria-valuetext", label);
+  };
+  range.addEventListener("input", show);
+  show();
+});
+
+// Values under the pointer: the light and the depth that a gallery's pictures hold at a place, at full scale 1.
+const pixels = new Map();
+const pixelAt = (image, across, down) => {
+  if (!pixels.has(image.src)) {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+    const context = canvas.getContext("2d", { willReadFrequently: true });
+    context.drawImage(image, 0, 0);
+    pixels.set(image.src, context.getImageData(0, 0, canvas.width, canvas.height));
+  }
+  const found = pixels.get(image.src);
+  const x = Math.min(found.width - 1, Math.floor(across * found.width));
+  const y = Math.min(found.height - 1, Math.floor(down * found.height));
+  return { x, y, rgb: [...found.data.slice(4 * (y * found.width + x), 4 * (y * found.width + x) + 3)] };
+};
+const linear = (byte, gain) => {
+  const value = byte / 255, light = value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+  return (byte === 255 ? "≥ " : "") + (light / gain).toFixed(3);
+};
+document.querySelectorAll("img.depth").forEach((depth) => {
+  const gallery = depth.closest("figure"), gain = +depth.dataset.gain;
+  const tell = (target, output, shown) => {
+    target.addEventListener("pointermove", (event) => {
+      const box = target.getBoundingClientRect();
+      const across = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+      const down = Math.min(1, Math.max(0, (event.clientY - box.top) / box.height));
+      const { x, y, rgb } = pixelAt(depth, across, down);
+      const dioptres = ((rgb[0] * 256 + rgb[1]) / 65535) * depth.dataset.most;
+      const where = rgb[2] ? "no depth" : dioptres > 0 ? `${(1 / dioptres).toPrecision(3)} m` : "infinity";
+      const values = shown().map((image) => {
+        const light = pixelAt(image, across, down).rgb.map((byte) => linear(byte, gain)).join(" ");
+        return `${image.dataset.label || image.alt} ${light}`;
+      });
+      output.textContent = `x ${x}, y ${y}, ${where} · ${values.join(" · ")}`;
+    });
+  };
+  const output = (figure) => {
+    const made = document.createElement("output");
+    made.className = "values";
+    made.textContent = "Point at a picture for its values (red, green, blue at full scale 1, from its 8 bits).";
+    figure.append(made);
+    return made;
+  };
+  const pictures = [...gallery.querySelectorAll("img[data-label]")], all = output(gallery);
+  pictures.forEach((picture) => tell(picture, all, () => pictures));
+  document.querySelectorAll(`[data-gallery="${gallery.id}"]`).forEach((figure) => {
+    const sweep = figure.classList.contains("sweep");
+    tell(figure.querySelector(".stage"), output(figure),
+      () => (sweep ? [...figure.querySelectorAll("img:not([hidden])")] : pictures));
+  });
+});
+
+// What the page shows, as files: pictures as PNG, charts as SVG, tables as CSV.
+const named = (text) => (document.title + " " + text).toLowerCase().replace(/[^a-z0-9]+/g, "-").replace(/^-|-$/g, "");
+const save = (place, name, address) => {
+  const link = document.createElement("a");
+  link.className = "save";
+  link.textContent = "Save";
+  link.setAttribute("aria-label", `Save ${name}`);
+  link.download = name;
+  link.href = "#";
+  link.addEventListener("click", () => (link.href = address()));
+  place.append(link);
+};
+document.querySelectorAll(".picture").forEach((picture) => {
+  const image = picture.querySelector("img");
+  save(picture.querySelector(".name"), named(image.alt.slice(0, 60)) + ".png", () => image.src);
+});
+document.querySelectorAll(".sweep").forEach((figure) => {
+  const seen = () => figure.querySelector("img:not([hidden])");
+  save(figure.querySelector(".divider"), named("focused") + ".png", () => seen().src);
+});
+document.querySelectorAll(".plot").forEach((figure) => {
+  const image = figure.querySelector("img");
+  save(figure.querySelector("figcaption") || figure, named(image.alt.slice(0, 40)) + ".svg", () => image.src);
+});
+document.querySelectorAll("table").forEach((table) => {
+  const cell = (each) => `"${[...each.childNodes].map((node) => node.textContent).join(" ").replaceAll('"', '""')}"`;
+  const rows = [...table.rows].map((row) => [...row.cells].map(cell).join(","));
+  const section = table.closest("section");
+  save(table.caption || table.createCaption(), named(section ? section.id : "table") + ".csv",
+    () => "data:text/csv;charset=utf-8," + encodeURIComponent(rows.join("\r\n")));
+});
+
 // Printed pages show what is folded on the screen.
 addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((d) => (d.open = true)));

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,9 @@ from .. import solids
 from .context import Builder, Context, Part
 
 MM = 1e-3
+FINE_SEGMENTS = 96
+COARSE_PX = 2.0
+"""Radius of balls, in pixels, up to which fewer segments do."""
 
 
 class Panel(Builder, Placed):
@@ -47,6 +51,16 @@ class Box(Builder, Placed):
         return [Part("", solids.box(size), context.surface(self.surface))]
 
 
+def ball_segments(radius_px: float) -> int:
+    """Segments around a ball of that radius in pixels.
+
+    One of few pixels has so few that its outline is off by 0.01 of a pixel at most: thousands of such balls
+    would else have millions of faces that no pixel sees."""
+    if radius_px > COARSE_PX:
+        return FINE_SEGMENTS
+    return max(12, 2 * math.ceil(math.pi / math.sqrt(0.02 / radius_px) / 2))
+
+
 class Sphere(Builder, Placed):
     """A ball."""
 
@@ -56,7 +70,11 @@ class Sphere(Builder, Placed):
 
     def build(self, context: Context) -> list[Part]:
         """A ball about its centre."""
-        return [Part("", solids.sphere(self.radius_mm * MM, 96), context.surface(self.surface))]
+        pixel = context.pixel_angle * self.depth_m
+        # glass bends light: what is behind it shows every facet
+        fine = pixel <= 0 or self.surface.kind == "glass"
+        segments = FINE_SEGMENTS if fine else ball_segments(self.radius_mm * MM / pixel)
+        return [Part("", solids.sphere(self.radius_mm * MM, segments), context.surface(self.surface))]
 
 
 class Cylinder(Builder, Placed):

@@ -28,12 +28,14 @@ class Part:
 
 @dataclass(frozen=True)
 class Context:
-    """One object's surroundings: bands in metres, the recipe's folder, a seed, and the object's name."""
+    """One object's surroundings: bands in metres, the recipe's folder, a seed, the object's name, and the
+    tangent of the angle that a pixel sees, 0 where no camera is known."""
 
     wavelengths: np.ndarray
     base: Path
     seed: int
     what: str
+    pixel_angle: float = 0.0
 
     def rng(self, purpose: str = "") -> np.random.Generator:
         """A random generator of this object alone, so that other objects don't change it."""

@@ -1,0 +1,179 @@
+"""Figures on the pages, and the JSON files that commands wrote: `python docs/figures.py` compares them.
+
+A figure on a page stands behind a remark that nobody sees, which names a file of `docs/results/json` and a
+figure in it: `<!-- table psnr_db.paper-dcnn.random -->30.46 dB`. It is rounded to as many decimals as are
+there. `x100` behind the name multiplies it, for a percentage; a name with `*` stands for all figures that it
+fits, from the least to the most: `<!-- predictions times_faster.desk.* -->6.0 to 23`. What others measured is
+marked `<!-- quoted -->`. On the pages of `COVERED` every figure is marked, and the command that wrote a
+figure stands on its page.
+
+    python docs/figures.py                     # what does not agree, status 1 if anything
+    python docs/figures.py --write             # the pages get the figures of the files
+    python docs/figures.py --keep FILE NAME    # what --json wrote becomes docs/results/json/NAME.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+RESULTS = Path("docs/results/json")
+COVERED = ("README.md",)
+AWAITED = ("predictions", "occlusion", "bench", "table")
+"""Files that pages name and that are yet to be brought in: their figures are told, and fail no test."""
+KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "figures")
+PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
+"""Options that change no figure."""
+FLAGS = {"--quiet"}
+NUMBER = r"-?\d+(?:\.\d+)?"
+MARK = re.compile(rf"<!-- (\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
+QUOTED = re.compile(rf"<!-- quoted -->{NUMBER}(?: to {NUMBER})?")
+UNIT = r"\s?(?:dB|%|s|ms|min|h|MiB|GiB)(?!\w)|\s(?:times|seconds|minutes|hours)\b"
+BARE = re.compile(rf"(?<![\w.-])(?:{NUMBER} to )?{NUMBER}(?:(?:{UNIT})|(?=\s*\|))")
+TYPED = re.compile(r"`edofsim [^`]*`|\$ edofsim [^#\n]*")
+CODE = re.compile(r"```.*?```|`[^`]*`", re.DOTALL)
+
+
+class Wrong(NamedTuple):
+    """A sentence on a line of a page."""
+
+    page: str
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page}:{self.line}: {self.text}"
+
+
+def pages(root: Path) -> list[Path]:
+    made = {"_build", "gallery"}
+    found = (path for path in (root / "docs").rglob("*.md") if not made & set(path.parts))
+    return [root / "README.md", *sorted(found)]
+
+
+def check(root: Path = ROOT, passed_over: tuple[str, ...] = ()) -> list[Wrong]:
+    """All that does not agree, on all pages; but for figures of files that are not there and passed over."""
+    return [wrong for page in pages(root) for wrong in _of_page(page, root, passed_over)]
+
+
+def write(root: Path = ROOT) -> None:
+    """The pages with the figures of the files, as far as these have them."""
+    for page in pages(root):
+        text = page.read_text(encoding="utf-8")
+
+        def figure(mark: re.Match[str]) -> str:
+            found = _values(root, mark)
+            if isinstance(found, str):
+                return mark[0]
+            head = mark[0][: mark.start(4) - mark.start()]
+            return head + " to ".join(_said(value, mark[4 + k]) for k, value in enumerate(found))
+
+        new = MARK.sub(figure, text)
+        if new != text:
+            page.write_text(new, encoding="utf-8")
+
+
+def keep(path: Path, name: str, root: Path = ROOT) -> Path:
+    """What a command wrote, without what is long or of one machine's folders. Raises ValueError for what was
+    written by code that is in no commit."""
+    record = json.loads(path.read_text(encoding="utf-8"))
+    if record["commit"] == "unknown" or record["commit"].endswith("-dirty"):
+        raise ValueError(f"{path}: made by code that is in no commit; commit it, then {record['typed']}")
+    small = {key: record[key] for key in KEPT}
+    small["typed"] = shlex.join(_words(record["typed"]))
+    values = record["figures"].items()
+    small["figures"] = {each: v if isinstance(v, str) else float(f"{v:.6g}") for each, v in values}
+    place = root / RESULTS / f"{name}.json"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_text(json.dumps(small, indent=1) + "\n", encoding="utf-8")
+    return place
+
+
+def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[Wrong]:
+    text, name = page.read_text(encoding="utf-8"), str(page.relative_to(root))
+    commands = [_words(code.strip("`$ \n")) for code in TYPED.findall(text)]
+    for mark in MARK.finditer(text):
+        if mark[1] in passed_over and not (root / RESULTS / f"{mark[1]}.json").is_file():
+            continue
+        line, shown = text.count("\n", 0, mark.start()) + 1, mark[0].partition("-->")[2]
+        found = _values(root, mark)
+        if isinstance(found, str):
+            yield Wrong(name, line, found)
+            continue
+        said = " to ".join(_said(value, mark[4 + k]) for k, value in enumerate(found))
+        if said != shown:
+            yield Wrong(name, line, f"{mark[1]}.json has {said} for {mark[2]}, the page {shown}")
+        typed = _record(root, mark[1])["typed"]
+        if _words(typed) not in commands:
+            yield Wrong(name, line, f"{shown} is of `{typed}`, which does not stand on the page")
+    if name in COVERED:
+        plain = text
+        for known in (MARK, QUOTED, CODE):
+            plain = known.sub(lambda match: re.sub(r"[^\n]", "~", match[0]), plain)
+        for bare in BARE.finditer(plain):
+            line = plain.count("\n", 0, bare.start()) + 1
+            yield Wrong(name, line, f"{bare[0]!r} names no file of {RESULTS} that it is from")
+
+
+def _record(root: Path, name: str) -> dict:
+    return json.loads((root / RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def _values(root: Path, mark: re.Match[str]) -> list[float] | str:
+    """The value of a mark, or the least and the most; or why there is none."""
+    name, key, factor = mark[1], mark[2], float(mark[3] or 1)
+    try:
+        figures = _record(root, name)["figures"]
+    except OSError:
+        return f"there is no {RESULTS / name}.json"
+    found = [float(value) * factor for each, value in figures.items() if fnmatchcase(each, key)]
+    if not found:
+        return f"{name}.json has no figure {key}"
+    if (mark[5] is None) != (len(found) == 1):
+        return f"{key} is {len(found)} figures of {name}.json; one stands alone, more as `least to most`"
+    return found if len(found) == 1 else [min(found), max(found)]
+
+
+def _said(value: float, shown: str) -> str:
+    """A value with the decimals of what is shown."""
+    return f"{value:.{len(shown.partition('.')[2])}f}"
+
+
+def _words(command: str) -> list[str]:
+    """A command's words without those that change no figure, and files and folders by their names."""
+    words: list[str] = []
+    given = iter(shlex.split(command))
+    for word in given:
+        if word in PLACES:
+            if word not in FLAGS:
+                next(given, None)
+            continue
+        words.append(Path(word).name if "/" in word else word)
+    return words
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Compare the figures on the pages with what commands wrote.")
+    parser.add_argument("--write", action="store_true", help="put the figures of the files on the pages")
+    parser.add_argument("--keep", nargs=2, metavar=("FILE", "NAME"), help="take over what a command wrote")
+    given = parser.parse_args()
+    if given.keep:
+        print(keep(Path(given.keep[0]), given.keep[1]))
+        return 0
+    if given.write:
+        write()
+    found = check()
+    print("\n".join(map(str, found)) or "all figures agree")
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

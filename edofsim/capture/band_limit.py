@@ -1,0 +1,37 @@
+"""Light between depth nodes, blurred as a band-limited function of its depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..optics.band_limited import band_limited_nodes, band_limited_weights
+from .kernels import Kernels
+
+
+@dataclass(frozen=True)
+class BandLimit:
+    """How PSFs change with depth.
+
+    per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m;
+        error: that may be made between nodes, as `band_limited_nodes` counts it.
+    """
+
+    per_dioptre: float
+    error: float
+
+    def nodes(self, inverse_depth: Tensor) -> Tensor:
+        """As few nodes [node] as suffice for fragments [fragment], at least one; 1/m, ascending."""
+        low, high = (float(end) for end in inverse_depth.aminmax())
+        return band_limited_nodes(low, high, self.per_dioptre, self.error)
+
+    def shares(self, inverse_depth: Tensor, nodes: Tensor) -> Tensor:
+        """Shares [node, fragment] of the nodes in the blur of each fragment."""
+        return band_limited_weights(inverse_depth, nodes, self.per_dioptre).T.to(inverse_depth.dtype)
+
+    def truncated(self, nodes: Tensor, kernels: Kernels) -> Tensor:
+        """The light that lands outside the window: [node, band]."""
+        known = torch.stack([kernels.truncated(node) for node in range(kernels.nodes.numel())])
+        return band_limited_weights(nodes, kernels.nodes, self.per_dioptre).to(known) @ known

@@ -1,0 +1,66 @@
+"""What becomes of conclusions: the PSNR of restored photos, and their gain over the lens alone, in every case
+whose cost is measured."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..capture import Fidelity, Photo, capture
+from ..capture.sensor import record, sensor_effects
+from ..optics import Camera
+from ..plan import Restore
+from ..render.view import View
+from ..restore.scores import psnr, within_scale
+
+Scores = Mapping[str, list[float]]
+"""PSNR against the all-in-focus image in dB, by what was restored with: one for each seed."""
+GAIN = "gain over the lens alone"
+
+
+@dataclass(frozen=True)
+class Shift:
+    """Of a score against that of the full simulation, in dB. mean: over seeds of the noise, the same in both;
+    noise: standard deviation of the score itself from seed to seed."""
+
+    mean: float
+    noise: float
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What photos are restored by, by name, the first one counting for the gain over the lens alone; seeds:
+    how often noise is drawn; alone: the camera without its mask, None where no gain is asked for."""
+
+    restorers: Mapping[str, Restore]
+    seeds: int = 1
+    alone: Camera | None = None
+
+    def scores(self, view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: str) -> Scores:
+        """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds."""
+        truth = within_scale(photo.ideal)
+        effects = sensor_effects(camera, fidelity)
+        images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]
+        found = {
+            name: [psnr(within_scale(restore(image, photo.truncated)), truth) for image in images]
+            for name, restore in self.restorers.items()
+        }
+        if self.alone is not None:
+            plain = capture(view, self.alone, fidelity, exposure=photo.exposure, device=device).clean
+            rivals = [record(plain, effects, seed) for seed in range(self.seeds)]
+            best = next(iter(found.values()))
+            without = [psnr(within_scale(image), truth) for image in rivals]
+            found[GAIN] = [mine - other for mine, other in zip(best, without, strict=True)]
+        return found
+
+
+def shifts(scores: Scores, of_full: Scores) -> Mapping[str, Shift]:
+    """By what was restored with: how far scores are from those of the full simulation."""
+    found = {}
+    for name, values in scores.items():
+        if name in of_full:
+            mean = statistics.fmean(a - b for a, b in zip(values, of_full[name], strict=True))
+            noise = statistics.stdev(of_full[name]) if len(values) > 1 else 0.0
+            found[name] = Shift(mean, noise)
+    return found

@@ -1,0 +1,98 @@
+"""Figures on the pages are those that commands wrote."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+spec = importlib.util.spec_from_file_location("figures", ROOT / "docs" / "figures.py")
+assert spec and spec.loader
+figures = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(figures)
+
+PAGE = """# Page
+
+`edofsim evaluate table --data kodak`
+
+| what | figure |
+|---|---|
+| restored | <!-- table psnr_db.a -->30.46 dB |
+| all | <!-- table times.* -->6.0 to 23 |
+| of them | <!-- table share.b x100 -->85.2 % |
+| elsewhere | <!-- quoted -->26.26 dB |
+
+A line of 20 dioptres, `--accuracy 45dB`, and 160 x 128 pixels.
+"""
+RECORD = {
+    "command": "evaluate table",
+    "typed": "edofsim evaluate table --data /some/where/kodak --out /else/where --quiet",
+    "date": "2026-01-01T00:00:00Z",
+    "commit": "abc1234",
+    "versions": {},
+    "machine": {},
+    "seed": 0,
+    "inputs": {"data": "/some/where"},
+    "figures": {"psnr_db.a": 30.4567891234, "times.x": 22.6, "times.y": 6.04, "share.b": 0.8519, "e": "inf"},
+}
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "README.md").write_text(PAGE)
+    written = tmp_path / "written.json"
+    written.write_text(json.dumps(RECORD))
+    figures.keep(written, "table", tmp_path)
+    return tmp_path
+
+
+def test_the_figures_on_our_pages_are_those_that_commands_wrote():
+    found = figures.check(ROOT, figures.AWAITED)
+    assert not found, "\n".join(map(str, found))
+    there = {path.stem for path in (ROOT / figures.RESULTS).glob("*.json")}
+    assert not there & set(figures.AWAITED), "a file that is there is not awaited"
+
+
+def test_what_a_command_wrote_is_kept_without_its_folders(checkout: Path):
+    kept = json.loads((checkout / figures.RESULTS / "table.json").read_text())
+    assert kept["typed"] == "edofsim evaluate table --data kodak" and kept["commit"] == "abc1234"
+    assert kept["figures"]["psnr_db.a"] == 30.4568 and "inputs" not in kept
+    (checkout / "dirty.json").write_text(json.dumps({**RECORD, "commit": "abc1234-dirty"}))
+    with pytest.raises(ValueError, match="in no commit"):
+        figures.keep(checkout / "dirty.json", "dirty", checkout)
+
+
+def test_a_page_that_agrees(checkout: Path):
+    assert figures.check(checkout) == []
+
+
+@pytest.mark.parametrize(
+    "right, wrong, said",
+    [
+        ("30.46 dB", "30.47 dB", "README.md:7: table.json has 30.46 for psnr_db.a, the page 30.47"),
+        ("6.0 to 23", "6.1 to 23", "table.json has 6.0 to 23"),
+        ("6.0 to 23", "6.0", "2 figures"),
+        ("85.2 %", "8.5 %", "85.2"),
+        ("psnr_db.a", "psnr_db.c", "no figure psnr_db.c"),
+        ("table psnr", "tables psnr", "no docs/results/json/tables.json"),
+        ("--data kodak", "--data bsds", "does not stand on the page"),
+        ("<!-- quoted -->", "", "'26.26 dB' names no file"),
+        ("<!-- table times.* -->", "", "'6.0 to 23' names no file"),
+        ("A line", "It took 3.5 s. A line", "README.md:12: '3.5 s' names no file"),
+    ],
+)
+def test_what_does_not_agree_is_named(checkout: Path, right: str, wrong: str, said: str):
+    (checkout / "README.md").write_text(PAGE.replace(right, wrong, 1))
+    found = figures.check(checkout)
+    assert found and any(said in str(each) for each in found), found
+
+
+def test_figures_are_written_to_the_pages(checkout: Path):
+    page = checkout / "README.md"
+    page.write_text(PAGE.replace("30.46", "10.00").replace("6.0 to 23", "1.0 to 2").replace("85.2", "0.0"))
+    figures.write(checkout)
+    assert page.read_text() == PAGE
