@@ -27,9 +27,7 @@ FULL_SUB_APERTURES = 6
 SUB_APERTURE_LAYERS = 13
 """Depth nodes at most for what sub-apertures change."""
 COARSE_LAYERS = 9
-"""The same where the side of its pixels is given, and more than one."""
-COARSE_PIXEL = 2
-"""Side of the pixels in which that change, which has little fine detail, is found, in pixels."""
+"""The same where that is found in pixels of more than one."""
 MOST_LAYERS = 4096
 """Depth nodes that a photo can be asked for; 475 are the depths of the paper's scene."""
 FINEST = 2
@@ -89,14 +87,13 @@ class Fidelity:
         False,
         "sub-apertures",
         "",
-        "in all bands, nodes and pixels, in place of two wavelengths a channel, 13 nodes and pixels of 2",
+        "in all bands and nodes, in place of two wavelengths a channel and 13 nodes",
     )
-    sub_aperture_pixel: int | None = _knob(
-        None,
+    sub_aperture_pixel: int = _knob(
+        1,
         "sub-apertures",
         "px",
-        "side of the pixels in which their change is found, above 1 in 9 nodes and a wavelength a channel; "
-        "None: 2, in 13 and two",
+        "side of the pixels in which their change is found; above 1 in 9 nodes and a wavelength a channel",
     )
     method: str = _knob(
         "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
@@ -159,7 +156,7 @@ class Fidelity:
         problems = []
         if self.layers is not None and not 1 <= self.layers <= MOST_LAYERS:
             problems.append(f"{self.layers} depth layers: give a whole number from 1 to {MOST_LAYERS}")
-        if self.sub_aperture_pixel is not None and self.sub_aperture_pixel < 1:
+        if self.sub_aperture_pixel < 1:
             problems.append(
                 f"sub_aperture_pixel = {self.sub_aperture_pixel}: give a whole number of at least 1"
             )
@@ -230,23 +227,15 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
-    channel, few layers and pixels of `COARSE_PIXEL`, whatever the photo itself has. It is a small part of the
-    photo without fine detail, and costs a composite each. Where the side of its pixels is given, and more
-    than one, it has fewer layers and wavelengths, too."""
-    given = fidelity.sub_aperture_pixel
+    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a composite
+    each. In coarse pixels it has fewer layers and wavelengths, too."""
+    how = replace(fidelity, method="layered")
     if fidelity.sub_apertures_in_full:
-        return replace(fidelity, method="layered", sub_aperture_pixel=given or 1)
-    few = given is not None and given > 1
-    most = COARSE_LAYERS if few else SUB_APERTURE_LAYERS
+        return how
+    coarse = fidelity.sub_aperture_pixel > 1
+    most = COARSE_LAYERS if coarse else SUB_APERTURE_LAYERS
     layers = most if fidelity.layers is None else min(fidelity.layers, most)
-    return replace(
-        fidelity,
-        method="layered",
-        band_groups=1,
-        group_wavelengths=1 if few else 2,
-        layers=layers,
-        sub_aperture_pixel=given or COARSE_PIXEL,
-    )
+    return replace(how, band_groups=1, group_wavelengths=1 if coarse else 2, layers=layers)
 
 
 def edge_pixels(view: View, gap: float) -> int:

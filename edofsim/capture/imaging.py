@@ -80,7 +80,7 @@ class Imaging:
 
     def change_by_sub_apertures(self, light: View) -> Tensor:
         """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
-        side = self.fidelity.sub_aperture_pixel or 1
+        side = self.fidelity.sub_aperture_pixel
         return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures, side))
 
 
@@ -135,7 +135,7 @@ def sub_aperture_imaging(
         some_nodes(axes.nodes, coarse),
         window,
         coarse.sub_apertures,
-        side=coarse.sub_aperture_pixel or 1,
+        side=coarse.sub_aperture_pixel,
         dtype=dtype,
         device=device,
     )

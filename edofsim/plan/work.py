@@ -112,7 +112,7 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    side = coarse.sub_aperture_pixel or 1
+    side = coarse.sub_aperture_pixel
     width = coarse_window(window, side)
     fine = fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
     waves, half = layers * colours, samples / 2

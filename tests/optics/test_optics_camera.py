@@ -123,10 +123,10 @@ SHIPPED = sorted((Path(__file__).parents[2] / "scenes" / "cameras").glob("*.toml
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=[path.stem for path in SHIPPED])
-def test_shipped_cameras_work_and_share_the_papers_geometry(path):
+def test_shipped_cameras_work_and_the_papers_share_its_geometry(path):
     loaded = load_camera(path)
     assert loaded.recipe.name == path.stem and loaded.recipe.purpose
     seen = Camera.from_recipe(loaded.recipe, loaded.base)
-    assert seen.pixel_angle == pytest.approx(camera().pixel_angle)
+    assert seen.pixel_angle == pytest.approx(camera().pixel_angle) or not path.stem.startswith("paper-")
     bank = psf_bank(seen, PAPER_COLOURS[1:2], [0.0], window_px=16)
     assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-5)

@@ -37,7 +37,7 @@ def levels(facts: Facts) -> list[Level]:
         for n, side in some
     ]
     whole = Level("the whole pupil", {"sub_apertures": 1})
-    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": None})]
+    return [whole, *coarse, Level(f"{full} x {full}", {"sub_aperture_pixel": 1})]
 
 
 def why(facts: Facts) -> str:
@@ -57,8 +57,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
         if across not in (most, full):  # what a user insists on
             return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
         fewer = LEFT_BY_FEWER if across < full else 0.0
-        side = level.change.get("sub_aperture_pixel")
-        coarse = LEFT_BY_COARSE[side] if side else 0.0
+        coarse = LEFT_BY_COARSE.get(level.change.get("sub_aperture_pixel", 1), 0.0)
         return whole * math.hypot(fewer, coarse)
 
     return [left(level) for level in levels]
