@@ -227,8 +227,8 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
-    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a composite
-    each. In coarse pixels it has fewer layers and wavelengths, too."""
+    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
+    composite each. In coarse pixels it has fewer layers and wavelengths, too."""
     how = replace(fidelity, method="layered")
     if fidelity.sub_apertures_in_full:
         return how
