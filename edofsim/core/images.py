@@ -129,7 +129,7 @@ def png_bytes(pixels: np.ndarray, texts: Mapping[str, str] | None = None) -> byt
     for key, text in (texts or {}).items():
         about.add_text(key, text)
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG", pnginfo=about, optimize=True)
+    Image.fromarray(pixels).save(buffer, "PNG", pnginfo=about, compress_level=4)
     return buffer.getvalue()
 
 

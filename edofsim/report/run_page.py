@@ -188,7 +188,7 @@ def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     )  # fmt: skip
     caption = (
         f"What {report.camera} sees without its mask when it is focused at another distance, without "
-        "noise and in three bands."
+        "noise, in three bands and few depth layers."
     )
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 
