@@ -58,19 +58,30 @@ def cuts(view: View, gap: float) -> list[float]:
     crossed = torch.bincount(bins, weights=view.coverage.detach().double(), minlength=BINS)
     # a cut after bin k has the bins up to k in front of it
     first, last = bins[found.front], bins[found.behind] - 1
-    numbers = torch.unique((last * BINS + first)[last >= first])  # ascending by end, then by beginning
-    ends = [divmod(number, BINS) for number in numbers.tolist()]
-    chosen: list[float] = []
+    wide = last >= first
+    right_behind = found.behind == found.front + 1
+    chosen = _stabbed(crossed, first[wide & right_behind], last[wide & right_behind])
+    # where other fragments of the pixel lie between, only if these cuts do not part the two
+    for cut in chosen:
+        wide &= (first > cut) | (last < cut)
+    chosen += _stabbed(crossed, first[wide], last[wide])
+    return [high - width * (cut + 1) for cut in sorted(chosen)]
+
+
+def _stabbed(crossed: Tensor, first: Tensor, last: Tensor) -> list[int]:
+    """Bins to cut behind, ascending and as few as can be, one at least from `first` to `last` of each gap
+    [gap]; crossed: how much lies in each bin."""
+    numbers = torch.unique(last * BINS + first)  # ascending by end, then by beginning
+    chosen: list[int] = []
     begin, end = 0, -1
-    for next_end, next_begin in ends:
+    for next_end, next_begin in (divmod(number, BINS) for number in numbers.tolist()):
         if next_begin <= end:  # the cut so far may still lie in this gap too
             begin, end = max(begin, next_begin), min(end, next_end)
             continue
         if end >= begin:
-            chosen.append(high - width * (_emptiest(crossed, begin, end) + 1))
+            chosen.append(_emptiest(crossed, begin, end))
         begin, end = next_begin, next_end
-    chosen.append(high - width * (_emptiest(crossed, begin, end) + 1))
-    return chosen
+    return [*chosen, _emptiest(crossed, begin, end)] if end >= begin else chosen
 
 
 def _emptiest(crossed: Tensor, begin: int, end: int) -> int:
