@@ -72,7 +72,7 @@ class DCnn(Restorer):
 
     def _folded(self) -> nn.Module:
         """`residual` with each normalisation folded into the convolution before it, as its statistics are
-        fixed in use: a third of the passes over memory, the same image but for rounding."""
+        fixed in use: fewer passes over memory, the same image but for rounding."""
         layers: list[nn.Module] = []
         for layer in self.residual:
             if isinstance(layer, nn.BatchNorm2d):
