@@ -16,7 +16,7 @@ LEFT_BY_FEWER = 0.25
 masks (`python -m benchmarks.sub_apertures desk`)."""
 LEFT_BY_COARSE = {4: 0.3, 2: 0.15}
 """And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: a
-little more than on `desk` and `clutter`. Where blurs are a few pixels wide it can be several times as much."""
+little more than on `desk` and `clutter`. Where blurs are few pixels wide it can be several times as much."""
 
 
 def absent(facts: Facts) -> str:
