@@ -86,8 +86,8 @@ def expose(
     is geometric and for a clear aperture.
 
     Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference},
-    seconds.{plan,render,expose,reference}, light_lost.{r,g,b}, peak_memory_mib, plan.share_of_saved (planning
-    against the seconds that it saves), and what `edofsim plan` says.
+    seconds.{plan,render,expose,reference}, truncated_energy.{r,g,b}, peak_memory_mib, plan.share_of_saved
+    (planning against the seconds that it saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
@@ -178,7 +178,10 @@ def photographed(
     numbers = {
         "psnr_db.photo": psnr(photo.image, photo.ideal),
         **plan_figures(plan, watch.seconds["plan"]),
-        **{f"light_lost.{name}": float(value) for name, value in zip("rgb", photo.truncated, strict=False)},
+        **{
+            f"truncated_energy.{name}": float(value)
+            for name, value in zip("rgb", photo.truncated, strict=False)
+        },
     }
     outputs = {
         "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),

@@ -26,8 +26,8 @@ from ..record import writable_folder
 from ..render import View, render
 from ..report import (
     Column,
-    Crop,
     DepthRange,
+    Detail,
     Gallery,
     Page,
     Section,
@@ -176,11 +176,11 @@ def page(measured: Measured, seen: Seen, system: System, parts: Mapping[str, Ten
     return replace(whole, title="The paper's bench", sections=tuple(sections))
 
 
-def object_crops(seen: Seen, parts: Mapping[str, Tensor]) -> tuple[Crop, ...]:
+def object_crops(seen: Seen, parts: Mapping[str, Tensor]) -> tuple[Detail, ...]:
     """The most textured square of each object that the frame shows."""
     truth = seen.taken[OURS, LENS_ALONE].truth
     depth = seen.view.crop_margin(seen.view.mean_inverse_depth())
-    crops: list[Crop] = []
+    crops: list[Detail] = []
     for name, mask in parts.items():
         if mask.any():
             own = depth[mask]
@@ -223,7 +223,7 @@ def _reading(measured: Measured, network: str) -> str:
     return f"Restored above the lens alone: {' and '.join(said)}." if said else ""
 
 
-def _made(seen: Seen, system: System, crops: tuple[Crop, ...]) -> tuple[Block, ...]:
+def _made(seen: Seen, system: System, crops: tuple[Detail, ...]) -> tuple[Block, ...]:
     """Restored with the mask as designed and as made, whole and enlarged."""
     designed = seen.taken[OURS, system.name]
     made = seen.taken[OURS, f"{system.name}-{MADE}"]

@@ -60,7 +60,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class Measured:
     """What a case came to: PSNR against the full simulation and median seconds, in all and by stage; pace: of
     the machine meanwhile, where it was asked for; shifts: of the scores of restored photos, where these were
     judged."""
@@ -133,7 +133,7 @@ def measure(
     clock: Callable[[], float] = time.perf_counter,
     pace: Callable[[], float] | None = None,
     judge: Judge | None = None,
-) -> list[Row]:
+) -> list[Measured]:
     """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
 
     folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
@@ -194,13 +194,13 @@ def _timed(
     return photo, entry
 
 
-def _row(case: Case, entries: list[Json]) -> Row:
+def _row(case: Case, entries: list[Json]) -> Measured:
     stages = {
         stage: statistics.median(entry["stages"].get(stage, 0.0) for entry in entries) for stage in STAGES
     }
     seconds = statistics.median(entry["seconds"] for entry in entries)
     pace = statistics.median(entry.get("pace", 0.0) for entry in entries)
-    return Row(case, float(entries[0]["db"]), seconds, stages, len(entries), pace)
+    return Measured(case, float(entries[0]["db"]), seconds, stages, len(entries), pace)
 
 
 def _reference(
@@ -254,16 +254,16 @@ def _psnr(image: Tensor, truth: Tensor) -> float:
     return -10 * math.log10(error) if error > 0 else math.inf
 
 
-def pareto(rows: list[Row]) -> list[Row]:
+def pareto(rows: list[Measured]) -> list[Measured]:
     """The rows that no other beats in both time and error, fastest first."""
-    front: list[Row] = []
+    front: list[Measured] = []
     for row in sorted(rows, key=lambda row: (row.seconds, -row.measured_db)):
         if not front or row.measured_db > front[-1].measured_db:
             front.append(row)
     return front
 
 
-def figures(rows: list[Row]) -> dict[str, float]:
+def figures(rows: list[Measured]) -> dict[str, float]:
     """Flat: measured and predicted PSNR and seconds of each case."""
     found: dict[str, float] = {}
     for row in rows:
@@ -282,7 +282,7 @@ def figures(rows: list[Row]) -> dict[str, float]:
     return found
 
 
-def write_table(path: Path, rows: list[Row]) -> Path:
+def write_table(path: Path, rows: list[Measured]) -> Path:
     """All rows as CSV."""
     header = ("kind", "case", "asked_db", "measured_db", "predicted_db", "seconds", "predicted_seconds")
     return write_csv(

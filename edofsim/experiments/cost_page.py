@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from ..report.page import Block, Column, Key, Keys, Page, Section, Table, Text, write_page
 from ..report.plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, Plot, new_figure
 from . import cost, cost_stages
-from .cost import Row, pareto
+from .cost import Measured, pareto
 
 SHIFTS = (
     "How far the PSNR of the restored photo, and its gain over the lens alone, lie from those of everything "
@@ -21,7 +21,7 @@ SHIFTS = (
 )
 
 
-def cost_plot(rows: Sequence[Row], scene: str) -> Plot:
+def cost_plot(rows: Sequence[Measured], scene: str) -> Plot:
     """The chart of `edofsim cost`: seconds of a photo across, accuracy upwards."""
     rows = [row for row in rows if math.isfinite(row.measured_db) and row.seconds > 0]
     targets = [row for row in rows if row.case.kind == "target"]
@@ -131,7 +131,7 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
 def cost_page(
     path: Path,
     scene: str,
-    rows: Sequence[Row],
+    rows: Sequence[Measured],
     points: Sequence[cost_stages.Point],
     numbers: Mapping[str, float],
 ) -> Path:
@@ -158,7 +158,7 @@ def cost_page(
     return write_page(path, Page(f"What accuracy costs: {scene}", purpose, tuple(sections), (head,)))
 
 
-def _said_of_parts(rows: Sequence[Row]) -> tuple[Block, ...]:
+def _said_of_parts(rows: Sequence[Measured]) -> tuple[Block, ...]:
     if not any(row.case.one_part for row in rows):
         return ()
     return (
@@ -175,7 +175,7 @@ def _said(stage: str) -> tuple[Block, ...]:
     return (Text("Each network has its own mask. Wiener deconvolution knows the PSFs, not the depth."),)
 
 
-def photo_table(rows: Sequence[Row]) -> Table:
+def photo_table(rows: Sequence[Measured]) -> Table:
     columns = (
         Column("case"),
         Column("measured", "dB"),
@@ -198,7 +198,7 @@ def photo_table(rows: Sequence[Row]) -> Table:
     return Table(columns, cells)
 
 
-def shift_table(rows: Sequence[Row]) -> Table:
+def shift_table(rows: Sequence[Measured]) -> Table:
     """How far each case shifts what is concluded from restored photos, and what noise does from seed to
     seed."""
     judged = [row for row in rows if row.shifts and row.case.kind != "full"]
@@ -213,7 +213,7 @@ def shift_table(rows: Sequence[Row]) -> Table:
     return Table(tuple(columns), tuple(cells))
 
 
-def _name(row: Row) -> str:
+def _name(row: Measured) -> str:
     before = {"without": "without ", "target": "for ", "score": "for "}
     return before.get(row.case.kind, "") + row.case.name
 

@@ -74,7 +74,7 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Row:
+class PictureScore:
     """One picture by one system under one condition. inverse_depth in 1/m; PSNRs in dB, of a frame in a world
     that goes on, and, whole_, of the picture as it is, which its mirror images continue. Of a frame, where
     asked for: channels_db, restored, red, green and blue; told_db, all and each by `told_depth`."""
@@ -110,7 +110,7 @@ def measure(
     show: Sequence[str] = (),
     told: bool = False,
     progress: Progress | None = None,
-) -> list[Row]:
+) -> list[PictureScore]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
     errors; show: names of pictures whose middles are written, too; told: whether `told_depth` restores the
     photos, too."""
@@ -131,7 +131,7 @@ def measure(
                 told=told,
             )
             jobs.append(Job(picture, condition, inverse, key))
-    rows: dict[str, Row] = {}
+    rows: dict[str, PictureScore] = {}
     missing = [job for job in jobs if not _known(job, kept, system, out, show, rows)]
     for fabrication in dict.fromkeys(described(job.condition.fabrication) for job in missing):
         part = [job for job in missing if described(job.condition.fabrication) == fabrication]
@@ -173,7 +173,7 @@ def noisy(photo: Tensor, read_noise: float, key: str) -> Tensor:
     return photo + read_noise * torch.randn(photo.shape, generator=generator)
 
 
-def averages(rows: Sequence[Row]) -> dict[str, float]:
+def averages(rows: Sequence[PictureScore]) -> dict[str, float]:
     """Mean PSNR in dB: psnr_db.SYSTEM.CONDITION of what was restored, psnr_db.SYSTEM.photo.CONDITION, and
     psnr_db.SYSTEM.whole.CONDITION, psnr_db.SYSTEM.whole.photo.CONDITION of pictures as they are."""
     groups: dict[str, list[float]] = {}
@@ -188,7 +188,7 @@ def averages(rows: Sequence[Row]) -> dict[str, float]:
     return {name: sum(values) / len(values) for name, values in groups.items()}
 
 
-def write_rows(path: Path, rows: Sequence[Row], condition: str) -> Path:
+def write_rows(path: Path, rows: Sequence[PictureScore], condition: str) -> Path:
     """All rows as CSV; `condition` names that column. Returns the path."""
     header = ("system", "picture", condition, "inverse_depth_per_m", *SCORES)
     return write_csv(
@@ -217,7 +217,7 @@ def _shown(job: Job, out: Path) -> Shown:
 
 
 def _known(
-    job: Job, kept: Kept, system: Contestant, out: Path, show: Sequence[str], rows: dict[str, Row]
+    job: Job, kept: Kept, system: Contestant, out: Path, show: Sequence[str], rows: dict[str, PictureScore]
 ) -> bool:
     """Put the row of a job that was finished before into `rows`."""
     found = kept.get(job.key)
@@ -230,7 +230,7 @@ def _known(
 
 def _finish(
     job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str], told: bool
-) -> Row:
+) -> PictureScore:
     whole = job.picture.values
     # the same noise for all systems and strengths, so that they alone make the difference
     taken = noisy(through(whole, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
@@ -252,8 +252,8 @@ def _finish(
     return _row(job, system, found, files)
 
 
-def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> Row:
-    return Row(
+def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> PictureScore:
+    return PictureScore(
         system.name,
         job.picture.name,
         job.condition.label,
@@ -275,7 +275,7 @@ def framed(image: Tensor, reach: int) -> Tensor:
     return image[..., reach : image.shape[-2] - reach, reach : image.shape[-1] - reach]
 
 
-def pairs(rows: Sequence[Row], system: str, said: Callable[[Row], str]) -> Gallery:
+def pairs(rows: Sequence[PictureScore], system: str, said: Callable[[PictureScore], str]) -> Gallery:
     """Sensor and output side by side, condition below condition."""
     pictures: list[Picture] = []
     for row in rows:
@@ -290,7 +290,7 @@ def pairs(rows: Sequence[Row], system: str, said: Callable[[Row], str]) -> Galle
     return Gallery(tuple(pictures), MIDDLES, columns=4, pixels=True, title=system)
 
 
-def sharp(rows: Sequence[Row], name: str) -> Gallery:
+def sharp(rows: Sequence[PictureScore], name: str) -> Gallery:
     """The middle of a picture as it is."""
     shown = next(r.shown for r in rows if r.picture == name and r.shown)
     truth = picture_file(shown.sharp, "truth", f"{name}, the middle of the picture as it is.")

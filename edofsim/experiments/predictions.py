@@ -73,7 +73,7 @@ class Outcome:
 
     scene: str
     mask: str
-    rows: tuple[cost.Row, ...]
+    rows: tuple[cost.Measured, ...]
 
 
 def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> SceneRecipe:
@@ -173,7 +173,7 @@ def _rendering(
     camera: Camera,
     place: Path,
     cache: Path | None,
-) -> list[cost.Row]:
+) -> list[cost.Measured]:
     """Effects of rendering left out: predicted from thumbnails, measured on the photo of another rendering.
 
     Seconds are not compared. None for a view that is not rendered here, or not with such effects. place:
@@ -187,7 +187,7 @@ def _rendering(
     if plain:
         changes["dispersion of scene glass"] = (Fidelity(scene_dispersion=False), plain)
     kept = Kept(place / "rendering.jsonl")
-    rows: list[cost.Row] = []
+    rows: list[cost.Measured] = []
     for name, (change, error) in changes.items():
         key = key_of(effect=name, recipe=recipe.model_dump(mode="json"), machine=machine())
         known = kept.get(key)
@@ -199,7 +199,7 @@ def _rendering(
             known = {"psnr_db": psnr(other.clean, truth.clean)}
             kept.put(key, known)
         case = cost.Case(name, "without", change, predicted_db=decibels(overall(error)))
-        rows.append(cost.Row(case, known["psnr_db"], 0.0))
+        rows.append(cost.Measured(case, known["psnr_db"], 0.0))
     return rows
 
 

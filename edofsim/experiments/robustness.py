@@ -18,7 +18,7 @@ from ..report.plot import WIDE_IN
 from ..report.words import decibels, number
 from .experiment import Findings, in_paper
 from .photographs import Photographs, chosen, photographs
-from .planes import ABOUT, Condition, Row, averages, left_out, measure, pairs, sharp, write_rows
+from .planes import ABOUT, Condition, PictureScore, averages, left_out, measure, pairs, sharp, write_rows
 from .systems import Contestant, contestants
 
 GREEN = 543e-9
@@ -54,7 +54,7 @@ class Study:
 class Result:
     """Rows of every system, picture and condition; shown: names of the pictures that are shown."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[PictureScore, ...]
     data: Photographs
     shown: tuple[str, ...]
     figures: dict[str, float]
@@ -80,7 +80,7 @@ def measured(
     found = photographs(data, limit)
     shown = chosen(found.pictures, show or (), 1)
     every = contestants(systems)
-    rows: list[Row] = []
+    rows: list[PictureScore] = []
     figures: dict[str, float] = {}
     for index, system in enumerate(every):
         tell = part(progress, index / len(every), (index + 1) / len(every))

@@ -12,7 +12,7 @@ import torch
 from PIL import Image
 
 from ..core.images import srgb_decode
-from ..report.crops import Crop
+from ..report.crops import Detail
 from ..report.figures import score_plot
 from ..report.model import ImageScore, RunReport
 from ..report.page import (
@@ -61,7 +61,7 @@ def scene_page(
     seen: Seen,
     system: System,
     back: Link | None = None,
-    crops: tuple[Crop, ...] | None = None,
+    crops: tuple[Detail, ...] | None = None,
 ) -> Page:
     """One scene through the mask of one network: images and scores by our way, then every way to simulate.
 

@@ -29,7 +29,7 @@ from .planes import (
     CHANNELS,
     RANDOM,
     Condition,
-    Row,
+    PictureScore,
     averages,
     left_out,
     measure,
@@ -49,8 +49,8 @@ class Result:
     """chart_rows: the chart alone; rows: the folder's pictures; shown: names of those with pictures;
     trainings: by system, None where nothing was trained."""
 
-    chart_rows: tuple[Row, ...]
-    rows: tuple[Row, ...]
+    chart_rows: tuple[PictureScore, ...]
+    rows: tuple[PictureScore, ...]
     data: Photographs
     shown: tuple[str, ...]
     figures: dict[str, float]
@@ -63,7 +63,7 @@ class Protocol:
 
     kind: str
     title: str
-    of_row: Callable[[Row], float]
+    of_row: Callable[[PictureScore], float]
 
 
 GOES_ON = Protocol("", "In a world that goes on", lambda row: row.restored_db)
@@ -103,8 +103,8 @@ def run(
     every = contestants(systems, every=True)
     fixed = [Condition(f"{m:g}m", 1 / m, READ_NOISE, paper_test(seed)) for m in DEPTHS_M]
     conditions = [Condition(RANDOM, None, READ_NOISE, paper_test(seed)), *fixed]
-    rows: list[Row] = []
-    chart_rows: list[Row] = []
+    rows: list[PictureScore] = []
+    chart_rows: list[PictureScore] = []
     for index, system in enumerate(every):
         whole = part(progress, index / len(every), (index + 1) / len(every))
         begin, rest = part(whole, 0.0, 0.1), part(whole, 0.1, 1.0)
@@ -205,7 +205,7 @@ def methods(result: Result, protocol: Protocol) -> PageTable:
     return PageTable(columns, tuple(rows), said)
 
 
-def chart_figures(rows: Sequence[Row]) -> dict[str, float]:
+def chart_figures(rows: Sequence[PictureScore]) -> dict[str, float]:
     """Figures of the chart: both protocols, each channel, and what is restored by who is told the depth."""
     figures: dict[str, float] = {}
     for row in rows:

@@ -25,8 +25,8 @@ from ..restore.losses import LossWeights
 from ..restore.network import build_network, network_class
 from ..restore.restorer import Restorer
 from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
-from .material import Material, gather
 from .system import Optics, System
+from .training_data import TrainingData, gather
 from .workers import Workers
 
 RUNNING = ".running_"
@@ -42,7 +42,7 @@ class Setup:
     recipe: TrainRecipe
     camera: CameraRecipe
     system: System
-    material: Material
+    data: TrainingData
     sampling: float | None
     device: torch.device
     history: tuple[Json, ...] = ()
@@ -69,7 +69,7 @@ def prepare(
     optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
     with torch.no_grad():
         designed = optics.with_height(mask.to(workers.device)())
-    material = gather(recipe, designed, loaded.base, data, cache, progress)
+    training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
     system = System(
         optics,
@@ -86,7 +86,7 @@ def prepare(
     # pyrefly: ignore[no-matching-overload] - torch's stubs leave this one out
     system.network.to(memory_format=torch.channels_last)
     start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
-    return Setup(recipe, camera, system, material, sampling, workers.device, history, start)
+    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, start)
 
 
 def trained(network: nn.Module) -> Iterator[tuple[str, Tensor]]:

@@ -109,7 +109,7 @@ def _train(
     kept = recipe.doe.learning_rate_rad == 0
     position = Position()
     if resume:
-        position = load_state(state, setup.system, optimiser, _plain(recipe), setup.material.sha256)
+        position = load_state(state, setup.system, optimiser, _plain(recipe), setup.data.sha256)
     elif state.exists():
         raise InputError(
             f"{state}: a training is here already; add --resume to go on, or choose another --out"
@@ -244,7 +244,7 @@ def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw
     recipe, where = setup.recipe, workers.rank + (part << 16)
     generator = generator_of(recipe.seed, DRAWS, step, where)
     count = workers.share(recipe.optimiser.batch)
-    scenes = setup.material.draw(count, generator)
+    scenes = setup.data.draw(count, generator)
     low, high = recipe.capture.read_noise
     read_noise = low + (high - low) * torch.rand(count, generator=generator)
     return Draw(scenes, read_noise, generator_of(recipe.seed, NOISE, step, where, setup.device))
@@ -275,14 +275,14 @@ def _keep_start(setup: Setup) -> float:
 @torch.no_grad()
 def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, float]:
     """PSNR and loss of the validation patches, the same photos and noise each time; PSNR by source too, see
-    `Material`."""
+    `TrainingData`."""
     system = setup.system
     was_training = system.training
     system.eval()
     scores: dict[str, list[Tensor]] = {}
     losses: list[Tensor] = []
     photos: list[Tensor] = []
-    for index, (source, scenes) in enumerate(setup.material.validation):
+    for index, (source, scenes) in enumerate(setup.data.validation):
         generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
         outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
         scores.setdefault(source, []).append(_psnr(outcome.restored, outcome.ideal))
@@ -315,7 +315,7 @@ def save_result(
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
         "recipe": _for_card(setup.recipe),
-        "data": {"sources": list(setup.material.described), "sha256": setup.material.sha256},
+        "data": {"sources": list(setup.data.described), "sha256": setup.data.sha256},
         "versions": {"edofsim": __version__, "torch": torch.__version__},
         "seed": setup.recipe.seed,
         "step": position.step,
@@ -351,7 +351,7 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
     state, batch = loop.out / "nan-state.safetensors", loop.out / "nan-batch.safetensors"
     if loop.workers.first:
         setup = loop.setup
-        recipe, sha256 = _plain(setup.recipe), setup.material.sha256
+        recipe, sha256 = _plain(setup.recipe), setup.data.sha256
         save_state(state, setup.system, loop.optimiser, loop.position, recipe, sha256)
         images = {name: getattr(outcome, name) for name in ("photo", "restored", "ideal")}
         save_arrays(batch, images, {"step": json.dumps(loop.position.step)})
@@ -362,7 +362,7 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
 
 
 def _save(loop: _Loop) -> None:
-    recipe, sha256 = _plain(loop.setup.recipe), loop.setup.material.sha256
+    recipe, sha256 = _plain(loop.setup.recipe), loop.setup.data.sha256
     save_state(
         loop.out / "state.safetensors", loop.setup.system, loop.optimiser, loop.position, recipe, sha256
     )

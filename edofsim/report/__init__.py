@@ -3,7 +3,7 @@
 `write_report` makes the page of a run. `Page`, its blocks and `Plot` make any other page in the same style.
 """
 
-from .crops import Crop, choose_crops
+from .crops import Detail, choose_crops
 from .figures import depth_plot
 from .from_pipeline import write_run_report
 from .model import DepthRange, ImageScore, Mtfs, PlanRow, Psfs, RunReport
@@ -35,7 +35,7 @@ __all__ = [
     "Code",
     "Column",
     "Compare",
-    "Crop",
+    "Detail",
     "DepthRange",
     "Gallery",
     "ImageScore",

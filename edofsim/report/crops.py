@@ -17,7 +17,7 @@ LARGEST_OVERLAP = 0.25  # of a crop with another one
 
 
 @dataclass(frozen=True)
-class Crop:
+class Detail:
     """A square of `size` pixels from the top left (x, y), for one depth range."""
 
     x: int
@@ -33,7 +33,7 @@ class Crop:
 
 def choose_crops(
     inverse_depth: Tensor, ideal: Tensor, size: int, ranges: Sequence[DepthRange]
-) -> tuple[Crop, ...]:
+) -> tuple[Detail, ...]:
     """For each depth range that the picture holds, the square with the most texture at these depths.
 
     inverse_depth: [y, x] in 1/m; ideal: linear [3, y, x]; size: pixels, made smaller for small pictures.
@@ -47,7 +47,7 @@ def choose_crops(
     texture = _gradient(ideal.detach().cpu().double())
     y, x = torch.meshgrid(torch.arange(rows - size + 1), torch.arange(columns - size + 1), indexing="ij")
     off_centre = torch.hypot(y - (rows - size) / 2, x - (columns - size) / 2) / math.hypot(rows, columns)
-    crops: list[Crop] = []
+    crops: list[Detail] = []
     for wanted in ranges:
         mask = wanted.mask(depth)
         if not mask.any():
@@ -65,7 +65,7 @@ def choose_crops(
         top, left = divmod(best, columns - size + 1)
         seen = depth[top : top + size, left : left + size][mask[top : top + size, left : left + size]]
         mean = float(seen.mean())
-        crops.append(Crop(left, top, size, wanted, math.inf if mean <= 0 else 1 / mean))
+        crops.append(Detail(left, top, size, wanted, math.inf if mean <= 0 else 1 / mean))
     return tuple(crops)
 
 

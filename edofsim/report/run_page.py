@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from ..restore.scores import Score, psnr, within_scale
-from .crops import Crop, choose_crops, near_focus_far
+from .crops import Detail, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
 from .figures_optics import height_plot, mtf_plot, psf_plot
 from .model import DepthRange, RunReport
@@ -57,7 +57,7 @@ def write_report(path: Path, report: RunReport) -> Path:
     return write_page(path, report_page(report))
 
 
-def report_page(report: RunReport, crops: tuple[Crop, ...] | None = None) -> Page:
+def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> Page:
     """The page of a run. crops: parts to enlarge, in place of textured ones near, at focus and far."""
     chosen = crops is None
     if crops is None:
@@ -155,7 +155,7 @@ def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
 
 
 def _images(
-    report: RunReport, shown: dict[str, Picture], crops: tuple[Crop, ...], gain: float
+    report: RunReport, shown: dict[str, Picture], crops: tuple[Detail, ...], gain: float
 ) -> tuple[Block, ...]:
     width = report.inverse_depth.shape[-1]
     boxes = tuple(Box(c.x, c.y, c.size, c.size, LETTERS[i]) for i, c in enumerate(crops))
@@ -193,7 +193,9 @@ def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 
 
-def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool = True) -> tuple[Block, ...]:
+def _crops(
+    report: RunReport, crops: tuple[Detail, ...], gain: float, chosen: bool = True
+) -> tuple[Block, ...]:
     galleries = []
     images = report.images()
     for i, crop in enumerate(crops):
@@ -218,7 +220,7 @@ def _crops(report: RunReport, crops: tuple[Crop, ...], gain: float, chosen: bool
     return (note, *galleries) if galleries else ()
 
 
-def _around(crop: Crop) -> str:
+def _around(crop: Detail) -> str:
     return f"about {distance(crop.depth_m)}" if math.isfinite(crop.depth_m) else "infinity"
 
 

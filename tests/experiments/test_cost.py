@@ -153,16 +153,16 @@ def test_a_mask_that_is_not_known_is_refused(tmp_path):
 
 
 def test_the_front_holds_what_nothing_beats():
-    def row(seconds: float, db: float) -> cost.Row:
-        return cost.Row(cost.Case("", "target", Fidelity()), db, seconds)
+    def row(seconds: float, db: float) -> cost.Measured:
+        return cost.Measured(cost.Case("", "target", Fidelity()), db, seconds)
 
     front = cost.pareto([row(3, 50), row(1, 30), row(2, 25), row(2, 40), row(4, 45)])
     assert [(each.seconds, each.measured_db) for each in front] == [(1, 30), (2, 40), (3, 50)]
 
 
 def test_shares_are_counted_over_effects_that_matter():
-    def row(kind: str, measured: float, predicted: float, asked: float = math.inf) -> cost.Row:
-        return cost.Row(cost.Case("", kind, Fidelity(), asked, predicted, 1.0), measured, 2.0)
+    def row(kind: str, measured: float, predicted: float, asked: float = math.inf) -> cost.Measured:
+        return cost.Measured(cost.Case("", kind, Fidelity(), asked, predicted, 1.0), measured, 2.0)
 
     rows = (
         row("without", 40, 42),

@@ -102,9 +102,9 @@ def test_all_stages_are_drawn_and_written(tmp_path: Path):
     lines = list(csv.DictReader(cost_stages.write_table(tmp_path / "stages.csv", points).open()))
     assert [line["chosen"] for line in lines] == ["0", "1", "0", "0", "1"]
     rows = [
-        cost.Row(cost.Case("30 dB", "target", Fidelity(), 30.0, 31.0, 0.1), 32.0, 0.1),
-        cost.Row(cost.Case("chosen", "chosen", Fidelity(), 50.0, 51.0, 0.2), 52.0, 0.2),
-        cost.Row(cost.Case("full", "full", Fidelity()), math.inf, 3.0),
+        cost.Measured(cost.Case("30 dB", "target", Fidelity(), 30.0, 31.0, 0.1), 32.0, 0.1),
+        cost.Measured(cost.Case("chosen", "chosen", Fidelity(), 50.0, 51.0, 0.2), 52.0, 0.2),
+        cost.Measured(cost.Case("full", "full", Fidelity()), math.inf, 3.0),
     ]
     page = cost_page(tmp_path / "cost.html", "test", rows, points, {"times_faster.chosen": 15.0})
     text = page.read_text(encoding="utf-8")

@@ -290,7 +290,7 @@ def test_the_table_compares_all_that_ship(
     """By default: networks, systems trained for comparison, and the two apertures without training."""
     asked: list[str] = []
 
-    def nothing(system: Contestant, *rest: object, **options: object) -> list[planes.Row]:
+    def nothing(system: Contestant, *rest: object, **options: object) -> list[planes.PictureScore]:
         asked.append(system.name)
         return []
 

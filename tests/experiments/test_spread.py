@@ -159,7 +159,7 @@ def test_photos_of_many_scenes_are_those_of_each(scenes: list[Path], tmp_path: P
         photo = f"{scene.stem}-paper-clear/photo.exr"
         assert (alone / photo).read_bytes() == (both / photo).read_bytes()
         single = figures(alone / f"{scene.stem}.json")
-        assert figures(said)[f"light_lost.g.{scene.stem}"] == single["light_lost.g"]
+        assert figures(said)[f"truncated_energy.g.{scene.stem}"] == single["truncated_energy.g"]
     assert edofsim("expose", scenes[0], scenes[0], *options) == console.BAD_INPUT
 
 

@@ -9,10 +9,10 @@ import torch
 
 from edofsim.capture.planes import surroundings
 from edofsim.learn.edges import Edges, draw_covers
-from edofsim.learn.material import gather
 from edofsim.learn.sources import draw_patches, packaged_images
 from edofsim.learn.system import Optics, Planes
 from edofsim.learn.trainer import train
+from edofsim.learn.training_data import gather
 from edofsim.optics import Camera
 from edofsim.recipe.load import Loaded, load_camera
 from edofsim.recipe.train import TrainRecipe
@@ -98,9 +98,9 @@ def _recipe(edges: float) -> Loaded[TrainRecipe]:
 
 
 def test_the_share_of_edges_is_that_of_the_recipe(optics: Optics) -> None:
-    material = gather(_recipe(0.3).recipe, optics, Path(), None)
+    training_data = gather(_recipe(0.3).recipe, optics, Path(), None)
     generator = torch.Generator().manual_seed(8)
-    drawn = [material.draw(2, generator) for _ in range(300)]
+    drawn = [training_data.draw(2, generator) for _ in range(300)]
     share = sum(isinstance(scenes, Edges) for scenes in drawn) / 300
     assert abs(share - 0.3) < 4 * (0.3 * 0.7 / 300) ** 0.5
     assert all((scenes.inverse_depths.diff() >= 0).all() for scenes in drawn)

@@ -19,7 +19,7 @@ from edofsim.experiments import broadband_page, fabrication, noise, robustness, 
 from edofsim.experiments.broadband import DEPTHS_M, CubeScore, Result
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
-from edofsim.experiments.planes import RANDOM, Row, Shown, averages
+from edofsim.experiments.planes import RANDOM, PictureScore, Shown, averages
 from edofsim.experiments.systems import Training
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page
@@ -41,10 +41,12 @@ def shown(folder: Path) -> Shown:
     return Shown(*paths)
 
 
-def rows(conditions: list[str], folder: Path, pictures: tuple[str, ...] = PICTURES) -> tuple[Row, ...]:
+def rows(
+    conditions: list[str], folder: Path, pictures: tuple[str, ...] = PICTURES
+) -> tuple[PictureScore, ...]:
     files = shown(folder)
     return tuple(
-        Row(
+        PictureScore(
             system,
             picture,
             condition,

@@ -16,7 +16,7 @@ from .system import Optics, Scenes
 
 
 @dataclass(frozen=True)
-class Material:
+class TrainingData:
     """All sources; `validation` holds scenes that are never trained on, under the name of their source: its
     number in the recipe, from 1 on, and its kind."""
 
@@ -41,7 +41,7 @@ def gather(
     data: Path | None,
     cache: Path | None = None,
     progress: Progress | None = None,
-) -> Material:
+) -> TrainingData:
     """Read all sources of a recipe. base: where its relative folders start; data: the folder for sources that
     name none; cache: of rendered views, which are rendered where they are missing.
 
@@ -66,4 +66,4 @@ def gather(
         {**source.described, "only": "validation"} if index >= trained else source.described
         for index, source in enumerate(sources)
     ]
-    return Material(tuple(sources[:trained]), weights, tuple(validation), tuple(described), digest)
+    return TrainingData(tuple(sources[:trained]), weights, tuple(validation), tuple(described), digest)
