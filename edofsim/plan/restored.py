@@ -54,20 +54,15 @@ class RestoredTiles:
             return 0.0
         restored = self._restored(self._photos + self._left_out(chosen)) - self._before
         left = self._before - self._ideal
-        window = self.facts.spectra.taper
-        # changes were seen under a window whose mean square is 1, and its mean is less
-        cross = self._mean(2 * left * restored) / float(window.mean())
-        return -10 * math.log10(max(1 + (cross + self._mean(restored.square())) / self._error, 1e-6))
-
-    def _mean(self, tiles: Tensor) -> float:
-        """Mean over the frame of what is known of tiles [tile, channel, y, x]."""
-        return float(tiles.double().mean((1, 2, 3)) @ self.facts.spectra.shares.double())
+        mean = self.facts.spectra.mean
+        more = mean(2 * left * restored, seen=1) + mean(restored.square(), seen=2)
+        return -10 * math.log10(max(1 + more / self._error, 1e-6))
 
     @cached_property
     def _error(self) -> float:
         """Mean square that restoring the full simulation leaves, without the noise of a preview's truth."""
         facts = self.facts
-        found = self._mean((self._before - self._ideal).square())
+        found = facts.spectra.mean((self._before - self._ideal).square())
         of_preview = max(0.0, facts.view.noise) ** 2 * (1 - facts.noisier**-2)
         noise = of_preview * float(facts.levels_of_light.square().mean())
         return max(found - noise, 0.1 * found, 1e-12)
@@ -79,8 +74,8 @@ class RestoredTiles:
         for image in images:
             change += self._on_tiles(self.estimates.differences[image])
         draw = torch.Generator().manual_seed(0)
-        change += noise**0.5 * torch.randn(change.shape, generator=draw)
-        return change + bias * self.facts.spectra.taper
+        independent = noise**0.5 * torch.randn(change.shape, generator=draw)
+        return change + (independent + bias) * self.facts.spectra.taper
 
     @cached_property
     def _plain(self) -> dict[str, int]:
@@ -134,7 +129,7 @@ class RestoredTiles:
             )
         draw = torch.Generator().manual_seed(size)
         noise = torch.randn(self._taken.image.shape, generator=draw)
-        return noise * torch.linalg.vector_norm(difference, dim=1)[:, None, None]
+        return noise * torch.linalg.vector_norm(difference, dim=1)[:, None, None] * spectra.taper
 
 
 def _part(image: Tensor, top: int, left: int, side: int) -> Tensor:

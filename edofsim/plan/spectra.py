@@ -1,36 +1,38 @@
 """What a change of PSFs changes in a photo, from Fourier spectra of parts of the view's light: nothing is
 photographed.
 
-A photo is the sum over depths and bands of light convolved with PSFs. Where PSFs change by d, its mean square
-changes by the mean of |sum OTF(d) spectrum(light)|^2 (Parseval). The light of square tiles, as wide as the
-PSFs, under a window (Welch 1967), is transformed once; every change of PSFs is then a product of spectra.
+A photo is the sum over depths and bands of light convolved with PSFs. Where PSFs change by d, it changes by
+what has the spectrum sum OTF(d) spectrum(light). The light of square tiles, as wide as the PSFs, under a
+window (Welch 1967), is transformed once; every change of PSFs is then a product of spectra, of which the part
+in the frame counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity, simpler_camera
 from ..capture.imaging import Axes, gathering_of
-from ..capture.prepare import blur_per_dioptre, kernels_of
+from ..capture.prepare import kernels_of
 from ..optics import Camera
 from ..render.view import View
+from .tiles import choose_tiles
 
-PIXELS = 66_000
-"""Pixels of all tiles: four of them for the default PSFs."""
 SIDES_PX = (64, 256)
 """Least and largest side of a tile; PSFs that are wider are cut."""
 NODES = 7
 """Depths at which changes of PSFs are looked at; light is moved to the nearest."""
 FEW_NODES = 3
 """The same where PSFs take long: through a finely sampled pupil."""
+EVENLY = 0.3
+"""Share of these that is spread evenly over the view's inverse depths; the rest is where its pixels are.
+Chosen on small versions of `desk`, `clutter` and `foliage`."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 65.0
@@ -41,9 +43,8 @@ MOST_COMPONENTS = 8
 @dataclass(frozen=True)
 class Spectra:
     """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64 [n],
-    the pixel of each, tile by tile; corners: (top, left) of each tile in the frame; shares: [tile], so that
-    sum_t shares_t m_t estimates the frame's mean from means m of tiles; other fields as in `Facts`, response
-    times exposure."""
+    the pixel of each, tile by tile; corners, shares: as `choose_tiles` gives them; other fields as in
+    `Facts`, response times exposure."""
 
     view: View
     camera: Camera
@@ -61,8 +62,8 @@ class Spectra:
     _light_of: dict[str, tuple[Tensor, Tensor]] = field(default_factory=dict, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
-        """`count` inverse depths from the farthest to the nearest, or the view's own where these are no more
-        than `distinct`."""
+        """`count` inverse depths evenly from the farthest to the nearest, or the view's own where these are
+        no more than `distinct`."""
         if self.depths is not None and self.depths.numel() <= (count if distinct is None else distinct):
             return self.depths
         low, high = self.ends
@@ -70,9 +71,21 @@ class Spectra:
             return torch.tensor([(low + high) / 2], dtype=torch.float64)
         return torch.linspace(low, high, count, dtype=torch.float64)
 
+    def nodes_of_light(self, count: int) -> Tensor:
+        """`count` inverse depths or fewer that stand for about as many of the tiles' pixels each, or the
+        view's own where these are no more."""
+        if self.depths is not None and self.depths.numel() <= count:
+            return self.depths
+        fine = torch.linspace(*self.ends, 2001, dtype=torch.float64)
+        seen = self.view.inverse_depth[self.which].double().sort().values
+        below = torch.searchsorted(seen, fine, right=True).double() / max(1, seen.numel())
+        below = EVENLY * torch.linspace(0, 1, 2001, dtype=torch.float64) + (1 - EVENLY) * below
+        middles = (torch.arange(count, dtype=torch.float64) + 0.5) / count
+        return fine[torch.searchsorted(below, middles)].unique()
+
     def by_bands(self, fidelity: Fidelity) -> Tensor:
         """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
-        nodes = self.nodes(NODES)
+        nodes = self.nodes_of_light(NODES)
         weights, components = self._components()
         light = self._light("components", components, nodes)
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
@@ -105,7 +118,7 @@ class Spectra:
         wavelength a channel and few depths where the pupil is sampled more finely than for other
         estimates."""
         quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
-        nodes = self.nodes(NODES if quick else FEW_NODES)
+        nodes = self.nodes_of_light(NODES if quick else FEW_NODES)
         gathering = every_band(self.view.wavelengths.double(), self.response)
         if not quick:
             gathering = self._gathering(1, nodes)
@@ -116,14 +129,14 @@ class Spectra:
         light = self._light("components", components, nodes)
         of_each = self.response[:, None] * weights.T
         found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
-        return self._vector(found + self._of_mean(change, self.response * self.spectrum, nodes))
+        return self._vector(found + self._of_mean(change, gathering, nodes))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
-        nodes = self.nodes(NODES)
+        nodes = self.nodes_of_light(NODES)
         gathering = self._gathering(3, nodes)
         otfs = self._otfs(self.full, gathering, nodes)
-        each = (otfs.abs().square() * _twice(self.side)).sum((-2, -1)) / self.side**2
+        each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
 
     def _gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
@@ -186,13 +199,30 @@ class Spectra:
             self._known[key] = torch.fft.rfft2(image * taper)
         return self._known[key]
 
+    def _by_depth(self, nodes: Tensor) -> Tensor:
+        """The frame's light at the nearest of the nodes, a mean over pixels, [band, node] float64."""
+        key = ("depths", tuple(nodes.tolist()))
+        if key not in self._known:
+            view, count, columns = self.view, nodes.numel(), self.view.padded_shape[1]
+            y, x = view.pixel // columns - view.margin, view.pixel % columns - view.margin
+            inside = (y >= 0) & (y < view.height) & (x >= 0) & (x < view.width) & ~view.hidden
+            node = torch.where(inside, _nearest(view.inverse_depth.double(), nodes), count)
+            amount = view.radiance.new_zeros(view.bands, count + 1).index_add_(1, node, view.radiance)
+            self._known[key] = amount[:, :count].double() / (view.height * view.width)
+        return self._known[key]
+
+    @property
+    def _mean(self) -> Tensor:
+        """Of the view's light, [band]."""
+        rows, columns = self.view.padded_shape
+        return self.spectrum / (rows * columns)
+
     @cached_property
     def _radiance(self) -> Tensor:
         """Light of the tiles' fragments [band, n], without the view's mean."""
-        rows, columns = self.view.padded_shape
-        mean = (self.spectrum / (rows * columns)).to(self.view.radiance)
+        mean = self._mean.to(self.view.radiance)[:, None]
         light = self.view.radiance.index_select(1, self.which)
-        return torch.addmm(light, mean[:, None], self.view.coverage[self.which][None], alpha=-1)
+        return torch.addmm(light, mean, self.view.coverage[self.which][None], alpha=-1)
 
     def _components(self) -> tuple[Tensor, Tensor]:
         """The light as few components: what each adds to each band, [band, component] float64, and
@@ -222,57 +252,68 @@ class Spectra:
             change, self._light("channels", radiance, nodes, shared).unbind(1), strict=True
         ):
             found = torch.addcmul(found, of_node, there)
-        light = gathering.light @ self.spectrum
-        return self._vector(found + self._of_mean(change, gathering.response * light, nodes))
+        return self._vector(found + self._of_mean(change, gathering, nodes))
 
-    def _of_mean(self, change: Tensor, light: Tensor, nodes: Tensor) -> Tensor:
-        """What becomes of the view's mean light: complex [tile, channel, y, x]. change: of OTFs [node,
-        group, y, x]; light: [channel, group], of the whole view.
+    def _of_mean(self, change: Tensor, gathering: Gathering, nodes: Tensor) -> Tensor:
+        """What becomes of the view's mean light, and of veiling glare: complex [tile, channel, y, x].
+        change: of OTFs [node, group, y, x].
 
         On a slanted surface its blur changes from place to place. Where surfaces hide others, light that is
         the same everywhere is blurred to itself, and a sum over depths would have steps that no photo has:
-        only what PSFs truncate counts. That becomes veiling glare, of all depths alike.
+        only what PSFs truncate counts. That becomes veiling glare, all over the frame.
         """
-        rows, columns = self.view.padded_shape
-        level = light / (rows * columns)
-        change = _mixed(level, change)
-        total = change[..., :1, :1]
-        changed = change if self.full.occlusion == "none" else total
-        if float(changed.abs().max()) < 1e-6:
+        light = gathering.light @ self._by_depth(nodes)
+        truncated = change[..., 0, 0].real.to(light)
+        glare = (gathering.response @ (light * truncated.T).sum(1)).to(change)[:, None, None]
+        change = _mixed(gathering.response * (gathering.light @ self._mean), change)
+        changed = change if self.full.occlusion == "none" else change[..., :1, :1]
+        if max(float(changed.abs().max()), float(glare.abs().max())) < 1e-6:
             return torch.zeros((), dtype=change.dtype)
         there = self._light("cover", self.view.coverage[self.which][None], nodes, shared=True)
-        node = _nearest(self.view.inverse_depth[self.which].double(), nodes)
-        share = torch.bincount(node, minlength=len(nodes)).to(change) / node.numel()
-        glare = torch.einsum("n,ncyx->cyx", share, total)
         of_all = _summed((changed - glare).expand_as(change)[:, :, None], there)
         return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * self.taper)
 
     def _vector(self, spectrum: Tensor) -> Tensor:
         """Spectra [tile, channel, y, x] of a change as a vector [channel, n]: its sum of squares over n is
         the mean square of the change over the frame."""
-        weighted = torch.view_as_real(spectrum * self._weight[:, None])
-        return weighted.transpose(0, 1).flatten(1)
-
-    @cached_property
-    def _weight(self) -> Tensor:
-        """Of a half spectrum's entries in a vector, [tile, y, x]."""
-        return (_twice(self.side) * self.shares.to(torch.float32)[:, None, None]).sqrt() / self.side**2
+        change = torch.fft.irfft2(spectrum, s=(self.side, self.side))
+        scale = (self.shares / self._sums(2)).sqrt().to(change)
+        return (change * (scale[:, None, None] * self.inside)[:, None]).transpose(0, 1).flatten(1)
 
     @property
     def size(self) -> int:
         """Entries of a channel of a vector."""
-        return 2 * self._weight.numel()
+        return self.inside.numel()
 
     @cached_property
     def taper(self) -> Tensor:
-        """The window [y, x] that the light of tiles is seen under; its mean square is 1."""
+        """The window [y, x] that the light of tiles is seen under."""
         return _taper(self.side)
 
+    @cached_property
+    def inside(self) -> Tensor:
+        """1 where tiles are in the frame, else 0: [tile, y, x]."""
+        along = torch.arange(self.side)
+        rows, columns = (torch.tensor(at)[:, None] + along for at in zip(*self.corners, strict=True))
+        in_rows = (rows >= 0) & (rows < self.view.height)
+        in_columns = (columns >= 0) & (columns < self.view.width)
+        return (in_rows[:, :, None] & in_columns[:, None]).to(torch.float32)
+
     def images(self, vector: Tensor) -> Tensor:
-        """A change given as a vector, under the window: [tile, channel, y, x]."""
-        weighted = vector.unflatten(1, (*self._weight.shape, 2)).transpose(0, 1).contiguous()
-        spectrum = torch.view_as_complex(weighted) / self._weight[:, None]
-        return torch.fft.irfft2(spectrum, s=(self.side, self.side))
+        """A change given as a vector, under the window, 0 outside of the frame: [tile, channel, y, x]."""
+        scale = (self.shares / self._sums(2)).sqrt().to(vector)
+        tiles = vector.unflatten(1, self.inside.shape).transpose(0, 1)
+        return tiles / scale[:, None, None, None]
+
+    def mean(self, tiles: Tensor, seen: int = 0) -> float:
+        """Mean over the frame and channels from what is in tiles [tile, channel, y, x]; seen: how often under
+        the window."""
+        each = (tiles.mean(1) * self.inside).double().sum((1, 2))
+        return float(each @ self.shares.double()) / float(self._sums(seen))
+
+    def _sums(self, seen: int) -> Tensor:
+        """What `mean` is relative to."""
+        return self.shares.double() @ (self.inside * self.taper**seen).double().sum((1, 2))
 
 
 def spectra_of(
@@ -287,19 +328,12 @@ def spectra_of(
 ) -> Spectra:
     """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum."""
     side = min(max(camera.recipe.psf.window_px, SIDES_PX[0]), SIDES_PX[1])
-    places = [(y, x) for y in _starts(view.height, side) for x in _starts(view.width, side)]
-    chance = _chances(view, ideal, camera, places, side)
-    count = min(len(places), max(1, PIXELS // side**2))
-    ticks = (np.arange(count) + np.random.default_rng(seed).random()) / count
-    picked = np.searchsorted(np.cumsum(chance), ticks * chance.sum()) if count < len(places) else range(count)
-    chosen, times = np.unique(np.fromiter(picked, int), return_counts=True)
-    shares = times / chance[chosen] if count < len(places) else np.ones(count)
+    corners, shares = choose_tiles(view, ideal, camera, side, seed)
     which: list[Tensor] = []
     place: list[Tensor] = []
     seen = torch.nonzero(~view.hidden).squeeze(1)
     rows, columns = view.padded_shape
     y, x = view.pixel[seen] // columns - view.margin, view.pixel[seen] % columns - view.margin
-    corners = tuple(places[tile] for tile in chosen)
     for number, (top, left) in enumerate(corners):
         inside = (y >= top) & (y < top + side) & (x >= left) & (x < left + side)
         which.append(seen[inside])
@@ -316,7 +350,7 @@ def spectra_of(
         torch.cat(which),
         torch.cat(place),
         corners,
-        torch.from_numpy(shares / shares.sum()),
+        shares,
     )
 
 
@@ -335,37 +369,6 @@ def _summed(change: Tensor, light: Tensor) -> Tensor:
         for k in range(of_node.shape[1]):
             found.addcmul_(of_node[None, :, k], there[:, None, k])
     return found
-
-
-def _starts(length: int, side: int) -> list[int]:
-    if length <= side:
-        return [(length - side) // 2]
-    count = -(-length // side)
-    return [round(k * (length - side) / (count - 1)) for k in range(count)]
-
-
-def _chances(
-    view: View, ideal: Tensor, camera: Camera, places: Sequence[tuple[int, int]], side: int
-) -> np.ndarray:
-    """How likely each tile is to be chosen: a third evenly, the rest by detail and edges."""
-    green = ideal.mean(0)
-    detail = torch.zeros_like(green)
-    detail[1:] += (green[1:] - green[:-1]).square()
-    detail[:, 1:] += (green[:, 1:] - green[:, :-1]).square()
-    depth = view.crop_margin(view.mean_inverse_depth()) * blur_per_dioptre(camera)
-    edges = torch.zeros_like(green)
-    edges[1:] += ((depth[1:] - depth[:-1]).abs() > 1).float()
-    edges[:, 1:] += ((depth[:, 1:] - depth[:, :-1]).abs() > 1).float()
-    found = np.full(len(places), 1 / len(places))
-    for amount in (detail, edges):
-        sums = np.array(
-            [
-                float(amount[max(0, y) : max(0, y + side), max(0, x) : max(0, x + side)].sum())
-                for y, x in places
-            ]
-        )
-        found += sums / sums.sum() if sums.sum() > 0 else 1 / len(places)
-    return found / 3
 
 
 def _nearest(depth: Tensor, nodes: Tensor) -> Tensor:
@@ -404,17 +407,7 @@ def _resized(values: Tensor, side: int) -> Tensor:
 
 
 def _taper(side: int) -> Tensor:
-    """A window [y, x] whose mean square is 1: flat over half of each side, a cosine beyond (Tukey)."""
+    """A window [y, x]: 1 over half of each side, a cosine beyond (Tukey)."""
     distance = (torch.arange(side) + 0.5 - side / 2).abs() / side
     window = 0.5 + 0.5 * torch.cos(4 * torch.pi * (distance - 0.25).clamp_min(0))
-    both = window[:, None] * window
-    return both / both.square().mean().sqrt()
-
-
-def _twice(side: int) -> Tensor:
-    """How often each entry of a real image's half spectrum counts in the whole, [y, x]."""
-    counts = torch.full((side // 2 + 1,), 2.0)
-    counts[0] = 1.0
-    if side % 2 == 0:
-        counts[-1] = 1.0
-    return counts.expand(side, -1)
+    return window[:, None] * window

@@ -7,13 +7,14 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
+from ...capture.fidelity import FULL_SUB_APERTURES
 from ..effect import Effect, Level
 from ..facts import Facts, photographed
 
 FEWER = 4
-LEFT_BY_FEWER = 0.25
-"""Of what sub-apertures change, what 4 x 4 leave out: 0.12 to 0.33 on the middle of `desk` through three
-masks (`python -m benchmarks.sub_apertures desk`)."""
+LEFT_BY_FEWER = 0.2
+"""Of what `FULL_SUB_APERTURES` change, what 4 x 4 leave out: 0.12 to 0.33 on the middle of `desk` through
+three masks (`python -m benchmarks.sub_apertures desk`)."""
 LEFT_BY_COARSE = {4: 0.3, 2: 0.15}
 """And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: a
 little more than on `desk` and `clutter`. Where blurs are few pixels wide it can be several times as much."""
@@ -48,7 +49,9 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """Of coarse photos, against `FEWER`; what is left by fewer and by coarse pixels is a share of that."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
-    (whole,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
+    (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
+    missed = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
+    whole = seen / (1 - missed)
 
     def left(level: Level) -> Tensor:
         across = level.change["sub_apertures"]
@@ -56,7 +59,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
             return whole
         if across not in (most, full):  # what a user insists on
             return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
-        fewer = LEFT_BY_FEWER if across < full else 0.0
+        fewer = missed if across < full else 0.0
         coarse = LEFT_BY_COARSE.get(level.change.get("sub_aperture_pixel", 1), 0.0)
         return whole * math.hypot(fewer, coarse)
 
