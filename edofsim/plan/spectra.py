@@ -31,8 +31,10 @@ NODES = 7
 FEW_NODES = 3
 """The same where PSFs take long: through a finely sampled pupil."""
 EVENLY = 0.3
-"""Share of these that is spread evenly over the view's inverse depths; the rest is where its pixels are.
-Chosen on small versions of `desk`, `clutter` and `foliage`."""
+"""Share of these that is spread evenly over the view's inverse depths; the rest is where its light is. Chosen
+on small versions of `clutter`, `foliage`, `night`, `stilllife` and `hallway`."""
+CELLS = 2000
+"""Of the view's inverse depths, to find that."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 65.0
@@ -72,16 +74,20 @@ class Spectra:
         return torch.linspace(low, high, count, dtype=torch.float64)
 
     def nodes_of_light(self, count: int) -> Tensor:
-        """`count` inverse depths or fewer that stand for about as many of the tiles' pixels each, or the
-        view's own where these are no more."""
+        """`count` inverse depths or fewer that stand for about as much of the tiles' light each, without the
+        mean, or the view's own where these are no more."""
         if self.depths is not None and self.depths.numel() <= count:
             return self.depths
-        fine = torch.linspace(*self.ends, 2001, dtype=torch.float64)
-        seen = self.view.inverse_depth[self.which].double().sort().values
-        below = torch.searchsorted(seen, fine, right=True).double() / max(1, seen.numel())
-        below = EVENLY * torch.linspace(0, 1, 2001, dtype=torch.float64) + (1 - EVENLY) * below
-        middles = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-        return fine[torch.searchsorted(below, middles)].unique()
+        low, high = self.ends
+        cell = (self.view.inverse_depth[self.which] - low) / max(high - low, 1e-12) * CELLS
+        amount = (self.response.sum(0).to(self._radiance) @ self._radiance).abs().double()
+        light = torch.zeros(CELLS, dtype=torch.float64)
+        light.index_add_(0, cell.long().clamp(0, CELLS - 1), amount)
+        evenly = torch.full_like(light, EVENLY / CELLS)
+        below = (evenly + (1 - EVENLY) * light / light.sum().clamp_min(1e-30)).cumsum(0)
+        middles = (torch.arange(count, dtype=torch.float64) + 0.5) / count * below[-1]
+        found = torch.searchsorted(below, middles).clamp_max(CELLS - 1).unique()
+        return low + (found + 0.5) / CELLS * (high - low)
 
     def by_bands(self, fidelity: Fidelity) -> Tensor:
         """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
@@ -129,7 +135,8 @@ class Spectra:
         light = self._light("components", components, nodes)
         of_each = self.response[:, None] * weights.T
         found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
-        return self._vector(found + self._of_mean(change, gathering, nodes))
+        reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
+        return self._vector(found + self._of_mean(change, gathering, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
@@ -199,16 +206,20 @@ class Spectra:
             self._known[key] = torch.fft.rfft2(image * taper)
         return self._known[key]
 
-    def _by_depth(self, nodes: Tensor) -> Tensor:
-        """The frame's light at the nearest of the nodes, a mean over pixels, [band, node] float64."""
-        key = ("depths", tuple(nodes.tolist()))
+    def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
+        """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these
+        pixels, [band, node] float64."""
+        view, count = self.view, nodes.numel()
+        reach = min(reach, view.margin)
+        key = ("depths", reach, tuple(nodes.tolist()))
         if key not in self._known:
-            view, count, columns = self.view, nodes.numel(), self.view.padded_shape[1]
-            y, x = view.pixel // columns - view.margin, view.pixel % columns - view.margin
-            inside = (y >= 0) & (y < view.height) & (x >= 0) & (x < view.width) & ~view.hidden
+            rows, columns = view.height + 2 * reach, view.width + 2 * reach
+            y = view.pixel // view.padded_shape[1] - (view.margin - reach)
+            x = view.pixel % view.padded_shape[1] - (view.margin - reach)
+            inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden
             node = torch.where(inside, _nearest(view.inverse_depth.double(), nodes), count)
             amount = view.radiance.new_zeros(view.bands, count + 1).index_add_(1, node, view.radiance)
-            self._known[key] = amount[:, :count].double() / (view.height * view.width)
+            self._known[key] = amount[:, :count].double() / (rows * columns)
         return self._known[key]
 
     @property
@@ -252,17 +263,17 @@ class Spectra:
             change, self._light("channels", radiance, nodes, shared).unbind(1), strict=True
         ):
             found = torch.addcmul(found, of_node, there)
-        return self._vector(found + self._of_mean(change, gathering, nodes))
+        return self._vector(found + self._of_mean(change, gathering, nodes, self.view.margin))
 
-    def _of_mean(self, change: Tensor, gathering: Gathering, nodes: Tensor) -> Tensor:
+    def _of_mean(self, change: Tensor, gathering: Gathering, nodes: Tensor, reach: int) -> Tensor:
         """What becomes of the view's mean light, and of veiling glare: complex [tile, channel, y, x].
-        change: of OTFs [node, group, y, x].
+        change: of OTFs [node, group, y, x]; reach: pixels around the frame that light comes from.
 
         On a slanted surface its blur changes from place to place. Where surfaces hide others, light that is
         the same everywhere is blurred to itself, and a sum over depths would have steps that no photo has:
         only what PSFs truncate counts. That becomes veiling glare, all over the frame.
         """
-        light = gathering.light @ self._by_depth(nodes)
+        light = gathering.light @ self._by_depth(nodes, reach)
         truncated = change[..., 0, 0].real.to(light)
         glare = (gathering.response @ (light * truncated.T).sum(1)).to(change)[:, None, None]
         change = _mixed(gathering.response * (gathering.light @ self._mean), change)
