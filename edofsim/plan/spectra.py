@@ -136,7 +136,7 @@ class Spectra:
         of_each = self.response[:, None] * weights.T
         found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
-        return self._vector(found + self._of_mean(change, gathering, nodes, reach))
+        return self._vector(found, self._of_mean(change, gathering, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
@@ -185,8 +185,17 @@ class Spectra:
         return self._known["otf", window, *key]
 
     def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tensor:
-        """Spectra of light [k, n] that was moved to the nearest of the nodes, where its PSF is that of a
-        depth and no mixture; shared: among the two that it lies between. Complex [tile, node, k, y, x]."""
+        """Spectra of light [k, n] at nodes, see `_moved`, under the window but for what covers pixels:
+        complex [tile, node, k, y, x]."""
+        key = ("spectrum", name, shared, tuple(nodes.tolist()))
+        if key not in self._known:
+            image = self._moved(name, radiance, nodes, shared)
+            self._known[key] = torch.fft.rfft2(image if name == "cover" else image * self.taper)
+        return self._known[key]
+
+    def _moved(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool) -> Tensor:
+        """Images of light [k, n] that was moved to the nearest of the nodes, where its PSF is that of a depth
+        and no mixture; shared: among the two that it lies between. [tile, node, k, y, x]."""
         key = (name, shared, tuple(nodes.tolist()))
         if key not in self._known:
             depth = self.view.inverse_depth[self.which].double()
@@ -202,8 +211,9 @@ class Spectra:
                 at = (self.place // size * count + node) * size + self.place % size
                 image.index_add_(1, at, part)
             image = image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
-            taper = 1.0 if name == "cover" else self.taper
-            self._known[key] = torch.fft.rfft2(image * taper)
+            if name != "cover":
+                return image
+            self._known[key] = image
         return self._known[key]
 
     def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
@@ -263,11 +273,11 @@ class Spectra:
             change, self._light("channels", radiance, nodes, shared).unbind(1), strict=True
         ):
             found = torch.addcmul(found, of_node, there)
-        return self._vector(found + self._of_mean(change, gathering, nodes, self.view.margin))
+        return self._vector(found, self._of_mean(change, gathering, nodes, self.view.margin))
 
     def _of_mean(self, change: Tensor, gathering: Gathering, nodes: Tensor, reach: int) -> Tensor:
-        """What becomes of the view's mean light, and of veiling glare: complex [tile, channel, y, x].
-        change: of OTFs [node, group, y, x]; reach: pixels around the frame that light comes from.
+        """What becomes of the view's mean light, and of veiling glare, under the window: [tile, channel, y,
+        x]. change: of OTFs [node, group, y, x]; reach: pixels around the frame that light comes from.
 
         On a slanted surface its blur changes from place to place. Where surfaces hide others, light that is
         the same everywhere is blurred to itself, and a sum over depths would have steps that no photo has:
@@ -275,19 +285,29 @@ class Spectra:
         """
         light = gathering.light @ self._by_depth(nodes, reach)
         truncated = change[..., 0, 0].real.to(light)
-        glare = (gathering.response @ (light * truncated.T).sum(1)).to(change)[:, None, None]
-        change = _mixed(gathering.response * (gathering.light @ self._mean), change)
-        changed = change if self.full.occlusion == "none" else change[..., :1, :1]
-        if max(float(changed.abs().max()), float(glare.abs().max())) < 1e-6:
-            return torch.zeros((), dtype=change.dtype)
-        there = self._light("cover", self.view.coverage[self.which][None], nodes, shared=True)
-        of_all = _summed((changed - glare).expand_as(change)[:, :, None], there)
-        return torch.fft.rfft2(torch.fft.irfft2(of_all, s=(self.side, self.side)) * self.taper)
+        glare = gathering.response @ (light * truncated.T).sum(1)
+        level = gathering.response * (gathering.light @ self._mean)
+        cover = self.view.coverage[self.which][None]
+        if self.full.occlusion == "none":
+            changed = _mixed(level, change) - glare.to(change)[:, None, None]
+            if float(changed.abs().max()) < 1e-6:
+                return torch.zeros(())
+            there = self._light("cover", cover, nodes, shared=True)
+            image = torch.fft.irfft2(_summed(changed[:, :, None], there), s=(self.side, self.side))
+        else:
+            image = torch.einsum(
+                "nc,tnyx->tcyx",
+                (truncated @ level.T - glare).to(cover),
+                self._moved("cover", cover, nodes, shared=True)[:, :, 0],
+            )
+        return image * self.taper
 
-    def _vector(self, spectrum: Tensor) -> Tensor:
-        """Spectra [tile, channel, y, x] of a change as a vector [channel, n]: its sum of squares over n is
-        the mean square of the change over the frame."""
+    def _vector(self, spectrum: Tensor, image: Tensor | None = None) -> Tensor:
+        """A change, the sum of one by its spectra [tile, channel, y, x] and one as it is, as a vector
+        [channel, n]: its sum of squares over n is the mean square of the change over the frame."""
         change = torch.fft.irfft2(spectrum, s=(self.side, self.side))
+        if image is not None:
+            change += image
         scale = (self.shares / self._sums(2)).sqrt().to(change)
         return (change * (scale[:, None, None] * self.inside)[:, None]).transpose(0, 1).flatten(1)
 
