@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from edofsim.render.meshes import make_mesh
 from edofsim.render.settings import RenderSettings
-from edofsim.render.translate import make_mesh, plugin_with
+from edofsim.render.translate import plugin_with
 from edofsim.scene.model import BandTexture, SceneModel
 
 

@@ -199,9 +199,7 @@ def photograph(
     if plan is None:
         target = parse_target(accuracy, time)
         restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, None))
-        plan = plan_photo(
-            view, camera, target=target, every_effect=False, restore=restore, progress=progress
-        )
+        plan = plan_photo(view, camera, target=target, every_effect=False, restore=restore, progress=progress)
     fidelity = plan.fidelity if isinstance(plan, Plan) else plan
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
 
@@ -231,9 +229,7 @@ def restored(
     checkpoint = _checkpoint(camera, network)
     truncated = photo.truncated if isinstance(photo, Photo) else None
     between = depths_between(1 / far, 1 / near)
-    sharp, _ = restore(
-        image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated
-    )
+    sharp, _ = restore(image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated)
     return sharp
 
 

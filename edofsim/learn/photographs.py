@@ -123,9 +123,7 @@ def _stride(count: int) -> int:
     return step
 
 
-def _planes(
-    table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int
-) -> PlaneSource:
+def _planes(table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int) -> PlaneSource:
     training, held_back = split(images, recipe.data.validation, recipe.seed)
     described = {
         "kind": table.kind,

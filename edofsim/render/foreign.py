@@ -22,7 +22,9 @@ from ..scene.foreign import MitsubaSource
 from ..scene.foreign.nodes import Node, read_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.model import TriangleMesh
-from .translate import CLOSED, FIELDS, is_closed, registry_table
+from .closed import is_closed
+from .meshes import registry_table
+from .translate import CLOSED, FIELDS
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -39,7 +41,7 @@ class ForeignStage:
     """A scene of Mitsuba's, ready to be traced in a spectral variant.
 
     scene, integrator: Mitsuba's; wavelengths: float64 [band] in m; to_camera: float64 [4, 4], from the
-    scene's world to camera space in metres; objects, object_of: see `translate.Stage`.
+    scene's world to camera space in metres; objects, object_of, face_rows: see `translate.Stage`.
     """
 
     scene: mi.Scene
@@ -48,6 +50,7 @@ class ForeignStage:
     to_camera: np.ndarray
     objects: mi.UInt32
     object_of: mi.UInt32
+    face_rows: None = None
 
     @property
     def bands(self) -> int:

@@ -11,11 +11,11 @@ from __future__ import annotations
 import drjit as dr
 import mitsuba as mi
 
-from .rays import Lens, Samples, behind, camera_rays
+from .meshes import CARRIER
+from .rays import Lens, Samples, behind, camera_rays, object_row
 from .sampling import combined, pair
 from .translate import (
     BASIS,
-    CARRIER,
     FIELDS,
     HEIGHT,
     INDEX,
@@ -162,7 +162,7 @@ def mixed(stage: Stage, row: mi.UInt32, coefficients: list[mi.Float], active: mi
 
 def object_fields(stage: Stage, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.ArrayXu:
     """The table's entry of what was hit, [field, lane]."""
-    row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), active)
+    row = object_row(stage, si, active)
     return dr.gather(mi.ArrayXu, stage.objects, row, active, shape=(FIELDS, dr.width(row)))
 
 

@@ -91,6 +91,14 @@ def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
     return CameraRays(ray, index, combined(seed, mi.UInt32(PATH)), limits)
 
 
+def object_row(stage: Stage | ForeignStage, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
+    """The row of what was hit in the table of objects, [lane]."""
+    entry = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), active)
+    if stage.face_rows is None:
+        return entry
+    return dr.gather(mi.UInt32, stage.face_rows, entry + si.prim_index, active)
+
+
 @dr.syntax
 def behind(
     stage: Stage | ForeignStage, ray: mi.Ray3f, limits: tuple[mi.Float, ...], gap: mi.Float
@@ -114,7 +122,7 @@ def behind(
         si = stage.scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=steps == 0, active=searching)
         valid = si.is_valid()
         here = dr.select(valid, dr.rcp(stage.depth_of(si.p)), 0.0)
-        row = dr.gather(mi.UInt32, stage.object_of, dr.reinterpret_array(mi.UInt32, si.shape), valid)
+        row = object_row(stage, si, valid)
         closed = dr.gather(mi.UInt32, stage.objects, row * FIELDS + CLOSED, valid) != 0
         inside = closed & (dr.dot(si.n, ray.d) > 0) & (steps > 0)
         counts = valid & ~inside & (here < last - gap)

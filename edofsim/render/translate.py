@@ -9,7 +9,6 @@ spectra are a table.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
@@ -19,20 +18,15 @@ import numpy as np
 
 from ..core.json_values import Json
 from ..errors import InputError
-from ..scene.model import BandTexture, SceneModel, SceneObject, Surface, TriangleMesh
+from ..scene.model import BandTexture, SceneModel, SceneObject, Surface
+from .closed import is_closed
+from .meshes import CARRIER, aligned, face_rows, meshes_of, registry_table, spares
 
 if TYPE_CHECKING:
     import mitsuba as mi
 
-CARRIER = (0.0, 1.0, 0.5)
 ROWS = 3
 """A spectrum is at most this many coefficients times as many basis spectra."""
-
-ALIGNMENT = 64
-"""Bytes."""
-
-SPARES = 16
-"""The engine's numbers of surfaces and of meshes end at a multiple of so many."""
 
 FIELDS = 8
 BASIS, TEXTURE, WIDTH, HEIGHT, REPEATS, CLOSED, INDEX = range(7)
@@ -54,10 +48,12 @@ class Stage:
     """A scene ready to be traced. Buffers are Dr.Jit arrays of the engine that is active.
 
     spectra: Float, [row * stride + band], ROWS rows a basis; texels: Float, 4 a texel; objects: UInt32,
-    FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; lights: as
+    FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; face_rows:
+    UInt32, the object's row of each face where several objects are one mesh (then object_of gives the first
+    face of each shape), else None; lights: as
     `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up;
     disperses: whether any index changes with wavelength; few_lights: (row of a basis, its rows of Floats
-    [row][band]) for each basis of the lights if these are few, else None; spares: see `_spares`.
+    [row][band]) for each basis of the lights if these are few, else None; spares: see `meshes.spares`.
     """
 
     scene: mi.Scene
@@ -65,6 +61,7 @@ class Stage:
     texels: mi.Float
     objects: mi.UInt32
     object_of: mi.UInt32
+    face_rows: mi.UInt32 | None
     lights: mi.UInt32
     light_of: mi.UInt32
     environment: int
@@ -150,23 +147,21 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     bands = len(model.wavelengths)
     tables = _Tables(bands)
     bsdfs = _Bsdfs(mi)
-    contents: dict[str, object] = {"type": "scene"}
-    objects: list[np.ndarray] = []
-    lights: list[np.ndarray] = []
-    meshes: list[mi.Mesh] = []
     weights = _light_weights(model)
-    for number, item in enumerate(model.objects):
-        lamp = None
-        if item.emission is not None:
-            lamp = {
-                "type": "area",
-                "radiance": {"type": "rgb", "value": [1.0, 1.0, 1.0]},
-                "sampling_weight": weights[number],
-            }
-            lights.append(tables.entry(BandTexture(np.asarray(item.emission)[None])))
-        meshes.append(make_mesh(mi, item, bsdfs.instance(item), lamp))
-        contents[f"object-{number:06d}"] = meshes[-1]
-        objects.append(tables.object(item))
+    plugins = [bsdfs.instance(item) for item in model.objects]
+    lamps = [
+        None if item.emission is None else _lamp(weight)
+        for item, weight in zip(model.objects, weights, strict=False)
+    ]
+    meshes, members = meshes_of(mi, model.objects, plugins, lamps)
+    contents: dict[str, object] = {"type": "scene"}
+    contents |= {f"object-{numbers[0]:06d}": mesh for mesh, numbers in zip(meshes, members, strict=True)}
+    lights = [
+        tables.entry(BandTexture(np.asarray(item.emission)[None]))
+        for item in model.objects
+        if item.emission is not None
+    ]
+    objects = [tables.object(item) for item in model.objects]
     sky_image = False
     if model.environment is not None:
         radiance = model.environment.radiance
@@ -177,14 +172,18 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     emitters = [emitter for mesh in meshes if (emitter := mesh.emitter()) is not None]
     if model.environment is not None:
         emitters.append(scene.environment())
+    shapes = [mi.ShapePtr(mesh) for mesh in meshes]
+    first, rows = face_rows(model.objects, members)
+    together = len(meshes) < len(model.objects)
     texels = np.concatenate(tables.texels) if tables.texels else np.zeros(4, np.float32)
     stage = Stage(
         scene=scene,
-        spectra=mi.Float(_aligned(np.concatenate(tables.spectra), np.float32)),
-        texels=mi.Float(_aligned(texels, np.float32)),
-        objects=mi.UInt32(_aligned(np.concatenate(objects), np.uint32)),
-        object_of=registry_table(mi, [mi.ShapePtr(mesh) for mesh in meshes]),
-        lights=mi.UInt32(_aligned(np.concatenate(lights) if lights else np.zeros(FIELDS), np.uint32)),
+        spectra=mi.Float(aligned(np.concatenate(tables.spectra), np.float32)),
+        texels=mi.Float(aligned(texels, np.float32)),
+        objects=mi.UInt32(aligned(np.concatenate(objects), np.uint32)),
+        object_of=registry_table(mi, shapes, first if together else None),
+        face_rows=mi.UInt32(aligned(rows, np.uint32)) if together else None,
+        lights=mi.UInt32(aligned(np.concatenate(lights) if lights else np.zeros(FIELDS), np.uint32)),
         light_of=registry_table(mi, [mi.EmitterPtr(emitter) for emitter in emitters]),
         environment=len(lights) - 1 if model.environment is not None else -1,
         bands=bands,
@@ -193,37 +192,16 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
         has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
         has_sky_image=sky_image,
         few_lights=_few_lights(mi, lights, np.concatenate(tables.spectra), bands),
-        spares=_spares(mi, meshes),
+        spares=spares(mi, meshes),
     )
     dr.eval(stage.spectra, stage.texels, stage.objects, stage.object_of, stage.lights, stage.light_of)
     return stage
 
 
-def _spares(mi: ModuleType, meshes: list[mi.Mesh]) -> tuple[object, ...]:
-    """Surfaces and meshes that nothing uses, kept with the scene: with them the engine's numbers of each end
-    at a multiple of SPARES. A kernel is compiled for one such number, and serves all scenes that have
-    it."""
-    plugin = {"type": "diffuse", "reflectance": {"type": "rawconstant", "value": list(CARRIER)}}
-    spares: list[object] = [mi.load_dict(plugin)]
-    while _number(mi, mi.BSDFPtr(spares[-1])) % SPARES:
-        spares.append(mi.load_dict(plugin))
-    if meshes:
-        spares.append(_spare_mesh(mi, meshes[0]))
-        while _number(mi, mi.ShapePtr(spares[-1])) % SPARES:
-            spares.append(_spare_mesh(mi, meshes[0]))
-    return tuple(spares)
-
-
-def _spare_mesh(mi: ModuleType, like: mi.Mesh) -> mi.Mesh:
-    """A triangle of the same kind as another mesh."""
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = like.bsdf()
-    properties["face_normals"] = like.has_face_normals()
-    kinds = {
-        "has_vertex_normals": like.has_vertex_normals(),
-        "has_vertex_texcoords": like.has_vertex_texcoords(),
-    }
-    return mi.Mesh("spare", 3, 1, props=properties, **kinds)
+def _lamp(weight: float) -> dict[str, object]:
+    """The emitter of a lamp: radiance 1, chosen with that probability (unnormalised)."""
+    radiance = {"type": "rgb", "value": [1.0, 1.0, 1.0]}
+    return {"type": "area", "radiance": radiance, "sampling_weight": weight}
 
 
 def _few_lights(
@@ -361,96 +339,6 @@ def affinity_error(mi: ModuleType, bsdf: mi.BSDF, count: int = 512) -> float:
     return 0.0 if largest == 0 else float(np.max(np.abs(half - (zero + one) / 2)) / largest)
 
 
-def _aligned(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
-    """The values in one row, where a line of the processor's cache begins: the engine reads memory of NumPy's
-    in place, and another kernel is compiled for what lies elsewhere."""
-    memory = np.empty(values.size * np.dtype(kind).itemsize + ALIGNMENT, np.uint8)
-    start = -memory.ctypes.data % ALIGNMENT
-    row = memory[start : start + memory.size - ALIGNMENT].view(kind)
-    row[:] = values.ravel()
-    return row
-
-
-def make_mesh(mi: ModuleType, item: SceneObject, bsdf: mi.BSDF, lamp: Mapping[str, object] | None) -> mi.Mesh:
-    """A Mitsuba mesh with its surface and, if it is a lamp, its emitter (a plugin dictionary)."""
-    mesh = item.mesh
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = bsdf
-    if lamp is not None:
-        properties["mesh_emitter"] = mi.load_dict(lamp)
-    if mesh.normals is None:
-        properties["face_normals"] = True
-    out = mi.Mesh(
-        item.name,
-        len(mesh.vertices),
-        len(mesh.faces),
-        has_vertex_normals=mesh.normals is not None,
-        has_vertex_texcoords=mesh.uv is not None,
-        props=properties,
-    )
-    parameters = mi.traverse(out)
-    parameters["vertex_positions"] = _aligned(mesh.vertices, np.float32)
-    parameters["faces"] = _aligned(mesh.faces, np.uint32)
-    if mesh.normals is not None:
-        parameters["vertex_normals"] = _aligned(mesh.normals, np.float32)
-    if mesh.uv is not None:
-        parameters["vertex_texcoords"] = _aligned(mesh.uv, np.float32)
-    parameters.update()
-    return out
-
-
-def is_closed(mesh: TriangleMesh) -> bool:
-    """Whether every edge has two faces, once vertices at one place are counted as one: then a back face is
-    the inside of something, and never seen from outside."""
-    if len(mesh.faces) < 4:
-        return False
-    vertices = np.asarray(mesh.vertices, np.float32) + np.float32(0)  # one zero, not two
-    faces = np.ascontiguousarray(mesh.faces, np.uint32)
-    key = hashlib.sha1(faces.tobytes()).digest()
-    if key in _closed and _met_alike(vertices, _closed[key][0]):
-        return _closed[key][1]
-    place = _places(vertices)
-    corners = place[faces.astype(np.int64)]
-    ends = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
-    edges = np.sort((ends[:, 0] * len(place) + ends[:, 1])[ends[:, 0] != ends[:, 1]])
-    starts = np.flatnonzero(np.diff(edges, prepend=-1))
-    found = bool((np.diff(starts, append=len(edges)) == 2).all())
-    _, first = np.unique(place, return_index=True)
-    if len(_closed) >= SHAPES:
-        _closed.pop(next(iter(_closed)))
-    _closed[key] = (first[place], found)
-    return found
-
-
-SHAPES = 256
-"""Shapes whose answer is remembered: many objects are a few shapes at many places."""
-_closed: dict[bytes, tuple[np.ndarray, bool]] = {}
-
-
-def _places(vertices: np.ndarray) -> np.ndarray:
-    """A number for each vertex, int64, the same where they coincide."""
-    place = np.zeros(len(vertices), np.int64)
-    for axis in vertices.T:
-        _, rank = np.unique(axis, return_inverse=True)
-        _, place = np.unique(place * len(vertices) + rank, return_inverse=True)
-    return place
-
-
-def _met_alike(vertices: np.ndarray, first: np.ndarray) -> bool:
-    """Whether just those vertices coincide that did so in another mesh of the same faces.
-
-    first: the first vertex at each one's place there. Two places whose mixed bits are the same by chance
-    count as one, so that the answer can be wrongly no, never wrongly yes."""
-    if len(first) != len(vertices) or not (vertices[first] == vertices).all():
-        return False
-    bits = np.ascontiguousarray(vertices).view(np.uint32).astype(np.uint64)
-    mixed = np.sort((bits * MIXERS).sum(axis=1, dtype=np.uint64))
-    return 1 + np.count_nonzero(np.diff(mixed)) == np.count_nonzero(first == np.arange(len(first)))
-
-
-MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
-
-
 def _environment(mi: ModuleType, radiance: BandTexture, weight: float) -> dict[str, object]:
     """Light from infinity: the plugin only has to sample directions well, so it gets the mean over bands."""
     if radiance.image is None:
@@ -490,18 +378,3 @@ def _light_weights(model: SceneModel) -> list[float]:
     if not total > 0:
         return [float(is_light) for is_light in lit]
     return list(np.where(lit, 0.8 * sent / total + 0.2 / max(lit.sum(), 1), 0.0))
-
-
-def registry_table(mi: ModuleType, pointers: list[mi.ShapePtr | mi.EmitterPtr]) -> mi.UInt32:
-    """A UInt32 table from the engine's number of a shape or emitter to our row."""
-    numbers = [_number(mi, pointer) for pointer in pointers]
-    table = np.zeros(max(numbers, default=0) + 1, np.uint32)
-    table[numbers] = np.arange(len(numbers))
-    return mi.UInt32(table)
-
-
-def _number(mi: ModuleType, pointer: mi.ShapePtr | mi.EmitterPtr | mi.BSDFPtr) -> int:
-    """The engine's number of what is pointed at."""
-    import drjit as dr
-
-    return int(dr.reinterpret_array(mi.UInt32, pointer)[0])

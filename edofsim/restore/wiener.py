@@ -15,9 +15,7 @@ Those alone leave lines on borders that bright things lie beyond. Farther out th
 the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
 
-def wiener(
-    image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | None = None
-) -> Tensor:
+def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | None = None) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
     image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one

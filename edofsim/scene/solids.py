@@ -126,11 +126,17 @@ def _smooth_runs(points: np.ndarray) -> list[np.ndarray]:
     return [points[a : b + 1] for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
-def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
+def _circle(segments: int) -> np.ndarray:
+    """x and z around the axis, float64 [segments + 1, 2]."""
     phi = np.linspace(0, 2 * np.pi, segments + 1)
     # phi = 0 faces away from the camera, so that a texture's middle is in front and its seam behind
-    circle = np.stack([-np.sin(phi), np.cos(phi)], 1)  # x, z
+    circle = np.stack([-np.sin(phi), np.cos(phi)], 1)
     circle[-1] = circle[0]  # to the last bit, so that the body is closed
+    return circle
+
+
+def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
+    circle = _circle(segments)
     steps = np.diff(run, axis=0)
     tangent = np.zeros_like(run)
     tangent[:-1] += steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -146,7 +152,7 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
     vertices[..., 1] = run[:, 1, None]
     normals[..., 0], normals[..., 2] = (radial[:, None] * circle[:, i] for i in (0, 1))
     normals[..., 1] = up[:, None]
-    uv = np.stack(np.broadcast_arrays(phi / (2 * np.pi), v[:, None]), -1)
+    uv = np.stack(np.broadcast_arrays(np.linspace(0, 2 * np.pi, segments + 1) / (2 * np.pi), v[:, None]), -1)
     vertices = vertices.reshape(-1, 3)
     faces = without_degenerate(vertices, grid_faces(len(run), segments + 1))
     return mesh(vertices, faces, uv.reshape(-1, 2), normals.reshape(-1, 3))
@@ -155,10 +161,25 @@ def _lathe_run(run: np.ndarray, v: np.ndarray, segments: int) -> TriangleMesh:
 @lru_cache(maxsize=64)
 def sphere(radius: float, segments: int = 64) -> TriangleMesh:
     """A ball about the origin; read-only, for it is shared."""
+    unit, circle = _unit_ball(segments), _circle(segments)
+    profile = radius * _meridian(segments)
+    vertices = np.empty((len(profile), len(circle), 3), np.float32)
+    vertices[..., 0], vertices[..., 2] = (profile[:, 0, None] * circle[:, i] for i in (0, 1))
+    vertices[..., 1] = profile[:, 1, None]
+    return TriangleMesh(vertices.reshape(-1, 3), unit.faces, unit.uv, unit.normals)
+
+
+@lru_cache(maxsize=64)
+def _unit_ball(segments: int) -> TriangleMesh:
+    return lathe(_meridian(segments), segments)
+
+
+def _meridian(segments: int) -> np.ndarray:
+    """(radius, y) of a unit ball from its south pole up."""
     theta = np.linspace(-np.pi / 2, np.pi / 2, segments // 2 + 1)
-    profile = np.stack([radius * np.cos(theta), radius * np.sin(theta)], 1)
+    profile = np.stack([np.cos(theta), np.sin(theta)], 1)
     profile[[0, -1], 0] = 0
-    return lathe(profile, segments)
+    return profile
 
 
 def prism(sides: int, radius: float, height: float) -> TriangleMesh:

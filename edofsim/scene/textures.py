@@ -24,7 +24,7 @@ from ..recipe.surfaces import (
 from .model import BandTexture
 from .spectra import hex_to_linear, reflectance, srgb_basis
 
-PHOTO_MODEL_VERSION = (
+PHOTOGRAPHS = (
     "astronaut", "brick", "camera", "cell", "chelsea", "coffee", "coins", "color", "grass", "gravel",
     "hubble_deep_field", "ihc", "moon", "motorcycle_left", "page", "retina", "rocket", "text",
 )  # fmt: skip
@@ -52,8 +52,8 @@ def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTe
 @lru_cache(maxsize=32)
 def photo(name: str) -> np.ndarray:
     """A photograph of skimage.data, as it is stored. Raises InputError for one that would be downloaded."""
-    if name not in PHOTO_MODEL_VERSION:
-        raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTO_MODEL_VERSION)}")
+    if name not in PHOTOGRAPHS:
+        raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTOGRAPHS)}")
     import skimage.data
     from skimage.io import imread
 

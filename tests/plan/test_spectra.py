@@ -58,9 +58,7 @@ def test_tiles_stand_for_the_frame():
     seen = facts.spectra.by_psfs(facts.spectra.full.changed(narrow), facts.spectra.full)
     photo = capture(view, CAMERA, full)
     change = capture(view, CAMERA, full.changed(narrow), exposure=photo.exposure).clean - photo.clean
-    found, truth = (
-        float(square.sqrt()) for square in (seen.square().sum(1).mean(), change.square().mean())
-    )
+    found, truth = (float(square.sqrt()) for square in (seen.square().sum(1).mean(), change.square().mean()))
     assert found == pytest.approx(truth, rel=0.4)  # 3 dB
 
 

@@ -83,9 +83,7 @@ class CloudBank(Builder, Placed):
         thick = np.clip((density - edge) / (0.35 * (density.max() - edge)), 0, 1)
         cover = thick * thick * (3 - 2 * thick)
         # the sun stands above: a cloud is darker where there is more of it higher up
-        above = np.stack([np.roll(cover, s, axis=0) for s in range(1, 1 + max(1, rows // 24))]).mean(
-            axis=0
-        )
+        above = np.stack([np.roll(cover, s, axis=0) for s in range(1, 1 + max(1, rows // 24))]).mean(axis=0)
         white = 0.95 - 0.35 * cover * above
         blue, grey = (reflectance(r, context.wavelengths) for r in (self.blue, 1.0))
         fade = np.linspace(0.75, 1.0, rows)[:, None]  # paler towards the horizon
