@@ -17,7 +17,7 @@ from torch import Tensor
 
 from .capture import Fidelity, Photo, capture, full_fidelity
 from .capture.checks import check_pixel_angle
-from .capture.framing import framed
+from .capture.framing import framed, seen_through
 from .core.progress import Progress
 from .errors import InputError
 from .optics import Camera, PsfBank, psf_bank
@@ -104,6 +104,7 @@ def view(
     seen_by: Camera | None = None,
     *,
     samples: int | None = None,
+    resample: bool = False,
     cache: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
@@ -112,6 +113,7 @@ def view(
 
     scene: name of a shipped one such as `desk`, or a TOML file. seen_by: the camera that frames it; None for
     the one that the scene names. samples: a pixel, in place of the recipe's: fewer are faster and grainier.
+    resample: where its pixels see another angle than the camera's, share its light among the camera's pixels.
     cache: folder of rendered views. Raises InputError for what cannot be used, EngineError where nothing can
     render.
     """
@@ -119,11 +121,12 @@ def view(
     if seen_by is None:
         named = load_camera(loaded.recipe.camera, loaded.base)
         seen_by = Camera.from_recipe(named.recipe, named.base)
-    recipe = framed(loaded.recipe, seen_by)
+    recipe = framed(loaded.recipe, seen_by, resample)
     if samples is not None:
         finer = recipe.render.model_copy(update={"samples": samples})
         recipe = recipe.model_copy(update={"render": finer})
-    return render(recipe, loaded.base, cache=cache, device=device, progress=progress)
+    found = render(recipe, loaded.base, cache=cache, device=device, progress=progress)
+    return seen_through(seen_by, recipe, found)[1]
 
 
 def psfs(

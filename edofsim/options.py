@@ -33,6 +33,13 @@ CameraOption = Annotated[
         "--camera", metavar="CAMERA", help="Camera recipe or shipped name; default: what the scene names."
     ),
 ]
+ResampleOption = Annotated[
+    bool,
+    typer.Option(
+        "--resample",
+        help="Where the scene's pixels see another angle than the camera's, share their light among these.",
+    ),
+]
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Folder for what is written; default out/NAME.")
 ]

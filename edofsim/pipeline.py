@@ -12,6 +12,7 @@ from torch import Tensor
 
 from .capture import Photo, capture
 from .capture.device import torch_device
+from .capture.framing import framed, seen_through
 from .core.progress import Progress
 from .optics import Camera
 from .plan import (
@@ -86,6 +87,7 @@ def run(
     *,
     cache: Path | None = None,
     network: str | Path | None = None,
+    resample: bool = False,
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     seed: int = 0,
@@ -94,9 +96,10 @@ def run(
 ) -> Run:
     """Photograph a scene, restore the photo, and score both.
 
-    cache: folder of rendered views, None for the default one. network: see `choose_network`. overrule: what
-    replaces the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of
-    the sensor's noise. device: auto, cpu or cuda.
+    cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
+    view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces
+    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of the
+    sensor's noise. device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch(progress)
@@ -107,6 +110,7 @@ def run(
         scene,
         optics,
         watch,
+        resample=resample,
         overrule=overrule,
         target=target,
         checkpoint=checkpoint,
@@ -170,6 +174,7 @@ def planned_view(
     camera: Camera,
     watch: Stopwatch,
     *,
+    resample: bool = False,
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     checkpoint: Checkpoint | None = None,
@@ -183,24 +188,25 @@ def planned_view(
     it is to be left out, a preview is planned on before (stage `preview`). checkpoint: the network that
     restores the photo, None for Wiener deconvolution; a target of the restored image asks for it.
     """
-    overrule, recipe = checked_overrule(overrule), scene.recipe
+    overrule, recipe = checked_overrule(overrule), framed(scene.recipe, camera, resample)
     rendered = recipe.source is None or recipe.source.rendered
     shorter = cuts_rendering(overrule, target)
     if rendered and shorter and cached(recipe, scene.base, cache=cache) is None:
         with watch.stage("preview", 0.0, 0.1) as tell:
             looked = look(recipe, scene.base, camera, cache=cache, device=device)
-            seen = looked.facts.view
+            first = looked.facts.view
             plan = plan_scene(
                 looked,
                 camera,
                 overrule=overrule,
                 target=target,
-                restore=restoring(camera, seen.wavelengths, seen.inverse_depth, checkpoint),
+                restore=restoring(camera, first.wavelengths, first.inverse_depth, checkpoint),
                 progress=tell,
             )
         recipe = simpler_recipe(recipe, plan.fidelity)
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
+        seen, view = seen_through(camera, scene.recipe, view)
     with watch.stage("plan", 0.6, 0.7) as tell:
         left = target
         if target is not None and target.kind == "time":
@@ -211,7 +217,7 @@ def planned_view(
             overrule,
             left,
             every_effect=False,
-            facts=facts_of(view, camera, recipe=scene.recipe),
+            facts=facts_of(view, camera, recipe=seen),
             restore=restoring(camera, view.wavelengths, view.inverse_depth, checkpoint),
             progress=tell,
         )

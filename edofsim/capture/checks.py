@@ -83,7 +83,7 @@ def check_pixel_angle(view: View, pixel_angle: float) -> None:
         raise InputError(
             f"a pixel of the view sees {view.pixel_angle * 1e3:.6g} mrad and one of the camera's "
             f"{pixel_angle * 1e3:.6g} mrad: render with frame.pixel_angle_mrad = {pixel_angle * 1e3:.7g}, "
-            "choose another camera, or resample the view (`capture.resample.resampled`)"
+            "choose another camera, or resample the view (--resample, `capture.resample.resampled`)"
         )
 
 

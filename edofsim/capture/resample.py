@@ -9,18 +9,22 @@ from torch import Tensor
 
 from ..render.view import View
 
+GAP = 0.03
+"""Difference of inverse depth in 1/m that parts two surfaces, as in recipes."""
 
-def resampled(view: View, pixel_angle: float) -> View:
+
+def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
     """The view as a camera with pixels of `pixel_angle` sees it, about the same axis; same field of view.
 
     Each fragment is shared by the new pixels that its old pixel overlaps, by area; light and coverage are
-    kept per solid angle, so a constant stays constant. The frame and its margin keep their extent, to within
+    kept per solid angle, so a constant stays constant. What comes together in a pixel is one fragment where
+    its inverse depths leave no `gap` (in 1/m). The frame and its margin keep their extent, to within
     a pixel. Pixels at the border that are covered in part only belong to the margin or are left out.
     """
     ratio = view.pixel_angle / pixel_angle  # new pixels in an old one
     if abs(ratio - 1) < 1e-9:
         return view
-    height, width = max(1, round(view.height * ratio)), max(1, round(view.width * ratio))
+    height, width = resampled_sides(view.height, view.width, ratio)
     rows, columns = view.padded_shape
     room = min((rows * ratio - height) / 2, (columns * ratio - width) / 2)
     margin = max(0, int(room))
@@ -34,22 +38,47 @@ def resampled(view: View, pixel_angle: float) -> View:
     fragment, i, j = torch.nonzero(share > 1e-7, as_tuple=True)
     pixel = new_row[fragment, i, j] * (width + 2 * margin) + new_column[fragment, i, j]
     part = share[fragment, i, j].to(view.coverage)
-    # within a pixel from near to far
-    order = torch.argsort(-view.inverse_depth[fragment], stable=True)
-    order = order[torch.argsort(pixel[order], stable=True)]
+    order = _sorted(pixel, view.hidden[fragment].long(), -view.inverse_depth[fragment])
     fragment, pixel, part = fragment[order], pixel[order], part[order]
+    depth, hidden = view.inverse_depth[fragment], view.hidden[fragment]
+    first = torch.ones(len(pixel), dtype=torch.bool)
+    first[1:] = (pixel[1:] != pixel[:-1]) | (hidden[1:] != hidden[:-1]) | (depth[:-1] - depth[1:] > gap)
+    surface = first.cumsum(0) - 1
+
+    def together(values: Tensor) -> Tensor:
+        """Sums over the fragments of each surface, [..., surface]."""
+        empty = values.new_zeros(*values.shape[:-1], int(first.sum()))
+        return empty.index_add(-1, surface, values)
+
+    coverage = together(view.coverage[fragment] * part)
+    mean_depth = together(depth * part) / together(part)
+    pixel, hidden = pixel[first], hidden[first]
+    order = _sorted(pixel, -mean_depth)
     return replace(
         view,
         height=height,
         width=width,
         margin=margin,
-        pixel=pixel,
-        coverage=view.coverage[fragment] * part,
-        inverse_depth=view.inverse_depth[fragment],
-        radiance=view.radiance[:, fragment] * part,
-        hidden=view.hidden[fragment],
+        pixel=pixel[order],
+        coverage=coverage[order],
+        inverse_depth=mean_depth[order],
+        radiance=together(view.radiance[:, fragment] * part)[:, order],
+        hidden=hidden[order],
         pixel_angle=pixel_angle,
     )
+
+
+def _sorted(*keys: Tensor) -> Tensor:
+    """What sorts by the first key, then by the next ones."""
+    order = torch.arange(len(keys[0]))
+    for key in reversed(keys):
+        order = order[torch.argsort(key[order], stable=True)]
+    return order
+
+
+def resampled_sides(height: int, width: int, ratio: float) -> tuple[int, int]:
+    """Height and width in pixels of which `ratio` are as wide as one of before."""
+    return max(1, round(height * ratio)), max(1, round(width * ratio))
 
 
 def _overlaps(old: int, new: int, ratio: float) -> tuple[Tensor, Tensor]:

@@ -20,6 +20,7 @@ from ..options import (
     JsonOption,
     OutOption,
     QuietOption,
+    ResampleOption,
     Scenes,
     ShardOption,
 )
@@ -37,6 +38,7 @@ SEEDS = 3
 def cost(
     scenes: Scenes,
     camera: CameraOption = None,
+    resample: ResampleOption = False,
     repeats: Annotated[int, typer.Option("--repeats", min=1, help="Of each measurement, in turns.")] = 3,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
@@ -60,7 +62,7 @@ def cost(
     seed to seed; times_faster.chosen;
     render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
     """
-    pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
+    pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
     how = spread_of(jobs, cluster, shard)
     names = [scene.recipe.name for scene, _ in pairs]
     with begun("cost", json, quiet=quiet) as progress:
@@ -91,6 +93,7 @@ def measured(
 ) -> OfScene:
     """What accuracy costs for one scene, in the folder that is given with it."""
     from ..capture.device import torch_device
+    from ..capture.framing import seen_through
     from ..experiments import cost as photos
     from ..experiments import cost_stages
     from ..experiments.cost_page import (
@@ -111,7 +114,9 @@ def measured(
     scene, taker, folder = scene_and_place
     recipe, base, compute = scene.recipe, scene.base, torch_device(device)
     optics = Camera.from_recipe(taker.recipe, taker.base)
-    view = render(recipe, base, cache=cache, device=device, progress=progress)
+    _, view = seen_through(
+        optics, recipe, render(recipe, base, cache=cache, device=device, progress=progress)
+    )
     about = (optics, view.wavelengths, view.inverse_depth)
     network = network_of(taker)
     ways = [network, None] if network else [None]

@@ -26,6 +26,7 @@ from ..options import (
     OcclusionOption,
     OutOption,
     QuietOption,
+    ResampleOption,
     Scenes,
     SeedOption,
     ShardOption,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
 def expose(
     scenes: Scenes,
     camera: CameraOption = None,
+    resample: ResampleOption = False,
     method: MethodOption = None,
     layers: LayersOption = None,
     occlusion: OcclusionOption = None,
@@ -91,7 +93,7 @@ def expose(
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
-    pairs = all_of(scenes, lambda scene: recipes_of(scene, camera))
+    pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
     how = spread_of(jobs, cluster, shard)
     names = [f"{scene.recipe.name}-{taker.recipe.name}" for scene, taker in pairs]
     with begun("expose", json, quiet=quiet) as progress:
@@ -114,6 +116,7 @@ def expose(
             target=parse_target(accuracy, time),
             bands=bands,
             reference=reference,
+            resample=resample,
             where=None if crop is None else crop_of(crop),
             seed=seed,
             cache=seen_by(how, cache),
@@ -137,6 +140,7 @@ def photographed(
     bands: int | None,
     reference: str | None,
     where: Crop | None,
+    resample: bool,
     seed: int,
     cache: Path | None,
     device: str,
@@ -159,6 +163,7 @@ def photographed(
         scene,
         optics,
         watch,
+        resample=resample,
         overrule=overrule,
         target=target,
         checkpoint=network_of(taker),

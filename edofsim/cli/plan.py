@@ -10,6 +10,7 @@ from ..options import (
     DeviceOption,
     JsonOption,
     QuietOption,
+    ResampleOption,
     Scene,
     TimeOption,
     WithOption,
@@ -21,6 +22,7 @@ from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recip
 def plan(
     scene: Scene,
     camera: CameraOption = None,
+    resample: ResampleOption = False,
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
     with_: WithOption = None,
@@ -38,7 +40,7 @@ def plan(
     plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and for each effect called_for.EFFECT (1 or 0),
     psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
-    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     with begun("plan", json, quiet=quiet) as progress:
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene

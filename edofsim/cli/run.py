@@ -25,6 +25,7 @@ from ..options import (
     OcclusionOption,
     OutOption,
     QuietOption,
+    ResampleOption,
     Scene,
     SeedOption,
     SubAperturesOption,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 def run(
     scene: Scene = "desk",
     camera: CameraOption = None,
+    resample: ResampleOption = False,
     network: NetworkOption = None,
     method: MethodOption = None,
     layers: LayersOption = None,
@@ -71,7 +73,7 @@ def run(
     all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved (planning against the
     seconds that it saves), and what `edofsim plan` says.
     """
-    scene_recipe, camera_recipe = recipes_of(scene, camera)
+    scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     with begun("run", json, quiet=quiet) as progress:
         from .. import pipeline
@@ -86,6 +88,7 @@ def run(
             camera_recipe,
             cache=cache,
             network=network,
+            resample=resample,
             overrule=overrule,
             target=parse_target(accuracy, time),
             seed=seed,

@@ -54,8 +54,11 @@ def begun(title: str, json: Path | None, *, quiet: bool = False) -> Generator[Pr
         yield progress
 
 
-def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
-    """Both recipes, with the problems of both if both have any, the scene as the camera frames it."""
+def recipes_of(
+    scene: str, camera: str | None, resample: bool = False
+) -> tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]:
+    """Both recipes, with the problems of both if both have any, the scene as the camera frames it: see
+    `framed`."""
     from ..capture.framing import framed
     from ..optics import Camera
     from ..recipe import load_camera, load_scene
@@ -72,7 +75,7 @@ def recipes_of(scene: str, camera: str | None) -> tuple[Loaded[SceneRecipe], Loa
         raise InputError(problems) from None
     found = load_camera(camera) if camera else load_camera(loaded.recipe.camera, loaded.base)
     optics = Camera.from_recipe(found.recipe, found.base)
-    return replace(loaded, recipe=framed(loaded.recipe, optics)), found
+    return replace(loaded, recipe=framed(loaded.recipe, optics, resample)), found
 
 
 def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:

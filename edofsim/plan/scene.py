@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, disperses, simpler_recipe
+from ..capture.framing import seen_through
 from ..capture.photograph import all_in_focus
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
@@ -52,19 +53,22 @@ def look(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Looked:
-    """Facts of a scene from its view where that is in the cache or read from files, else from a preview."""
+    """Facts of a scene from its view where that is in the cache or read from files, else from a preview; both
+    with the camera's pixels."""
     view = cached(recipe, base, cache=cache)
     if view is None and recipe.source is not None and not recipe.source.rendered:
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
-        return Looked(facts_of(view, camera, recipe=recipe), lambda s: 0.0, 0.0, recipe)
+        seen, view = seen_through(camera, recipe, view)
+        return Looked(facts_of(view, camera, recipe=seen), lambda s: 0.0, 0.0, recipe)
     how: Values = {"cache": cache, "device": device, "progress": progress}
     # the first rendering compiles kernels: a thumbnail's does, so that the preview's seconds are of rays
     render(thumbnail(recipe), base, **how)
     small = preview_of(recipe)
     preview = render(small, base, **how)
     noisier = (recipe.render.samples / small.render.samples) ** 0.5
-    facts = facts_of(preview, camera, recipe=recipe, noisier=noisier)
+    seen, through = seen_through(camera, recipe, preview)
+    facts = facts_of(through, camera, recipe=seen, noisier=noisier)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     expected = forecast([Task(recipe, base)], cache=cache)

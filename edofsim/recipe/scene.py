@@ -33,12 +33,16 @@ class Bands(RecipeModel):
         return np.linspace(self.start_nm, self.stop_nm, self.count) * 1e-9
 
 
+MOST_PIXELS = 8192
+"""Of a frame's width or height."""
+
+
 class Frame(RecipeModel):
     """The pixels of the view. One pixel sees `pixel_angle_mrad` (tangent, on the optical axis); "auto", as
     where none is given, follows the camera that looks at the scene."""
 
-    width_px: Annotated[int, Field(ge=1, le=8192)] = 512
-    height_px: Annotated[int, Field(ge=1, le=8192)] = 384
+    width_px: Annotated[int, Field(ge=1, le=MOST_PIXELS)] = 512
+    height_px: Annotated[int, Field(ge=1, le=MOST_PIXELS)] = 384
     pixel_angle_mrad: Positive | Literal["auto"] = 0.1626126
     margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
 

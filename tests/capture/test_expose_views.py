@@ -135,6 +135,31 @@ def test_resampled_fragments_stay_sorted(bench):
     assert torch.allclose(visible, torch.ones_like(visible))
 
 
+def test_resampling_to_pixels_of_two_gathers_what_is_one_surface(bench):
+    """Four pixels of a slanted sheet, 0.5 to 0.57 dioptres, are one fragment with their mean; a card in front
+    of two of them stays apart, and what is hidden stays hidden."""
+    slant = torch.linspace(0.5, 0.57, 24, dtype=torch.float64).expand(16, 24)
+    card = torch.zeros(16, 24, dtype=torch.float64)
+    card[:, 9:15] = 1
+    light = [bench.texture(2, 16, 24, seed) for seed in (0, 1)]
+    sheets = [(card, torch.full_like(slant, 2.0), light[0]), (torch.ones_like(slant), slant, light[1])]
+    view = bench.stacked_view(sheets, 4)
+    twice = resampled(view, 2 * view.pixel_angle)
+
+    def halved(image: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.avg_pool2d(image[None], 2)[0]
+
+    torch.testing.assert_close(twice.all_in_focus(), halved(view.all_in_focus()))
+    # 8 x 12 pixels; 3 columns of card alone or in part; the sheet is seen in all but the 2 within the card
+    near = twice.inverse_depth > 1
+    assert int(near.sum()) == 8 * 4 and int((~near & ~twice.hidden).sum()) == 8 * 10
+    assert int(twice.hidden.sum()) == 8 * 4
+    seen = ~near & ~twice.hidden & (twice.pixel < 12) & (twice.pixel < 4)
+    torch.testing.assert_close(
+        twice.inverse_depth[seen].double(), halved(slant[None])[0, 0, :4], atol=1e-6, rtol=0
+    )
+
+
 def test_depth_nodes():
     """Exactly the scene's depths where they are few; else steps that the defocus asks for, ends included."""
     few = torch.tensor([0.5, 2.0, 0.5, 0.0], dtype=torch.float32)
