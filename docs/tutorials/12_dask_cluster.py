@@ -68,12 +68,14 @@ if __name__ == "__main__":
 # What is finished is in the cache: the same command renders only what is missing, after an interrupt too,
 # and a worker that dies loses nothing that is complete.
 
-print(len(list(folder.glob("*.exr"))), "views")
+if __name__ == "__main__":  # a worker reads this file too
+    print(len(list(folder.glob("*.exr"))), "views")
 
 # %%
 # The manifest says of each view where it was rendered, with how much noise, and how long it took.
 
-rendered = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
-figure, axes = pyplot.subplots(figsize=(5, 2), layout="constrained")
-axes.barh([each["name"] for each in rendered], [each["seconds"] for each in rendered])
-axes.set_xlabel("seconds of rendering")
+if __name__ == "__main__":
+    rendered = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+    figure, axes = pyplot.subplots(figsize=(5, 2), layout="constrained")
+    axes.barh([each["name"] for each in rendered], [each["seconds"] for each in rendered])
+    axes.set_xlabel("seconds of rendering")
