@@ -61,7 +61,8 @@ def edofsim(*arguments: str | Path) -> int:
 def figures(path: Path) -> dict[str, float]:
     """Without what depends on how fast the machine was and what it held, and what was decided by that."""
     found = json.loads(path.read_text())["figures"]
-    return {name: value for name, value in found.items() if not name.startswith(("seconds", "peak_memory"))}
+    told_by_time = ("seconds", "peak_memory", "predicted_seconds", "times_faster", "share.time")
+    return {name: value for name, value in found.items() if not name.startswith(told_by_time)}
 
 
 def until(true: Callable[[], bool], seconds: float) -> bool:
@@ -197,6 +198,40 @@ def test_an_experiment_on_a_cluster_of_which_a_worker_dies(scenes: list[Path], t
     share = scene3d(scenes, place, "--shard", "2/3")
     assert share["scenes"] == 1
     assert scene3d(scenes, place) == spread
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        (("cost",), ("--repeats", "1", "--camera", "paper-clear")),
+        (("evaluate", "predictions"), ("--quick", "--mask", "clear")),
+        (("evaluate", "broadband"), ("--network", "paper-clear")),
+    ],
+    ids=lambda given: given[-1] if given[0] in ("cost", "evaluate") else "",
+)
+def test_processes_and_shares_give_the_figures_of_one(
+    command: tuple[str, ...],
+    options: tuple[str, ...],
+    scenes: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """Two scenes, all figures but seconds and what they decide. Each way starts with no rates learned."""
+    given: list[str | Path] = list(scenes[:2])
+    if "broadband" in command:
+        given = [each for scene in scenes[:2] for each in ("--scene", scene)]
+    found = []
+    for way in ((), ("--jobs", "2"), ("--shard", "1/2"), ("--shard", "2/2"), ()):
+        place = tmp_path / f"of-{min(len(found), 2)}"  # shares and what gathers them have one folder
+        monkeypatch.setenv("XDG_CACHE_HOME", str(place / "home"))
+        folders = ("--out", place, "--cache", place / "views", "--json", place / "found.json", "--quiet")
+        assert edofsim(*command, *given, *options, *folders, *way) == 0
+        found.append(figures(place / "found.json"))
+    single, jobs, _, _, shares = found
+    assert len(single) > 5
+    assert jobs == pytest.approx(single, nan_ok=True, abs=1e-9)
+    assert shares == pytest.approx(single, nan_ok=True, abs=1e-9)
 
 
 @pytest.mark.slow
