@@ -39,9 +39,7 @@ def _light_not_kept(photo: Tensor, restored: Tensor, glare: Tensor | None = None
     return restored
 
 
-def _untouched_by_filter(
-    image: Tensor, psf: Tensor, noise: float, beyond_px: int | None = None
-) -> Tensor:
+def _untouched_by_filter(image: Tensor, psf: Tensor, noise: float, beyond_px: int | None = None) -> Tensor:
     return image
 
 
