@@ -101,22 +101,6 @@ def _nothing_hides(view: View, gap: float) -> Hides:
     return Hides(none_at_all, none_at_all)
 
 
-def _fewest_cuts() -> AbstractContextManager[object]:
-    def cuts(view: View, gap: float) -> list[float]:
-        found = slabs.hides(view, gap)
-        if not found.front.numel():
-            return []
-        low, high = (float(end) for end in view.inverse_depth.double().aminmax())
-        width = (high - low) / slabs.BINS
-        bins = ((high - view.inverse_depth.double()) / width).floor().long().clamp(0, slabs.BINS - 1)
-        crossed = torch.bincount(bins, weights=view.coverage.double(), minlength=slabs.BINS)
-        first, last = bins[found.front], bins[found.behind] - 1
-        wide = last >= first
-        return [high - width * (cut + 1) for cut in slabs._stabbed(crossed, first[wide], last[wide])]
-
-    return together(swapped(hidden, "cuts", cuts), swapped(sub_apertures, "cuts", cuts))
-
-
 def _every_fragment(view: View) -> Tensor:
     return torch.arange(view.pixel.numel())
 
@@ -175,7 +159,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "as few cuts as can be",
         "a surface is cut through where that parts two others as well",
         ("occlusion",),
-        _fewest_cuts,
+        lambda: scaled(slabs, "crossed", 0.0),
     ),
     Mutant(
         "hidden light shown",
