@@ -12,9 +12,6 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-FEW_ROWS = 0.5
-"""Share of a transform's rows up to which an image has so few that the others are better left out."""
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -45,10 +42,7 @@ class Grid:
 
 def spectrum(image: Tensor, grid: Grid) -> Tensor:
     """Spectrum of images or of PSFs, put at the top left corner: [..., y, x] to [..., ky, kx], half of it."""
-    rows, columns = grid.transform
-    if image.shape[-2] > FEW_ROWS * rows:
-        return torch.fft.rfft2(image, s=grid.transform)
-    return torch.fft.fft(torch.fft.rfft(image, n=columns), n=rows, dim=-2)  # rows of zeros stay what they are
+    return torch.fft.rfft2(image, s=grid.transform)
 
 
 def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Tensor, grid: Grid) -> Tensor:
