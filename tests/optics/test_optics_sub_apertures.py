@@ -17,7 +17,7 @@ from edofsim.optics import Camera, plan_sampling, psf_bank, sub_aperture_psfs
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
-from edofsim.optics.sub_apertures import pupil_windows
+from edofsim.optics.sub_apertures import partition, pupil_windows
 from edofsim.recipe import CameraRecipe, load_camera
 from edofsim.recipe.camera import PsfSettings
 
@@ -141,3 +141,11 @@ def test_what_blocks_a_part_whose_light_has_left_the_window():
         worst = max(worst, float(opaque.abs().sum((-2, -1)).max()))
         naive = max(naive, float(opaque_kernels(part, response).values.abs().sum((-2, -1)).max()))
     assert worst < 3 < naive
+
+
+def test_windows_are_dark_beyond_their_neighbours():
+    """What is exactly zero is left out of the transforms: most of each window."""
+    grid = PupilGrid(60, 2.5e-3 / 30, 2.5e-3)
+    along, _ = partition(grid, 6, torch.ones(60, 60, dtype=torch.float64))
+    torch.testing.assert_close(along.sum(0), torch.ones(60, dtype=torch.float64))
+    assert int((along != 0).sum(1).max()) <= 20
