@@ -110,7 +110,8 @@ def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, 
     axis = grid.centres / grid.radius
     place = ((axis + 1) * across / 2 - 0.5).clamp(0, across - 1)  # in parts, 0 at the middle of the first
     apart = (place - torch.arange(across, dtype=torch.float64)[:, None]).abs().clamp_max(1)
-    along = torch.cos(math.pi / 2 * apart) ** 2
+    # exactly zero outside, where a cosine is not: what is dark is then left out of the transforms
+    along = torch.where(apart < 1, torch.cos(math.pi / 2 * apart) ** 2, 0.0)
     held = (along @ intensity @ along.T).flatten()
     bright = torch.nonzero(held >= DARK * held.mean()).squeeze(1)
     middles = torch.cartesian_prod(*2 * (torch.arange(across, dtype=torch.float64),)).reshape(-1, 2)

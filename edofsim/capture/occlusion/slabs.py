@@ -1,21 +1,28 @@
 """Slabs: ranges of depth such that what hides something and what it hides lie in different ones.
 
 Within a slab light adds up as if nothing were hidden, which is exact for one connected surface however steep;
-between slabs it is composited front to back. So a view is cut in as few places as its hidden fragments ask
-for, and there where the fewest surfaces pass through the cut.
+between slabs it is composited front to back. So a view is cut where its hidden fragments ask for it, through
+as few surfaces as can be.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ...render.view import View
 
 BINS = 512
 """Resolution, over the range of the view's inverse depths, at which cuts are placed."""
+PRICE = 1.6e-3
+"""Of a cut, as a share of the padded frame's pixels: what it mends must be more."""
+SMALLEST_GAP = 1e-9
+"""In 1/m."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -47,55 +54,69 @@ def hides(view: View, gap: float) -> Hides:
 
 
 def cuts(view: View, gap: float) -> list[float]:
-    """Inverse depths at which the view is cut into slabs, from near to far."""
+    """Inverse depths at which the view is cut into slabs, from near to far: those at which the light that
+    cuts leave wrong is least. A cut is wrong in as much coverage as lies beside it, and costs time besides
+    (`PRICE`); a pair that no cut parts is wrong in the coverage of what hides, for each `gap` between
+    the two once.
+    """
     found = hides(view, gap)
     if not found.front.numel():
         return []
-    depth = view.inverse_depth.detach().double()
+    depth = view.inverse_depth.detach().double().cpu()
+    coverage = view.coverage.detach().double().cpu()
+    front, behind = found.front.cpu(), found.behind.cpu()
     low, high = float(depth.min()), float(depth.max())
     width = (high - low) / BINS
     bins = ((high - depth) / width).floor().long().clamp(0, BINS - 1)  # bin 0 is the nearest
-    crossed = torch.bincount(bins, weights=view.coverage.detach().double(), minlength=BINS)
-    # a cut after bin k has the bins up to k in front of it
-    first, last = bins[found.front], bins[found.behind] - 1
+    beside = crossed(torch.bincount(bins, weights=coverage, minlength=BINS).numpy())
+    # a cut behind bin k has the bins up to k in front of it
+    first, last = bins[front], bins[behind] - 1
+    wrong = coverage[front] * (depth[front] - depth[behind]) / max(gap, SMALLEST_GAP)
     wide = last >= first
-    right_behind = found.behind == found.front + 1
-    chosen = _stabbed(crossed, first[wide & right_behind], last[wide & right_behind])
-    # where other fragments of the pixel lie between, only if these cuts do not part the two
-    for cut in chosen:
-        wide &= (first > cut) | (last < cut)
-    chosen += _stabbed(crossed, first[wide], last[wide])
-    return [high - width * (cut + 1) for cut in sorted(chosen)]
+    # [a, b]: of all pairs between which the cuts behind bins a to b part
+    pairs = torch.bincount((first * BINS + last)[wide], weights=wrong[wide], minlength=BINS * BINS)
+    price = PRICE * view.padded_shape[0] * view.padded_shape[1]
+    chosen = _cheapest(beside, pairs.reshape(BINS, BINS).numpy(), price)
+    return [high - width * (cut + 1) for cut in chosen]
 
 
-def _stabbed(crossed: Tensor, first: Tensor, last: Tensor) -> list[int]:
-    """Bins to cut behind, ascending and as few as can be, one at least from `first` to `last` of each gap
-    [gap]; crossed: how much lies in each bin."""
-    numbers = torch.unique(last * BINS + first)  # ascending by end, then by beginning
+def crossed(coverage: Array) -> Array:
+    """What a cut behind each bin passes through [bin], of the coverage in each: the more of what lies in the
+    bins on either side of it."""
+    return np.maximum(coverage, np.append(coverage[1:], 0))
+
+
+def _cheapest(beside: Array, pairs: Array, price: float) -> list[int]:
+    """Bins behind which to cut, ascending: the best there are, by dynamic programming.
+
+    beside: [bin], cost of a cut behind each, and price: of any; pairs: [bin, bin], what it costs not to cut
+    behind any bin from one to the other.
+    """
+    count = len(beside)
+    # [a, b]: of all pairs that begin at bin a or behind it and end at b or before it
+    within = np.vstack([np.cumsum(np.cumsum(pairs[::-1], 0)[::-1], 1), np.zeros(count)])
+    best, before = np.zeros(count + 1), np.zeros(count + 1, np.int64)  # of cuts up to one behind bin k - 1
+    for k in range(1, count + 1):
+        costs = best[:k] + (within[:k, k - 2] if k > 1 else 0.0)
+        before[k] = costs.argmin()
+        best[k] = costs[before[k]] + beside[k - 1] + price
+    cut = int((best + within[:, -1]).argmin())
     chosen: list[int] = []
-    begin, end = 0, -1
-    for next_end, next_begin in (divmod(number, BINS) for number in numbers.tolist()):
-        if next_begin <= end:  # the cut so far may still lie in this gap too
-            begin, end = max(begin, next_begin), min(end, next_end)
-            continue
-        if end >= begin:
-            chosen.append(_emptiest(crossed, begin, end))
-        begin, end = next_begin, next_end
-    return [*chosen, _emptiest(crossed, begin, end)] if end >= begin else chosen
+    while cut:
+        chosen.append(_middle(beside, cut - 1))
+        cut = int(before[cut])
+    return chosen[::-1]
 
 
-def _emptiest(crossed: Tensor, begin: int, end: int) -> int:
-    """Where to cut between bins begin and end: in the middle of the longest run of the least-crossed bins."""
-    # a cut after bin k passes through what lies in bins k and k + 1
-    cost = torch.maximum(crossed[begin : end + 1], crossed[begin + 1 : end + 2])
-    least = (cost <= cost.min() + 1e-9).tolist()
-    best, run = (0, 0), 0
-    for k, good in enumerate([*least, False]):
-        if good:
-            run += 1
-        else:
-            best, run = max(best, (run, k - run)), 0
-    return begin + best[1] + best[0] // 2
+def _middle(beside: Array, cut: int) -> int:
+    """A cut through nothing moved to the middle of where nothing is."""
+    if beside[cut] > 0:
+        return cut
+    things = np.flatnonzero(beside > 0)
+    after = int(np.searchsorted(things, cut))
+    begin = things[after - 1] + 1 if after else 0
+    end = things[after] - 1 if after < len(things) else len(beside) - 1
+    return int(begin + end) // 2
 
 
 def revealed(view: View, which: Tensor) -> Tensor:

@@ -4,12 +4,13 @@ Where what hides and what is hidden are both blurred, light that passes an occlu
 the pupil, and is blurred otherwise than by the whole of it. The products of `hidden.compose` know averages
 over the pupil alone. Composited through each sub-aperture (`optics.sub_aperture_psfs`) and added, the image
 comes nearer to that of rays, the more sub-apertures the nearer. The light and the coverage of each slab are
-transformed once for all of them, and their PSFs once for all slabs of a tile.
+transformed once for all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -19,11 +20,11 @@ from ...optics.threads import in_threads
 from ...render.view import View
 from ..blurring import Blurring
 from ..coarse import CoarsePixels
-from ..convolution import Grid, centred, mixed, spectrum, summed_products
+from ..convolution import Grid, mixed, spectrum, summed_products
 from ..crop import crop
 from ..kernels import Kernels
 from ..light import light_of
-from .hidden import merged, slabs_of, tiles_to_composite
+from .hidden import Tile, merged, slabs_of, tiles_to_composite
 from .slabs import cuts, hides, revealed
 
 HELD_SHARE = 0.5
@@ -36,8 +37,8 @@ LEAST_LIGHT = 1e-3
 def change_by_sub_apertures(
     view: View, blurring: Blurring, through: Sequence[Kernels], side: int = 1
 ) -> Tensor:
-    """[channel, y, x] of the padded frame: composited through each sub-aperture and added, minus composited
-    through the whole pupil.
+    """[channel, y, x] of the padded frame, zero outside of the frame itself: composited through each
+    sub-aperture and added, minus composited through the whole pupil.
 
     blurring: through the whole pupil; through: its PSFs shared out, at the same nodes; side: of the pixels of
     all these PSFs, in pixels of the view: the change is interpolated between them. Gradients reach light and
@@ -49,20 +50,20 @@ def change_by_sub_apertures(
         return change
     reach, pixels = side * blurring.reach, CoarsePixels(side)
     tiles = tiles_to_composite(edges, view, reach)
-    if not tiles:
-        return _change(view, blurring, through, pixels)
     m = view.margin
-    for tile in tiles:
-        around = crop(view, tile.top, tile.left, tile.height, tile.width, reach)
+    for tile in tiles or [Tile(0, 0, view.height, view.width)]:
+        around = crop(view, tile.top, tile.left, tile.height, tile.width, reach) if tiles else view
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)
-        change[:, rows, columns] = around.crop_margin(_change(around, blurring, through, pixels))
+        change[:, rows, columns] = _change(around, blurring, through, pixels)
     return change
 
 
 def _change(view: View, blurring: Blurring, through: Sequence[Kernels], pixels: CoarsePixels) -> Tensor:
+    """[channel, y, x] of the frame."""
     pupil = blurring.kernels
     grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
+    needed = Place.of(view, grid, pixels)
     slabs = []
     for which in slabs_of(view, cuts(view, blurring.gap)):
         shown = revealed(view, which)
@@ -71,14 +72,10 @@ def _change(view: View, blurring: Blurring, through: Sequence[Kernels], pixels: 
         both = torch.cat([shine, shown[None]])
         light = pixels.light(light_of(view, pupil.nodes, which, both))
         slabs.append({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
-    used = sorted({node for slab in slabs for node in slab})
-    response = blurring.response
-    whole = Psfs(pupil, used, grid)
-    change = -_composite(slabs, whole, whole.blocking(response), response, grid)
+    change = -_composite(slabs, Psfs(pupil, pupil, blurring.response, grid), needed)
 
     def one(part: Kernels) -> Tensor:
-        psfs = Psfs(part, used, grid)
-        return _composite(slabs, psfs, psfs.blocking(response, whole, has_left(part)), response, grid)
+        return _composite(slabs, Psfs(part, pupil, blurring.response, grid), needed)
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
         for part in through:  # one at a time is held, and computed again on the way back
@@ -88,54 +85,82 @@ def _change(view: View, blurring: Blurring, through: Sequence[Kernels], pixels: 
         for start in range(0, len(through), at_once):
             for image in in_threads(one, through[start : start + at_once], change.device):
                 change = change + image
-    return pixels.interpolated(centred(change, grid), *view.padded_shape)
+    return change if pixels.side == 1 else view.crop_margin(pixels.interpolated(change, *view.padded_shape))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Rows and columns, from `top` and `left` on, that are needed of images of a transform's size."""
+
+    grid: Grid
+    top: int
+    left: int
+    rows: int
+    columns: int
+
+    @classmethod
+    def of(cls, view: View, grid: Grid, pixels: CoarsePixels) -> Place:
+        """Where the frame lies in images that are moved by half a window; coarse pixels are needed beside it
+        too, to be interpolated between."""
+        centre = grid.window // 2
+        if pixels.side == 1:
+            return cls(grid, centre + view.margin, centre + view.margin, view.height, view.width)
+        return cls(grid, centre, centre, grid.rows, grid.columns)
+
+    def image(self, spectra: Tensor) -> Tensor:
+        """[channel, ky, kx] to [channel, y, x] of the place."""
+        rows, columns = self.grid.transform
+        lines = torch.fft.ifft(spectra, dim=-2)
+        there = _around(lines, self.top, self.rows, rows, -2)
+        return _around(torch.fft.irfft(there, n=columns), self.left, self.columns, columns, -1)
+
+
+def _around(image: Tensor, begin: int, count: int, period: int, axis: int) -> Tensor:
+    """So many of an axis from `begin` on, which goes on at its beginning behind its end."""
+    if begin + count <= period:
+        return image.narrow(axis, begin, count)
+    return torch.roll(image, -begin, axis).narrow(axis, 0, count)
 
 
 class Psfs:
-    """Sums [band] and spectra [band, ky, kx] of the PSFs at some depth nodes."""
+    """Spectra of the PSFs of a part of the pupil at depth nodes. Those asked for last are kept: all at once
+    would be more memory than stays near a processor."""
 
-    def __init__(self, kernels: Kernels, nodes: Sequence[int], grid: Grid) -> None:
-        psfs = {node: kernels.layer(node) for node in nodes}
-        self.sums = {node: psf.sum((-2, -1)) for node, psf in psfs.items()}
-        self.spectra = {node: spectrum(psf, grid) for node, psf in psfs.items()}
+    def __init__(self, kernels: Kernels, pupil: Kernels, response: Tensor, grid: Grid) -> None:
+        self._kernels, self._pupil = kernels, pupil
+        self.response, self._grid = response, grid
+        self._left = torch.zeros(()) if kernels is pupil else has_left(kernels)
+        self._known: dict[int, tuple[Tensor, Tensor]] = {}
 
-    def blocking(
-        self, response: Tensor, whole: Psfs | None = None, left: Tensor | None = None
-    ) -> dict[int, Tensor]:
-        """What `blurring.opaque_kernels` gives, as spectra [channel, ky, kx]; left: bool [node, band], where
-        the whole pupil stands in."""
-        found = {}
-        for node, own in self.spectra.items():
-            sums = self.sums[node]
-            if whole is not None and left is not None and bool(left[node].any()):
-                sums = torch.where(left[node], whole.sums[node], sums)
-                own = torch.where(left[node][:, None, None], whole.spectra[node], own)
-            found[node] = mixed(response / sums, own)
-        return found
+    def at(self, nodes: Iterable[int]) -> dict[int, tuple[Tensor, Tensor]]:
+        """By node, [band, ky, kx] for light, and [channel, ky, kx] for coverage: as PSFs of white light that
+        each sum to 1."""
+        self._known = {node: self._known.get(node) or self._at(node) for node in nodes}
+        return self._known
 
-
-def _composite(
-    slabs: Sequence[dict[int, Tensor]],
-    psfs: Psfs,
-    blocking: dict[int, Tensor],
-    response: Tensor,
-    grid: Grid,
-) -> Tensor:
-    """[channel, y, x], not yet `centred`. slabs: near to far, spectra of the light in each band and of the
-    coverage, [band + 1, ky, kx], by depth node."""
-    return merged((_blurred(slab, psfs, blocking, response, grid) for slab in reversed(slabs)), len(slabs))
+    def _at(self, node: int) -> tuple[Tensor, Tensor]:
+        psf = self._kernels.layer(node)
+        through = spectrum(psf, self._grid)
+        if self._left.ndim and bool(self._left[node].any()):
+            psf = torch.where(self._left[node][:, None, None], self._pupil.layer(node), psf)
+            return through, mixed(self.response / psf.sum((-2, -1)), spectrum(psf, self._grid))
+        return through, mixed(self.response / psf.sum((-2, -1)), through)
 
 
-def _blurred(
-    slab: dict[int, Tensor], psfs: Psfs, blocking: dict[int, Tensor], response: Tensor, grid: Grid
-) -> tuple[Tensor, Tensor]:
-    """Light and coverage of a slab, [channel, y, x] each, not yet `centred`."""
-    light = summed_products((given[:-1], psfs.spectra[node]) for node, given in slab.items())
-    coverage = summed_products((given[-1:], blocking[node]) for node, given in slab.items())
-    image, opaque = (
-        torch.fft.irfft2(total, s=grid.transform) for total in (mixed(response, light), coverage)
-    )
-    return image, opaque
+def _composite(slabs: Sequence[dict[int, Tensor]], psfs: Psfs, needed: Place) -> Tensor:
+    """[channel, y, x] of the place that is needed, without the light of the nearest slab: nothing hides that,
+    and it adds up to the same through all parts of the pupil. slabs: near to far, spectra of the light in
+    each band and of the coverage, [band + 1, ky, kx], by depth node."""
+
+    def blurred(slab: dict[int, Tensor]) -> tuple[Tensor, Tensor]:
+        through = psfs.at(slab)
+        opaque = needed.image(summed_products((slab[node][-1:], through[node][1]) for node in slab))
+        if slab is slabs[0]:
+            return torch.zeros_like(opaque), opaque
+        light = summed_products((slab[node][:-1], through[node][0]) for node in slab)
+        return needed.image(mixed(psfs.response, light)), opaque
+
+    return merged((blurred(slab) for slab in reversed(slabs)), len(slabs))
 
 
 def has_left(kernels: Kernels) -> Tensor:

@@ -14,7 +14,13 @@ from .mutant import Mutant, applied
 SELECTED: Mapping[str, tuple[str, ...]] = {
     "depth": ("half a metre to infinity", "layers of one column"),
     "coverage": ("coverage 1 and hidden light", "half covered everywhere", "hidden coverage 1e-7"),
-    "occlusion": ("both sides blurred", "white room", "bright before dark", "dark before bright"),
+    "occlusion": (
+        "both sides blurred",
+        "three behind one another",
+        "white room",
+        "bright before dark",
+        "dark before bright",
+    ),
     "radiance": ("one pixel of 1e12", "contrast 1e5", "automatic exposure", "one pixel of 1e6"),
     "spectrum": ("mercury", "two bands"),
     "image": ("one row", "one column"),

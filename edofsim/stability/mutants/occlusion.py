@@ -13,7 +13,7 @@ from torch import Tensor
 from ...capture import blurring, imaging
 from ...capture.blurring import Blurring
 from ...capture.kernels import HeldKernels, Kernels
-from ...capture.occlusion import OCCLUSIONS, layers, none
+from ...capture.occlusion import OCCLUSIONS, layers, none, slabs
 from ...capture.occlusion.slabs import Hides
 from ...render.view import View
 from .mutant import Mutant, scaled, swapped, together
@@ -154,6 +154,12 @@ MUTANTS: tuple[Mutant, ...] = (
         lambda: together(
             swapped(hidden, "hides", _nothing_hides), swapped(sub_apertures, "hides", _nothing_hides)
         ),
+    ),
+    Mutant(
+        "as few cuts as can be",
+        "a surface is cut through where that parts two others as well",
+        ("occlusion",),
+        lambda: scaled(slabs, "crossed", 0.0),
     ),
     Mutant(
         "hidden light shown",
