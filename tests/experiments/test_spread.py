@@ -206,7 +206,7 @@ def test_an_experiment_on_a_cluster_of_which_a_worker_dies(scenes: list[Path], t
     [
         (("cost",), ("--repeats", "1", "--camera", "paper-clear")),
         (("evaluate", "predictions"), ("--quick", "--mask", "clear")),
-        (("evaluate", "broadband"), ("--network", "paper-clear")),
+        (("evaluate", "broadband"), ("--network", "paper-clear", "--network", "paper-cubic")),
     ],
     ids=lambda given: given[-1] if given[0] in ("cost", "evaluate") else "",
 )
@@ -217,7 +217,8 @@ def test_processes_and_shares_give_the_figures_of_one(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ):
-    """Two scenes, all figures but seconds and what they decide. Each way starts with no rates learned."""
+    """Two scenes (broadband: two systems), all figures but seconds and what they decide; each way starts with
+    no rates learned."""
     given: list[str | Path] = list(scenes[:2])
     if "broadband" in command:
         given = [each for scene in scenes[:2] for each in ("--scene", scene)]
