@@ -81,7 +81,7 @@ def run(
     take minutes.
 
     Figures: {psnr_db,ssim}.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, each also with .bus and
-    .car; NETWORK-made with the mask as made; WAY: paper, parts (ours).
+    .car; NETWORK-made with the mask as made; WAY: paper, sub_apertures (ours).
     """
     sources = scene3d.names_of(networks)
     names = list(sources.values())
@@ -151,7 +151,7 @@ def _span(values: np.ndarray, size: int) -> slice:
 
 def figures(measured: Measured) -> dict[str, float]:
     """Flat: psnr_db and ssim .WAY.IMAGE, and .WAY.IMAGE.OBJECT; IMAGE as in `scene3d.figures`, the mask as
-    made called NETWORK-made; WAY is `paper` or `parts` (ours)."""
+    made called NETWORK-made; WAY is `paper` or `sub_apertures` (ours)."""
     found = {}
     for row in measured.rows:
         if row.region not in (WHOLE, *OBJECTS):

@@ -96,7 +96,7 @@ def run(
 
     Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
     gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;
-    WAY: paper, linear, none, over, normalised, hidden, parts (ours).
+    WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
 
