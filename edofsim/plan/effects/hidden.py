@@ -33,7 +33,7 @@ def why(facts: Facts) -> str:
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """Of coarse photos with the pupil as a whole: hidden fragments are taken out of the view."""
-    return photographed(facts, [{"occlusion": "normalised"} for _ in levels], layers=25)
+    return photographed(facts, [{"occlusion": "normalised"} for _ in levels], layers=75)
 
 
 EFFECT = Effect(
