@@ -17,8 +17,8 @@ LEFT_BY_FEWER = 0.25
 `foliage`, `stilllife`, `hallway` and `bench` through three masks (`python -m benchmarks.sub_apertures` with
 their names)."""
 LEFT_BY_COARSE = {4: 0.37, 2: 0.2}
-"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.07 to
-0.39 and 0.05 to 0.24 there. Where blurs are few pixels wide it can be several times as much."""
+"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.07
+to 0.39 and 0.05 to 0.24 there. Where blurs are few pixels wide it can be several times as much."""
 
 
 def absent(facts: Facts) -> str:
