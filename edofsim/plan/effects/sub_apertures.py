@@ -12,11 +12,11 @@ from ..effect import Effect, Level
 from ..facts import Facts, photographed
 
 FEWER = 4
-LEFT_BY_FEWER = 0.25
+LEFT_BY_FEWER = 0.22
 """Of what `FULL_SUB_APERTURES` change, what 4 x 4 leave out: 0.05 to 0.45 on the middles of `clutter`,
 `foliage`, `stilllife`, `hallway` and `bench` through three masks (`python -m benchmarks.sub_apertures` with
 their names)."""
-LEFT_BY_COARSE = {4: 0.37, 2: 0.2}
+LEFT_BY_COARSE = {4: 0.35, 2: 0.17}
 """And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.07
 to 0.39 and 0.05 to 0.24 there. Where blurs are few pixels wide it can be several times as much."""
 
