@@ -19,7 +19,7 @@ from benchmarks.noise_ways import (
 
 
 def test_samples_shared_out_by_the_deviation_gain_most():
-    """Two pixels of variances 1 and 9: the error of n samples each is 5 / n, of n / 2 and 3 n / 2 it is 4 / n."""
+    """Variances 1 and 9: the error is 5 / n with n samples each, 4 / n with n / 2 and 3 n / 2."""
     variance = np.array([1.0, 9.0])
     assert adaptive_bound(variance) == pytest.approx(5 / 4)
     assert adaptive_gain(variance, np.sqrt(variance)) == pytest.approx(5 / 4)
@@ -28,8 +28,8 @@ def test_samples_shared_out_by_the_deviation_gain_most():
 
 
 def test_direct_light_apart_gains_what_it_takes_out():
-    """No noise in direct light and a quarter in the rest: a quarter of the samples. As much noise in each half,
-    independent, each at the whole cost: half as good as without."""
+    """No noise in direct light and a quarter in the rest: a quarter of the samples. As much noise in each
+    half, independent, each at the whole cost: half as good as without."""
     assert control_gain(0, 1 / 4, 1) == pytest.approx(4)
     assert control_gain(1 / 2, 1 / 2, 1) == pytest.approx(1 / 2)
     assert control_gain(1 / 2, 1 / 2, 0) == pytest.approx(2)
