@@ -18,7 +18,6 @@ from .transform import (
     fold,
     intensity,
     intensity_gradient,
-    quadrants,
     shared_intensity,
     unfold,
     waves,
@@ -80,7 +79,7 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     for start in range(0, len(wave.chirps), at_once):
         block = wave.chirps[start : start + at_once]
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
-        whole = quadrants(*across(_summed(half), wave.bases.fourier))
+        whole = across(_summed(half), wave.bases.fourier)
         for out, part in zip(energy, parts, strict=True):
             lit = _lit(along[[x for _, x in part]].sum(0))
             mine = [
@@ -88,7 +87,7 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
                 for row in sorted({y for y, _ in part})
             ]
             own = across(_summed(mine), wave.bases.fourier[..., lit])
-            out[start : start + at_once] = shared_intensity(whole, quadrants(*own), wave.bases)
+            out[start : start + at_once] = shared_intensity(whole, own, wave.bases)
     return energy
 
 

@@ -229,34 +229,42 @@ def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
     return (ee - oo, oe + eo), (ee + oo, oe - eo)
 
 
-def quadrants(even: Tensor, odd: Tensor) -> Tensor:
-    """The field in the four quadrants, in the order of `SIDES`, from the `waves`: real, [2 (re, im), 4, y,
-    depth, x]."""
-    field = even.new_empty(2, 4, *even.shape[2:])
-    for first, (same, cross) in zip((0, 2), pairs(even, odd), strict=True):
-        torch.sub(same[0], cross[1], out=field[0, first])
-        torch.add(same[1], cross[0], out=field[1, first])
-        torch.add(same[0], cross[1], out=field[0, first + 1])
-        torch.sub(same[1], cross[0], out=field[1, first + 1])
-    return field
-
-
 def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
     """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
-    field = quadrants(even, odd)
-    return shared_intensity(field, field, bases)
+    sums = []
+    for same, cross in pairs(even, odd):
+        # |same +- j cross|^2 = |same|^2 + |cross|^2 +- 2 Im(same cross*)
+        total = (same[0] * same[0]).addcmul_(same[1], same[1])
+        total.addcmul_(cross[0], cross[0]).addcmul_(cross[1], cross[1])
+        mixed = (same[1] * cross[0]).addcmul_(same[0], cross[1], value=-1)
+        sums.append((total, mixed, 2))
+    return _summed(sums, bases)
 
 
-def shared_intensity(whole: Tensor, part: Tensor, bases: Bases) -> Tensor:
-    """Re(F* G) summed over each pixel, as `intensity`; whole, part: F and G in the `quadrants`."""
-    density = (whole[0] * part[0]).addcmul_(whole[1], part[1])
-    _, rows, depths, _ = density.shape
+def shared_intensity(whole: tuple[Tensor, Tensor], part: tuple[Tensor, Tensor], bases: Bases) -> Tensor:
+    """Re(F* G) summed over each pixel, as `intensity`; whole, part: even and odd components of F and of G."""
+    sums = []
+    for (same, cross), (own, its_cross) in zip(pairs(*whole), pairs(*part), strict=True):
+        # Re((same +- j cross)* (own +- j its_cross))
+        total = (same[0] * own[0]).addcmul_(same[1], own[1])
+        total.addcmul_(cross[0], its_cross[0]).addcmul_(cross[1], its_cross[1])
+        mixed = (cross[0] * own[1]).addcmul_(cross[1], own[0], value=-1)
+        mixed.addcmul_(same[0], its_cross[1], value=-1).addcmul_(same[1], its_cross[0])
+        sums.append((total, mixed, 1))
+    return _summed(sums, bases)
+
+
+def _summed(sums: list[tuple[Tensor, Tensor, int]], bases: Bases) -> Tensor:
+    """Densities summed over each pixel, [depth, pixel, pixel]: total +- times * mixed in two opposite
+    quadrants, for each pair of them."""
+    rows, depths = sums[0][0].shape[:2]
     count = len(bases.pixels)
-    low = torch.matmul(bases.pixels, density.view(4, rows, -1))
-    summed = torch.mm(low.view(-1, rows), bases.pixels.T).view(4, count, depths, count)
-    image = summed.new_zeros(2 * count - 1, depths, 2 * count - 1)
-    for quadrant, side in zip(summed, SIDES, strict=True):
-        _side(image, side).add_(_turned(quadrant, side))
+    image = sums[0][0].new_zeros(2 * count - 1, depths, 2 * count - 1)
+    for (total, mixed, times), sides in zip(sums, (SIDES[:2], SIDES[2:]), strict=True):
+        for sign, side in zip((times, -times), sides, strict=True):
+            low = torch.mm(bases.pixels, torch.add(total, mixed, alpha=sign).view(rows, -1))
+            summed = torch.mm(low.view(-1, rows), bases.pixels.T).view(count, depths, count)
+            _side(image, side).add_(_turned(summed, side))
     return image.permute(1, 0, 2)
 
 
