@@ -308,8 +308,12 @@ class Spectra:
         change = torch.fft.irfft2(spectrum, s=(self.side, self.side))
         if image is not None:
             change += image
-        scale = (self.shares / self._sums(2)).sqrt().to(change)
-        return (change * (scale[:, None, None] * self.inside)[:, None]).transpose(0, 1).flatten(1)
+        return (change * (self._scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
+
+    @cached_property
+    def _scale(self) -> Tensor:
+        """Of tiles in a vector, [tile, 1, 1]."""
+        return (self.shares / self._sums(2)).sqrt().to(torch.float32)[:, None, None]
 
     @property
     def size(self) -> int:
@@ -332,9 +336,7 @@ class Spectra:
 
     def images(self, vector: Tensor) -> Tensor:
         """A change given as a vector, under the window, 0 outside of the frame: [tile, channel, y, x]."""
-        scale = (self.shares / self._sums(2)).sqrt().to(vector)
-        tiles = vector.unflatten(1, self.inside.shape).transpose(0, 1)
-        return tiles / scale[:, None, None, None]
+        return vector.unflatten(1, self.inside.shape).transpose(0, 1) / self._scale[:, None]
 
     def mean(self, tiles: Tensor, seen: int = 0) -> float:
         """Mean over the frame and channels from what is in tiles [tile, channel, y, x]; seen: how often under
