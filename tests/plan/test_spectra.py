@@ -62,6 +62,25 @@ def test_tiles_stand_for_the_frame():
     assert found == pytest.approx(truth, rel=0.4)  # 3 dB
 
 
+def test_of_tiles_that_reach_over_the_border_the_part_in_the_frame_counts():
+    spectra = facts_of(two_depths(96, 120, 2), CAMERA).spectra
+    tops = [top for top, _ in spectra.corners]
+    assert min(tops) < 0 and max(tops) + spectra.side > 96  # the tiles reach over it
+    around = torch.stack(
+        [
+            torch.tensor(
+                [
+                    [1.0 if 0 <= y < 96 and 0 <= x < 120 else 100.0 for x in range(left, left + spectra.side)]
+                    for y in range(top, top + spectra.side)
+                ]
+            )
+            for top, left in spectra.corners
+        ]
+    )[:, None]
+    assert spectra.mean(around) == pytest.approx(1)
+    assert spectra.mean(around * spectra.taper, seen=1) == pytest.approx(1)
+
+
 @pytest.mark.parametrize("times", [1, 2, 3])
 def test_coarse_pixels_hold_the_mean_of_the_light_at_its_depths(times: int):
     view = two_depths(48, 72, 2)
