@@ -6,11 +6,12 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from types import FrameType
 
-GRACE_S = 60.0
+GRACE_S = 20.0
 """For what is at work to save its sums."""
 
 _at_work = False
@@ -21,7 +22,9 @@ def end_with_parent() -> None:
     """Watch the parent from now on. In a worker's main thread; where there is no parent, nothing happens.
 
     A killed parent sends nothing: its workers would wait for work for ever. The end of the pipe that it holds
-    is seen on every system. What is `at_work` then is interrupted, as by Ctrl-C, and saves what it has.
+    is seen on every system. What is `at_work` then is interrupted, as by Ctrl-C, and saves what it has. When
+    it is done, or after `GRACE_S`, the worker ends, also where the interruption was lost on its way (Python
+    drops one that arrives in a finaliser).
     """
     parent = multiprocessing.parent_process()
     if parent is None:
@@ -32,7 +35,9 @@ def end_with_parent() -> None:
     def watch() -> None:
         parent.join()
         os.kill(os.getpid(), signal.SIGTERM)
-        threading.Event().wait(GRACE_S)
+        limit = time.monotonic() + GRACE_S
+        while _at_work and time.monotonic() < limit:
+            time.sleep(0.05)
         os._exit(1)
 
     threading.Thread(target=watch, name="watch-parent", daemon=True).start()

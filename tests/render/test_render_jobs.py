@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -313,6 +314,45 @@ def test_workers_end_with_a_killed_parent(tmp_path, jobs):
             os.kill(pid, signal.SIGKILL)
         assert not left
     assert not list(folder.glob("*.damaged-*"))
+
+
+LOST = """
+import os, sys, threading, time
+from multiprocessing import get_context
+from edofsim.render.orphans import at_work, end_with_parent
+
+def work():
+    end_with_parent()
+    with at_work():
+        try:
+            print(os.getpid(), flush=True)
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+    threading.Event().wait()
+
+if __name__ == "__main__":
+    get_context("spawn").Process(target=work).start()
+"""
+
+
+def test_a_worker_ends_where_its_interruption_was_lost(tmp_path):
+    """As in a finaliser, whose exceptions Python drops: the work ends, and its process waits for more."""
+    script = tmp_path / "lost.py"
+    script.write_text(LOST)
+    parent = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, start_new_session=True)
+    try:
+        worker = int(parent.stdout.readline())
+        parent.kill()
+        parent.wait()
+        parent.stdout.close()
+        limit = time.monotonic() + 15
+        while alive(worker) and time.monotonic() < limit:
+            time.sleep(0.1)
+        assert not alive(worker)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(parent.pid, signal.SIGKILL)
 
 
 @pytest.mark.slow
