@@ -25,6 +25,7 @@ from .fidelity import Fidelity, of_sub_apertures, simpler_camera
 from .kernels import Kernels
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
+from .occlusion.hidden import Layout, layout_of
 from .occlusion.sub_apertures import change_by_sub_apertures
 from .prepare import blur_per_dioptre, kernels_of, kernels_of_sub_apertures
 
@@ -51,12 +52,14 @@ class Axes:
 class Imaging:
     """The optics of a fidelity, with their PSFs at hand.
 
-    window: side of the PSFs in pixels; reach: pixels around the frame that light comes from; gathering: bands
-    to groups; blurring: with the groups' PSFs; `image` and `light` may be called for any view of the axes.
+    window: side of the PSFs in pixels; widest: of the recipe's; reach: pixels around the frame that light
+    comes from; gathering: bands to groups; blurring: with the groups' PSFs; `image` and `light` may be called
+    for any view of the axes.
     """
 
     fidelity: Fidelity
     window: int
+    widest: int
     gathering: Gathering
     blurring: Blurring
     sub_apertures: tuple[Kernels, ...] = field(default=(), repr=False)
@@ -74,14 +77,25 @@ class Imaging:
         check_view(light)
         return with_margin(with_part_of_margin(light, self.reach), self.window // 2)
 
-    def image(self, light: View) -> Tensor:
-        """Unexposed image of what `light` gives, [channel, y, x] of the frame, without the veiling glare."""
-        return light.crop_margin(OCCLUSIONS[self.fidelity.occlusion](light, self.blurring))
+    def layout(self, view: View) -> Layout | None:
+        """How a view is composited: the same by PSFs of all widths. None where it is not."""
+        if self.fidelity.occlusion != "hidden":
+            return None
+        reach = self.widest // 2
+        around = with_margin(with_part_of_margin(view, reach), reach)
+        return layout_of(around, self.blurring.gap, reach)
 
-    def change_by_sub_apertures(self, light: View) -> Tensor:
+    def image(self, light: View, layout: Layout | None = None) -> Tensor:
+        """Unexposed image of what `light` gives, [channel, y, x] of the frame, without the veiling glare.
+        layout: of the view; None to choose it by what `light` shows."""
+        way = OCCLUSIONS[self.fidelity.occlusion]
+        return light.crop_margin(way(light, self.blurring, *([] if layout is None else [layout])))
+
+    def change_by_sub_apertures(self, light: View, layout: Layout | None = None) -> Tensor:
         """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
         side = self.fidelity.sub_aperture_pixel
-        return light.crop_margin(change_by_sub_apertures(light, self.blurring, self.sub_apertures, side))
+        change = change_by_sub_apertures(light, self.blurring, self.sub_apertures, side, layout)
+        return light.crop_margin(change)
 
 
 def imaging_of(
@@ -104,6 +118,7 @@ def imaging_of(
     return Imaging(
         fidelity,
         window,
+        camera.recipe.psf.window_px,
         gathering,
         Blurring(
             gathered_kernels(kernels, gathering) if fidelity.band_groups else kernels,
@@ -150,7 +165,7 @@ def sub_aperture_imaging(
         METHODS[coarse.method],
         gap=1 / blur_per_dioptre(camera),
     )
-    return Imaging(coarse, window, gathering, blurring, tuple(held))
+    return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held))
 
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:

@@ -83,7 +83,6 @@ def capture(
     at, between = depths_of(given, camera, fidelity) if nodes is None else (nodes, None)
     light = torch.stack(spectrums).sum(0)
     axes = Axes(weights, first.wavelengths, light, _ends(given), at, between)
-    lights = None if fidelity.band_groups else given
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
 
@@ -93,7 +92,8 @@ def capture(
     imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in given]
-    photo = torch.stack([imaging.image(light) for light in lights])
+    layouts = [imaging.layout(view) for view in given]
+    photo = torch.stack([imaging.image(*each) for each in zip(lights, layouts, strict=True)])
     blurring = imaging.blurring
     glare = [glare_of(light, blurring.kernels, blurring.response, between) for light in lights]
     photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
@@ -102,7 +102,11 @@ def capture(
     if finer:
         by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
         assert by_part is not None
-        photo = photo + torch.stack([by_part.change_by_sub_apertures(by_part.light(view)) for view in given])
+        changes = [
+            by_part.change_by_sub_apertures(by_part.light(view), layout)
+            for view, layout in zip(given, layouts, strict=True)
+        ]
+        photo = photo + torch.stack(changes)
         watch.lap("sub_apertures", 0.9)
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)

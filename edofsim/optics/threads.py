@@ -25,23 +25,38 @@ _users = 0
 _threads = 1
 
 
+class _Of(threading.local):
+    """Of this thread: whether it works on a piece."""
+
+    a_piece = False
+
+
+_of = _Of()
+
+
 def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: torch.device) -> list[Result]:
     """work(item) for each item, without gradients, in the order of the items.
 
-    On a CPU as many at a time as PyTorch may use threads, each operation on one of them; elsewhere one after
-    another. An exception of one item is raised here.
+    On a CPU as many at a time as PyTorch may use threads, each operation on one of them; elsewhere, and for
+    pieces of a piece, one after another. An exception of one item is raised here.
     """
-    count = min(torch.get_num_threads(), len(items), MOST_THREADS)
+    with _lock:
+        allowed = _threads if _users else torch.get_num_threads()
+    count = min(1 if _of.a_piece else allowed, len(items), MOST_THREADS)
     inference = torch.is_inference_mode_enabled()
 
     def alone(item: Item) -> Result:
         with torch.inference_mode(inference), torch.no_grad():
             return work(item)
 
+    def piece(item: Item) -> Result:
+        _of.a_piece = True
+        return alone(item)
+
     if count <= 1 or device.type != "cpu":
         return [alone(item) for item in items]
-    with _one_thread_an_operation(), ThreadPoolExecutor(count) as pool:
-        return list(pool.map(alone, items))
+    with one_thread_an_operation(), ThreadPoolExecutor(count) as pool:
+        return list(pool.map(piece, items))
 
 
 @contextmanager
@@ -56,8 +71,10 @@ def one_thread() -> Generator[None]:
 
 
 @contextmanager
-def _one_thread_an_operation() -> Generator[None]:
-    """PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
+def one_thread_an_operation() -> Generator[None]:
+    """Work of many small operations, each on one thread; `in_threads` uses as many as before.
+
+    PyTorch's number of threads is the whole process's: the first user sets it, the last sets it back."""
     global _users, _threads
     with _lock:
         if _users == 0:

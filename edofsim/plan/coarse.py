@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..capture.fidelity import Fidelity
 from ..capture.photograph import capture
+from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
 
@@ -27,7 +28,7 @@ class Coarse:
     camera: Camera
     times: int
     exposure: float
-    _known: dict[Fidelity, Tensor] = field(default_factory=dict, repr=False, compare=False)
+    _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def photo(self, fidelity: Fidelity) -> Tensor:
         """The clean photo [channel, y, x] by a fidelity of the whole view."""
@@ -39,13 +40,14 @@ class Coarse:
         if self.times > 1:
             change |= {"pupil_sampling_um": None, "oversampling": None}
         here = fidelity.changed(change)
-        if here not in self._known:
-            self._known[here] = capture(self.view, self.camera, here, exposure=self.exposure).clean
-        return self._known[here]
+        return self._known.get(
+            here, lambda: capture(self.view, self.camera, here, exposure=self.exposure).clean
+        )
 
 
-def coarse_of(view: View, camera: Camera, exposure: float) -> Coarse:
-    """The view and the camera with pixels as large as `PIXELS` asks for."""
+def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | None = None) -> Coarse:
+    """The view and the camera with pixels as large as `PIXELS` asks for. pupil_um: how finely its pupil is
+    sampled, None for automatically."""
     rows, columns = view.padded_shape
     times = max(1, round(math.sqrt(rows * columns / PIXELS)))
     times = min(times, view.height, view.width)
@@ -53,9 +55,12 @@ def coarse_of(view: View, camera: Camera, exposure: float) -> Coarse:
         return Coarse(view, camera, 1, exposure)
     recipe = camera.recipe
     window = _even(recipe.psf.window_px / times)
+    samples = recipe.psf.oversampling
+    finely = samples if samples == "auto" else samples * times
+    psf = {"window_px": window, "pupil_sampling_um": pupil_um or "auto", "oversampling": finely}
     larger = recipe.model_copy(
         update={
-            "psf": recipe.psf.model_copy(update={"window_px": window, "pupil_sampling_um": "auto"}),
+            "psf": recipe.psf.model_copy(update=psf),
             "sensor": recipe.sensor.model_copy(update={"pixel_um": recipe.sensor.pixel_um * times}),
         }
     )

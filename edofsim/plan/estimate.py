@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -10,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..core.progress import Progress
+from ..optics.threads import in_threads
 from .effect import Effect, Errors, Level
 from .facts import Facts, rms
 
@@ -50,11 +52,15 @@ class Estimates:
     def _named(self) -> Mapping[str, Estimate]:
         return {row.effect.name: row for row in self.rows}
 
+    @cached_property
+    def _listed(self) -> list[list[float]]:
+        return self.products.tolist()
+
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
         images, noise, bias = self.left_out(chosen)
-        pairs = self.products[images][:, images].sum() if images else torch.zeros(())
-        return float((pairs + noise).clamp_min(0).sqrt()) + bias
+        pairs = sum(self._listed[one][other] for one in images for other in images)
+        return max(0.0, pairs + noise) ** 0.5 + bias
 
     def left_out(self, chosen: Mapping[str, int]) -> tuple[list[int], float, float]:
         """What these levels leave out: rows of `products`, the mean square of independent noise, and a shift
@@ -96,25 +102,43 @@ def estimate(
     at, None for all of them.
     """
     rows: list[Estimate] = []
-    differences: list[Tensor] = []
-    for number, effect in enumerate(effects):
-        if progress:
-            progress(number / len(effects), f"estimating {effect.name}")
+    todo: dict[int, tuple[Effect, tuple[Level, ...]]] = {}
+    for effect in effects:
         absent, levels = levels_of(facts, effect, more)
         if asked is not None and effect.name not in asked and len(levels) > 1:
             rows.append(Estimate(effect, absent, levels[-1:], (_nothing(facts),), (-1,), asked=False))
             continue
-        if len(levels) == 1 or effect.error is not None:
-            measured = effect.error if len(levels) > 1 else None
-            errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
-            rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
-            continue
-        found = (effect.differences or of_psfs)(facts, levels[:-1])
+        measured = effect.error if len(levels) > 1 else None
+        errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
+        if len(levels) > 1 and effect.error is None:
+            todo[len(rows)] = (effect, levels)
+        rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
+    differences: list[Tensor] = []
+    for row, found in zip(todo, _measured(facts, list(todo.values()), progress), strict=True):
         images = range(len(differences), len(differences) + len(found))
         differences.extend(found)
-        rows.append(Estimate(effect, absent, levels, (*map(rms, found), _nothing(facts)), (*images, -1)))
+        errors = (*map(rms, found), _nothing(facts))
+        rows[row] = replace(rows[row], errors=errors, images=(*images, -1))
     rows = _add_nested_effects(rows, differences)
     return Estimates(tuple(rows), _products(differences), tuple(differences))
+
+
+def _measured(
+    facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level]]], progress: Progress | None
+) -> list[Sequence[Tensor]]:
+    """What the levels of effects change, several effects at a time."""
+    lock, done = threading.Lock(), 0
+
+    def measure(one: tuple[Effect, Sequence[Level]]) -> Sequence[Tensor]:
+        nonlocal done
+        effect, levels = one
+        with lock:
+            if progress:
+                progress(done / len(todo), f"estimating {effect.name}")
+            done += 1
+        return (effect.differences or of_psfs)(facts, levels[:-1])
+
+    return in_threads(measure, todo, torch.device("cpu"))
 
 
 def _products(differences: Sequence[Tensor]) -> Tensor:

@@ -67,7 +67,7 @@ class Facts:
     @cached_property
     def coarse(self) -> Coarse:
         """What occlusion is seen in."""
-        return coarse_of(self.view, self.camera, self.exposure)
+        return coarse_of(self.view, self.camera, self.exposure, self.quick_pupil_um)
 
     @cached_property
     def averaging(self) -> tuple[float, ...]:

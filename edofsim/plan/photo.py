@@ -10,6 +10,7 @@ from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
+from ..optics.threads import one_thread_an_operation
 from ..render.view import View
 from .choose import Chosen, everything, fastest, fidelity_of, within
 from .costs import WORTH_RESTORING_S, WORTH_S, Costs
@@ -190,6 +191,7 @@ class Planner:
         )
 
 
+@one_thread_an_operation()
 def planner_of(
     view: View,
     camera: Camera,
@@ -215,6 +217,7 @@ def planner_of(
     return Planner(facts, costs, found, disk_mib, restore)
 
 
+@one_thread_an_operation()
 def plan_photo(
     view: View,
     camera: Camera,

@@ -17,7 +17,7 @@ from .effects import EFFECTS
 from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
-VERSION = 27
+VERSION = 28
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""
@@ -98,7 +98,7 @@ def _key(
     height = facts.camera.height_map
     for tensor in (facts.view.radiance, facts.view.inverse_depth, facts.view.pixel, height):
         if tensor is not None:
-            digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
+            digest.update(tensor.detach().cpu().contiguous().numpy().data)
     file = getattr(facts.camera.recipe.mask, "file", None)
     if file is not None and (facts.camera.base / file).is_file():
         digest.update((facts.camera.base / file).read_bytes())

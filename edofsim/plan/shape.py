@@ -79,15 +79,10 @@ class Shape:
     def fragments(self) -> int:
         return sum(self.whole.fragments)
 
-    def tiles(self, reach: int) -> list[Tile]:
-        """The parts of the frame that are composited where PSFs reach so far; none: all of it in one go."""
-        if reach not in self._tiles:
-            self._tiles[reach] = tiles_to_composite(self.edges, self, reach)
-        return self._tiles[reach]
-
     @cached_property
-    def _tiles(self) -> dict[int, list[Tile]]:
-        return {}
+    def tiles(self) -> list[Tile]:
+        """The parts of the frame that are composited; none: all of it in one go."""
+        return tiles_to_composite(self.edges, self, self.reach)
 
     @cached_property
     def _known(self) -> dict[Tile, Slabs]:

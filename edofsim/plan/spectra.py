@@ -20,6 +20,7 @@ from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity, simpler_camera
 from ..capture.imaging import Axes, gathering_of
 from ..capture.prepare import kernels_of
+from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
 from .tiles import choose_tiles
@@ -35,17 +36,21 @@ EVENLY = 0.3
 on small versions of `clutter`, `foliage`, `night`, `stilllife` and `hallway`."""
 CELLS = 2000
 """Of the view's inverse depths, to find that."""
+BANDS = 16
+"""Wavelengths at which these are looked at, evenly over the view's bands."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 65.0
 """Spectra of light are told apart by as many components as leave less than this of them."""
 MOST_COMPONENTS = 8
+SOME = 20_000
+"""Fragments that stand for all where only the mean of their light counts."""
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64 [n],
-    the pixel of each, tile by tile; corners, shares: as `choose_tiles` gives them; other fields as in
+    """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64
+    [n], the pixel of each, tile by tile; corners, shares: as `choose_tiles` gives them; other fields as in
     `Facts`, response times exposure."""
 
     view: View
@@ -60,8 +65,7 @@ class Spectra:
     place: Tensor
     corners: tuple[tuple[int, int], ...]
     shares: Tensor
-    _known: dict[tuple[object, ...], Tensor] = field(default_factory=dict, repr=False, compare=False)
-    _light_of: dict[str, tuple[Tensor, Tensor]] = field(default_factory=dict, repr=False, compare=False)
+    _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
         """`count` inverse depths evenly from the farthest to the nearest, or the view's own where these are
@@ -92,18 +96,17 @@ class Spectra:
     def by_bands(self, fidelity: Fidelity) -> Tensor:
         """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
         nodes = self.nodes_of_light(NODES)
-        weights, components = self._components()
+        weights, components = self._components
         light = self._light("components", components, nodes)
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
         gathering = gathering_of(self.camera, fidelity, axes)
-        bands = self.view.wavelengths.double()
-        # PSFs of a group's wavelengths are interpolated between those of the bands
-        between = _hat(gathering.wavelengths, bands, nearest=False)
+        few, shares = self._few_bands
+        between = _hat(gathering.wavelengths, few.wavelengths, nearest=False)
         shared = torch.einsum(
-            "cg,gk,gb->ckb", gathering.response, gathering.light @ weights, gathering.psfs @ between
+            "cg,gk,gw->ckw", gathering.response, gathering.light @ weights, gathering.psfs @ between
         )
-        change = shared - torch.einsum("cb,bk->ckb", self.response, weights)
-        otfs = self._otfs(self.full, every_band(bands, self.response), nodes)
+        change = shared - (shares @ weights).transpose(1, 2)
+        otfs = self._otfs(self.full, few, nodes)
         return self._vector(
             _summed(_mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1)), light)
         )
@@ -125,18 +128,18 @@ class Spectra:
         estimates."""
         quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
         nodes = self.nodes_of_light(NODES if quick else FEW_NODES)
-        gathering = every_band(self.view.wavelengths.double(), self.response)
+        gathering, shares = self._few_bands
         if not quick:
             gathering = self._gathering(1, nodes)
         change = self._otfs(fidelity, gathering, nodes) - self._otfs(reference, gathering, nodes)
         if not quick:
             return self._by_channel(gathering, nodes, change)
-        weights, components = self._components()
+        weights, components = self._components
         light = self._light("components", components, nodes)
-        of_each = self.response[:, None] * weights.T
+        of_each = (shares @ weights).transpose(1, 2)
         found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
-        return self._vector(found, self._of_mean(change, gathering, nodes, reach))
+        return self._vector(found, self._of_mean(change, shares, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
@@ -145,6 +148,17 @@ class Spectra:
         otfs = self._otfs(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
+
+    @cached_property
+    def _few_bands(self) -> tuple[Gathering, Tensor]:
+        """Bands that stand for all, those between by linear interpolation; and what each channel sees of each
+        band by the PSFs of one of these, [channel, few, band] float64."""
+        bands = self.view.wavelengths.double()
+        some = torch.linspace(0, bands.numel() - 1, min(bands.numel(), BANDS)).round().long()
+        between = _hat(bands, bands[some], nearest=False).double()
+        return every_band(bands[some], self.response[:, some]), torch.einsum(
+            "cb,bw->cwb", self.response.double(), between
+        )
 
     def _gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
         """One group a channel."""
@@ -167,37 +181,36 @@ class Spectra:
         materials = (camera.lens.identity(), camera.mask_material.formula)
         about = (camera.recipe.model_dump_json(), materials, tuple(s.name for s in whole.simplifications))
         key = (*about, tuple(gathering.wavelengths.tolist()), gathering.groups, tuple(nodes.tolist()))
-        if key not in self._known:
-            most = self.camera.recipe.psf.window_px
-            values = torch.stack(
-                [
-                    _resized(kernels.layer(node), self.side)
-                    for kernels in (kernels_of(camera, gathering.wavelengths, nodes, most),)
-                    for node in range(nodes.numel())
-                ]
-            )
-            self._known[key] = torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
-        values = self._known[key]
-        if window < self.side:
-            values = _resized(_resized(values, window), self.side)
-        if ("otf", window, *key) not in self._known:
-            self._known["otf", window, *key] = torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
-        return self._known["otf", window, *key]
+
+        def psfs() -> Tensor:
+            kernels = kernels_of(camera, gathering.wavelengths, nodes, self.camera.recipe.psf.window_px)
+            each = [_resized(kernels.layer(node), self.side) for node in range(nodes.numel())]
+            values = torch.stack(each)
+            return torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
+
+        def otfs() -> Tensor:
+            values = self._known.get(key, psfs)
+            if window < self.side:
+                values = _resized(_resized(values, window), self.side)
+            return torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
+
+        return self._known.get(("otf", window, *key), otfs)
 
     def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tensor:
         """Spectra of light [k, n] at nodes, see `_moved`, under the window but for what covers pixels:
         complex [tile, node, k, y, x]."""
-        key = ("spectrum", name, shared, tuple(nodes.tolist()))
-        if key not in self._known:
+
+        def spectrum() -> Tensor:
             image = self._moved(name, radiance, nodes, shared)
-            self._known[key] = torch.fft.rfft2(image if name == "cover" else image * self.taper)
-        return self._known[key]
+            return torch.fft.rfft2(image if name == "cover" else image * self.taper)
+
+        return self._known.get(("spectrum", name, shared, tuple(nodes.tolist())), spectrum)
 
     def _moved(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool) -> Tensor:
         """Images of light [k, n] that was moved to the nearest of the nodes, where its PSF is that of a depth
         and no mixture; shared: among the two that it lies between. [tile, node, k, y, x]."""
-        key = (name, shared, tuple(nodes.tolist()))
-        if key not in self._known:
+
+        def moved() -> Tensor:
             depth = self.view.inverse_depth[self.which].double()
             tiles, size, count = len(self.shares), self.side**2, nodes.numel()
             image = radiance.new_zeros(len(radiance), tiles * count * size)
@@ -210,27 +223,31 @@ class Spectra:
             for node, part in parts:
                 at = (self.place // size * count + node) * size + self.place % size
                 image.index_add_(1, at, part)
-            image = image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
-            if name != "cover":
-                return image
-            self._known[key] = image
-        return self._known[key]
+            return image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
+
+        if name != "cover":  # whose spectra are kept
+            return moved()
+        return self._known.get((name, shared, tuple(nodes.tolist())), moved)
 
     def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
         """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these
         pixels, [band, node] float64."""
         view, count = self.view, nodes.numel()
         reach = min(reach, view.margin)
-        key = ("depths", reach, tuple(nodes.tolist()))
-        if key not in self._known:
+
+        def by_depth() -> Tensor:
             rows, columns = view.height + 2 * reach, view.width + 2 * reach
-            y = view.pixel // view.padded_shape[1] - (view.margin - reach)
-            x = view.pixel % view.padded_shape[1] - (view.margin - reach)
-            inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden
-            node = torch.where(inside, _nearest(view.inverse_depth.double(), nodes), count)
-            amount = view.radiance.new_zeros(view.bands, count + 1).index_add_(1, node, view.radiance)
-            self._known[key] = amount[:, :count].double() / (rows * columns)
-        return self._known[key]
+            step = max(1, view.pixel.numel() // SOME)
+            pixel = view.pixel[::step]
+            y = pixel // view.padded_shape[1] - (view.margin - reach)
+            x = pixel % view.padded_shape[1] - (view.margin - reach)
+            inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden[::step]
+            node = torch.where(inside, _nearest(view.inverse_depth[::step].double(), nodes), count)
+            amount = view.radiance.new_zeros(view.bands, count + 1)
+            amount.index_add_(1, node, view.radiance[:, ::step])
+            return amount[:, :count].double() * (step / (rows * columns))
+
+        return self._known.get(("depths", reach, tuple(nodes.tolist())), by_depth)
 
     @property
     def _mean(self) -> Tensor:
@@ -245,48 +262,49 @@ class Spectra:
         light = self.view.radiance.index_select(1, self.which)
         return torch.addmm(light, mean, self.view.coverage[self.which][None], alpha=-1)
 
+    @cached_property
     def _components(self) -> tuple[Tensor, Tensor]:
         """The light as few components: what each adds to each band, [band, component] float64, and
         [component, n]; weighted by what the sensor sees of a band."""
-        if "components" not in self._light_of:
-            seen = self.response.square().sum(0).sqrt()
-            scaled = self._radiance * seen.to(self._radiance)[:, None]
-            power, axes = torch.linalg.eigh((scaled @ scaled.T).double())
-            power, axes = power.flip(0).clamp_min(0), axes.flip(1)
-            left = power.sum() - power.cumsum(0)
-            enough = int((left > 10 ** (-FOUND_DB / 10) * power.sum()).sum()) + 1
-            axes = axes[:, : min(enough, MOST_COMPONENTS)]
-            weights = axes / seen.clamp_min(1e-12)[:, None] * (seen > 0)[:, None]
-            self._light_of["components"] = (weights, axes.T.to(scaled) @ scaled)
-        return self._light_of["components"]
+        seen = self.response.square().sum(0).sqrt()
+        scaled = self._radiance * seen.to(self._radiance)[:, None]
+        power, axes = torch.linalg.eigh((scaled @ scaled.T).double())
+        power, axes = power.flip(0).clamp_min(0), axes.flip(1)
+        left = power.sum() - power.cumsum(0)
+        enough = int((left > 10 ** (-FOUND_DB / 10) * power.sum()).sum()) + 1
+        axes = axes[:, : min(enough, MOST_COMPONENTS)]
+        weights = axes / seen.clamp_min(1e-12)[:, None] * (seen > 0)[:, None]
+        return weights, axes.T.to(scaled) @ scaled
+
+    @cached_property
+    def _channels(self) -> Tensor:
+        """The light that each channel sees, [channel, n]."""
+        return self.response.to(self._radiance) @ self._radiance
 
     def _by_channel(
         self, gathering: Gathering, nodes: Tensor, change: Tensor, shared: bool = False
     ) -> Tensor:
         """change: of the OTFs of one group a channel, complex [node, channel, y, x]."""
-        if "channels" not in self._light_of:
-            weights = gathering.response @ gathering.light
-            self._light_of["channels"] = (weights, weights.to(self._radiance) @ self._radiance)
-        weights, radiance = self._light_of["channels"]
         found = torch.zeros((), dtype=change.dtype)
         for of_node, there in zip(
-            change, self._light("channels", radiance, nodes, shared).unbind(1), strict=True
+            change, self._light("channels", self._channels, nodes, shared).unbind(1), strict=True
         ):
             found = torch.addcmul(found, of_node, there)
-        return self._vector(found, self._of_mean(change, gathering, nodes, self.view.margin))
+        shares = gathering.response[:, :, None] * gathering.light
+        return self._vector(found, self._of_mean(change, shares, nodes, self.view.margin))
 
-    def _of_mean(self, change: Tensor, gathering: Gathering, nodes: Tensor, reach: int) -> Tensor:
+    def _of_mean(self, change: Tensor, shares: Tensor, nodes: Tensor, reach: int) -> Tensor:
         """What becomes of the view's mean light, and of veiling glare, under the window: [tile, channel, y,
-        x]. change: of OTFs [node, group, y, x]; reach: pixels around the frame that light comes from.
+        x]. change: of OTFs [node, group, y, x]; shares: of each channel's bands that each group's PSFs blur,
+        [channel, group, band]; reach: pixels around the frame that light comes from.
 
         On a slanted surface its blur changes from place to place. Where surfaces hide others, light that is
         the same everywhere is blurred to itself, and a sum over depths would have steps that no photo has:
         only what PSFs truncate counts. That becomes veiling glare, all over the frame.
         """
-        light = gathering.light @ self._by_depth(nodes, reach)
-        truncated = change[..., 0, 0].real.to(light)
-        glare = gathering.response @ (light * truncated.T).sum(1)
-        level = gathering.response * (gathering.light @ self._mean)
+        truncated = change[..., 0, 0].real.to(shares)
+        glare = torch.einsum("cgb,bn,ng->c", shares, self._by_depth(nodes, reach), truncated)
+        level = shares @ self._mean
         cover = self.view.coverage[self.which][None]
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]

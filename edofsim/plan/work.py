@@ -125,7 +125,7 @@ def _parts_of(
             math.ceil((rows + 2 * margin) / side), math.ceil((columns + 2 * margin) / side), width, nodes
         )
 
-    tiles = shape.tiles(margin)
+    tiles = shape.tiles
     for tile in tiles:
         nodes = [
             shape.slabs(tile).nodes_used(layers, slab) for slab in range(len(shape.slabs(tile).fragments))
@@ -145,6 +145,12 @@ def _parts_of(
     return amounts, held
 
 
+@lru_cache(maxsize=4096)
+def _transform_size(rows: int, columns: int, window: int) -> int:
+    """Pixels of the Fourier transforms of a part with its margin."""
+    return math.prod(Grid(rows, columns, window // 2, window).transform)
+
+
 @dataclass
 class _Composites:
     """Work of one sub-aperture, added up tile by tile.
@@ -160,7 +166,7 @@ class _Composites:
 
     def add(self, rows: int, columns: int, window: int, nodes: Sequence[int]) -> None:
         """A tile with its margin; nodes: that each slab's light has a share in."""
-        size = math.prod(Grid(rows, columns, window // 2, window).transform)
+        size = _transform_size(rows, columns, window)
         one = size * math.log2(size)
         self.transforms += (COVERAGES * max(nodes) + 2 * COVERAGES * len(nodes)) * one
         self.products += (sum(nodes) + max(nodes)) * 2 * COVERAGES * size
@@ -199,7 +205,7 @@ class _Blur:
         """One blur of some fragments at some depth nodes, in a frame with its margin. lights: of which there
         are images, where they are fewer."""
         lights = lights or images
-        size = math.prod(Grid(rows, columns, window // 2, window).transform)
+        size = _transform_size(rows, columns, window)
         self.largest = max(self.largest, size)
         self.blurs += 1
         self.visits += nodes
@@ -226,7 +232,7 @@ def _blur_of(shape: Shape, occlusion: str, window: int, layers: int, groups: int
             work.add(rows, columns, window, 1, COVERAGES, visible / nodes, 1)
         work.scanned += visible * nodes
         return work
-    tiles = shape.tiles(margin) if occlusion == "hidden" else []
+    tiles = shape.tiles if occlusion == "hidden" else []
     if occlusion == "none" or tiles or not shape.edges.numel():
         work.add(rows, columns, window, nodes, groups, visible)
     if occlusion == "none":

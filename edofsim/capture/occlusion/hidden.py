@@ -14,7 +14,7 @@ The products know averages over the pupil alone; `sub_apertures` tells what that
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import torch
@@ -34,25 +34,23 @@ ENOUGH = 0.5
 """Coverage from which on what lies behind a slab counts as complete, up to holes to be filled."""
 
 
-def compose(view: View, blurring: Blurring) -> Tensor:
+def compose(view: View, blurring: Blurring, layout: Layout | None = None) -> Tensor:
     """[channel, y, x] of the padded frame; outside the frame itself the image is linear.
 
     Only tiles that a blur can carry across a depth edge are composited; elsewhere the linear image is exact.
-    Where so many tiles are that their overlaps cost more than the whole frame, that is done in one go.
+    layout: of the view, or of it with a wider margin; None to choose it here.
     """
-    edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
-    if not edges.numel():
-        return blurring.light(view, seen(view))
-    tiles = tiles_to_composite(edges, view, blurring.reach)
-    if not tiles:
-        return composite(view, blurring)
-    photo = blurring.light(view, seen(view)).clone()
+    layout = layout_of(view, blurring.gap, blurring.reach) if layout is None else layout
+    if layout.whole is not None:
+        return composite(view, blurring, layout.whole)
+    photo = blurring.light(view, seen(view))
     m = view.margin
-    for tile in tiles:
+    for number, (tile, cut) in enumerate(layout.tiles):
+        photo = photo.clone() if number == 0 else photo
         around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)
-        photo[:, rows, columns] = around.crop_margin(composite(around, blurring))
+        photo[:, rows, columns] = around.crop_margin(composite(around, blurring, cut))
     return photo
 
 
@@ -62,6 +60,33 @@ class Tile:
     left: int
     height: int
     width: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a frame is composited. tiles: its parts, and the inverse depths at which each is cut into slabs;
+    whole: those of the whole frame where it is done in one go, else None."""
+
+    tiles: tuple[tuple[Tile, list[float]], ...] = ()
+    whole: list[float] | None = None
+
+
+def layout_of(view: View, gap: float, reach: int) -> Layout:
+    """The parts of a view that blurs of so many pixels carry light into across depth edges, and their cuts.
+
+    Where so many tiles are that their overlaps cost more than the whole frame, that is done in one go. gap:
+    in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are alike only
+    where their layout is.
+    """
+    dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
+    edges = torch.unique(dark.pixel[hides(dark, gap).front])
+    if not edges.numel():
+        return Layout()
+    tiles = tiles_to_composite(edges, dark, reach)
+    if not tiles:
+        return Layout(whole=cuts(dark, gap))
+    parts = (crop(dark, tile.top, tile.left, tile.height, tile.width, reach) for tile in tiles)
+    return Layout(tuple((tile, cuts(part, gap)) for tile, part in zip(tiles, parts, strict=True)))
 
 
 class Framed(Protocol):
@@ -107,9 +132,9 @@ def transform_pixels(height: int, width: int, reach: int) -> int:
     return (height + 4 * reach) * (width + 4 * reach)
 
 
-def composite(view: View, blurring: Blurring) -> Tensor:
-    """The whole padded frame composited in one go: [channel, y, x]."""
-    slabs = slabs_of(view, cuts(view, blurring.gap))
+def composite(view: View, blurring: Blurring, cut: list[float]) -> Tensor:
+    """The whole padded frame composited in one go: [channel, y, x]. cut: inverse depths between slabs."""
+    slabs = slabs_of(view, cut)
 
     def blurred(which: Tensor) -> tuple[Tensor, Tensor]:
         shown = revealed(view, which)

@@ -24,8 +24,8 @@ from ..convolution import Grid, mixed, spectrum, summed_products
 from ..crop import crop
 from ..kernels import Kernels
 from ..light import light_of
-from .hidden import Tile, merged, slabs_of, tiles_to_composite
-from .slabs import cuts, hides, revealed
+from .hidden import Layout, layout_of, merged, slabs_of
+from .slabs import revealed
 
 HELD_SHARE = 0.5
 """Least share of a sub-aperture's light, of that at the depth that its window holds most of it at, for which
@@ -35,37 +35,43 @@ LEAST_LIGHT = 1e-3
 
 
 def change_by_sub_apertures(
-    view: View, blurring: Blurring, through: Sequence[Kernels], side: int = 1
+    view: View,
+    blurring: Blurring,
+    through: Sequence[Kernels],
+    side: int = 1,
+    layout: Layout | None = None,
 ) -> Tensor:
     """[channel, y, x] of the padded frame, zero outside of the frame itself: composited through each
     sub-aperture and added, minus composited through the whole pupil.
 
     blurring: through the whole pupil; through: its PSFs shared out, at the same nodes; side: of the pixels of
-    all these PSFs, in pixels of the view: the change is interpolated between them. Gradients reach light and
-    PSFs.
+    all these PSFs, in pixels of the view: the change is interpolated between them; layout: as of `compose`.
+    Gradients reach light and PSFs.
     """
-    edges = torch.unique(view.pixel[hides(view, blurring.gap).front])
-    change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
-    if not edges.numel():
-        return change
     reach, pixels = side * blurring.reach, CoarsePixels(side)
-    tiles = tiles_to_composite(edges, view, reach)
+    layout = layout_of(view, blurring.gap, reach) if layout is None else layout
+    change = view.radiance.new_zeros(len(blurring.response), *view.padded_shape)
     m = view.margin
-    for tile in tiles or [Tile(0, 0, view.height, view.width)]:
-        around = crop(view, tile.top, tile.left, tile.height, tile.width, reach) if tiles else view
+    if layout.whole is not None:
+        frame = slice(m, m + view.height), slice(m, m + view.width)
+        change[:, *frame] = _change(view, blurring, through, pixels, layout.whole)
+    for tile, cut in layout.tiles:
+        around = crop(view, tile.top, tile.left, tile.height, tile.width, reach)
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)
-        change[:, rows, columns] = _change(around, blurring, through, pixels)
+        change[:, rows, columns] = _change(around, blurring, through, pixels, cut)
     return change
 
 
-def _change(view: View, blurring: Blurring, through: Sequence[Kernels], pixels: CoarsePixels) -> Tensor:
+def _change(
+    view: View, blurring: Blurring, through: Sequence[Kernels], pixels: CoarsePixels, cut: list[float]
+) -> Tensor:
     """[channel, y, x] of the frame."""
     pupil = blurring.kernels
     grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
     needed = Place.of(view, grid, pixels)
     slabs = []
-    for which in slabs_of(view, cuts(view, blurring.gap)):
+    for which in slabs_of(view, cut):
         shown = revealed(view, which)
         share = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         shine = view.radiance.index_select(1, which) * share

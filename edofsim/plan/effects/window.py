@@ -11,6 +11,8 @@ from ..estimate import of_psfs
 from ..facts import Facts, photographed
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
+LITTLE_ELSE = 0.375
+"""Of the recipe's window, from which on what is hidden counts beside what PSFs lose."""
 
 
 def levels(facts: Facts) -> list[Level]:
@@ -29,7 +31,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     found = of_psfs(facts, levels)
     if facts.full.occlusion != "hidden":
         return found
-    least = facts.camera.recipe.psf.window_px / 2
+    least = LITTLE_ELSE * facts.camera.recipe.psf.window_px
     wide = [number for number, level in enumerate(levels) if level.change["window_px"] >= least]
     for number, seen in zip(wide, photographed(facts, [levels[n].change for n in wide]), strict=True):
         found[number] = max(found[number], seen, key=lambda change: float(change.square().sum()))

@@ -29,8 +29,11 @@ Slabs = Iterable[tuple[Tensor, Tensor]]
 def _composed(compose: Compose, *names: str) -> Callable[[], AbstractContextManager[object]]:
     """These kinds of occlusion composed otherwise, without what sub-apertures would change."""
 
+    def composed(view: View, blurring: Blurring, layout: object = None) -> Tensor:
+        return compose(view, blurring)
+
     def broken() -> AbstractContextManager[object]:
-        ways = patch.dict(OCCLUSIONS, dict.fromkeys(names, compose))
+        ways = patch.dict(OCCLUSIONS, dict.fromkeys(names, composed))
         return together(ways, scaled(imaging, "change_by_sub_apertures", 0.0))
 
     return broken
