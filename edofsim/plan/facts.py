@@ -39,7 +39,7 @@ class Facts:
     distinct ones where they
     are few, else None; shorter: error of each channel if paths end after so many bounces, and plain_glass: if
     glass does not disperse, both from small renderings; noisier: the view's noise over that of the recipe's
-    samples.
+    samples; closely: whether more time is taken to look, as a restored image asks for.
     """
 
     view: View
@@ -56,6 +56,7 @@ class Facts:
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
     noisier: float = 1.0
+    closely: bool = False
 
     @cached_property
     def spectra(self) -> Spectra:

@@ -30,9 +30,11 @@ SAFETY_DB = 1.0
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 
-SCORE_DB = 57.0
+SCORE_DB = 60.0
 """Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; its shift is in
 proportion to the error. Tiles tell where that is not enough,"""
+SURE = 0.7
+"""as their shift must be within this share of what is asked for,"""
 MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
 """and so much more is asked for."""
 
@@ -104,7 +106,7 @@ class Planner:
             asked = SCORE_DB - 20 * math.log10(most_db / 0.1) + more
             chosen = fastest(self.estimates, 10 ** (-asked / 20), seconds, fixed)
             shift = tiles.shift_db(chosen)
-            if abs(shift) <= most_db:
+            if abs(shift) <= SURE * most_db:
                 return chosen, asked, shift
         whole = everything(self.estimates, fixed)
         return whole, math.inf, tiles.shift_db(whole)
@@ -209,7 +211,7 @@ def planner_of(
     more: levels the user insists on; render_seconds: predicted, of a simulation; disk_mib: of the view;
     restore: what restores the photo, for targets of the restored image.
     """
-    facts = facts or facts_of(view, camera)
+    facts = replace(facts or facts_of(view, camera), closely=restore is not None)
     costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
     # what is remembered of estimates is too little to restore
     ask = estimate if restore else remembered
@@ -241,7 +243,8 @@ def plan_photo(
     """
     given, target = checked_overrule(overrule), target or Target()
     more = _levels_of(given)
-    facts, effects = facts or facts_of(view, camera), all_effects()
+    facts = replace(facts or facts_of(view, camera), closely=target.kind == "score")
+    effects = all_effects()
     costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
     asked = None
     if not every_effect:

@@ -62,7 +62,8 @@ class RestoredTiles:
     def _error(self) -> float:
         """Mean square that restoring the full simulation leaves, without the noise of a preview's truth."""
         facts = self.facts
-        found = facts.spectra.mean((self._before - self._ideal).square())
+        left = self._before - self._ideal
+        found = facts.spectra.mean(left.square() * facts.spectra.taper, seen=1)
         of_preview = max(0.0, facts.view.noise) ** 2 * (1 - facts.noisier**-2)
         noise = of_preview * float(facts.levels_of_light.square().mean())
         return max(found - noise, 0.1 * found, 1e-12)

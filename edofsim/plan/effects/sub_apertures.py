@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import torch
 from torch import Tensor
 
 from ...capture.fidelity import FULL_SUB_APERTURES
@@ -47,12 +48,17 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    """Of coarse photos, against `FEWER`; what is left by fewer and by coarse pixels is a share of that."""
+    """Of coarse photos. What is left by coarse pixels is a share of what the whole pupil leaves, and what is
+    left by `FEWER` sub-apertures too, unless facts are to be looked at closely."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
-    (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
-    missed = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
-    whole = seen / (1 - missed)
+    if facts.closely and most < full:
+        whole, by_fewer = photographed(facts, [{"sub_apertures": n} for n in (1, most)], sub_apertures=full)
+    else:
+        (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
+        missed = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
+        whole = seen / (1 - missed)
+        by_fewer = whole * missed
 
     def left(level: Level) -> Tensor:
         across = level.change["sub_apertures"]
@@ -60,11 +66,16 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
             return whole
         if across not in (most, full):  # what a user insists on
             return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
-        fewer = missed if across < full else 0.0
         coarse = LEFT_BY_COARSE.get(level.change.get("sub_aperture_pixel", 1), 0.0)
-        return whole * math.hypot(fewer, coarse)
+        if across == full:
+            return whole * coarse
+        return by_fewer * math.hypot(1.0, coarse * _size(whole) / max(_size(by_fewer), 1e-30))
 
     return [left(level) for level in levels]
+
+
+def _size(change: Tensor) -> float:
+    return float(torch.linalg.vector_norm(change))
 
 
 EFFECT = Effect("sub-apertures", levels, why, absent, differences, within="hidden surfaces", beside=True)
