@@ -112,7 +112,7 @@ def view(
     """The view of a scene: rendered, or read from the cache or from the pictures that its recipe names.
 
     scene: name of a shipped one such as `desk`, or a TOML file. seen_by: the camera that frames it; None for
-    the one that the scene names. samples: a pixel, in place of the recipe's: fewer are faster and grainier.
+    the one that the scene names. samples: a pixel, in place of the recipe's: fewer are faster and noisier.
     resample: where its pixels see another angle than the camera's, share its light among the camera's pixels.
     cache: folder of rendered views. Raises InputError for what cannot be used, EngineError where nothing can
     render.

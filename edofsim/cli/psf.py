@@ -32,7 +32,7 @@ def psf(
 ) -> Done:
     """PSFs and MTFs of a camera as picture and EXR.
 
-    Figures: rest_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
+    Figures: truncated_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
     transmission_percent (light that the mask lets through).
     """
     depths_m = tuple(dict.fromkeys(numbers(depths, "--depths", "0.5,1,inf")))

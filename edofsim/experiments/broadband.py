@@ -222,7 +222,7 @@ def judge(
         key_of(
             system=system.digest,
             filter="known",
-            told="response",
+            conditioned_on="response",
             cube=cube.sha256,
             depth=depth,
             read_noise=READ_NOISE,

@@ -29,7 +29,7 @@ from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode
 from ..optics import PAPER_COLOURS, Camera
-from ..optics.fabrication import direct_part
+from ..optics.fabrication import unscattered_fraction
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
 from ..restore import restore
@@ -166,7 +166,7 @@ def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     recipe = camera.recipe
     if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
         return torch.ones_like(wavelengths, dtype=torch.float64)
-    return direct_part(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
+    return unscattered_fraction(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
 
 
 def with_glare(view: View, direct: Tensor) -> View:

@@ -46,20 +46,20 @@ def run(
 
     The EXR files hold a channel for each depth and wavelength, `0.5m.543nm`: the PSF as `psf_bank` gives
     it, and the modulus of its two-dimensional transfer function, pixel included, frequency 0 in the middle.
-    Figures: rest_percent.DEPTH.WAVELENGTH, light outside the window; strehl.DEPTH.WAVELENGTH;
+    Figures: truncated_percent.DEPTH.WAVELENGTH, light outside the window; strehl.DEPTH.WAVELENGTH;
     transmission_percent, light that the mask lets through.
     """
     wavelengths = torch.tensor(list(wavelengths_nm), dtype=torch.float64) * 1e-9
     inverse_depths = torch.tensor([1 / depth for depth in depths_m], dtype=torch.float64)
     progress(0.0, "point spread functions")
     bank = psf_bank(camera, wavelengths, inverse_depths, device=device)
-    bank = replace(bank, values=bank.values.cpu(), rest=bank.rest.cpu())
+    bank = replace(bank, values=bank.values.cpu(), truncated=bank.truncated.cpu())
     progress(0.3, "Strehl ratios")
     ratios = strehl(camera, wavelengths, inverse_depths)
     names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
     rows = [
-        (name, float(bank.rest[d, b]), float(ratios[d, b]), float(bank.values[d, b].max()))
+        (name, float(bank.truncated[d, b]), float(ratios[d, b]), float(bank.values[d, b].max()))
         for d, row in enumerate(names)
         for b, name in enumerate(row)
     ]
@@ -67,10 +67,10 @@ def run(
     outputs = {
         "PSFs (EXR)": _write_exr(out / "psf.exr", names, bank.values, camera, bank),
         "MTFs (EXR)": _write_exr(out / "mtf.exr", names, transfer, camera, bank),
-        "table": write_csv(out / "psf.csv", ("psf", "rest", "strehl", "peak_pixel"), rows),
+        "table": write_csv(out / "psf.csv", ("psf", "truncated", "strehl", "peak_pixel"), rows),
         "picture": psfs_plot(camera, bank, list(wavelengths_nm), list(depths_m)).save(out / "psf.png"),
     }
-    figures = {f"rest_percent.{name}": rest * 100 for name, rest, _, _ in rows}
+    figures = {f"truncated_percent.{name}": truncated * 100 for name, truncated, _, _ in rows}
     figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows}
     return figures | {"transmission_percent": bank.transmission * 100}, outputs
 
@@ -133,7 +133,7 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
                     axis.set_title(_metres(depth), fontsize=9)
                 if d == 0:
                     axis.set_ylabel(f"{nm:g} nm", fontsize=9)
-                axis.set_xlabel(f"{float(bank.rest[d, b]) * 100:.2g} % outside", fontsize=6)
+                axis.set_xlabel(f"{float(bank.truncated[d, b]) * 100:.2g} % outside", fontsize=6)
         draw_mask(axes[0][0], camera, camera.mask)
         axes[0][0].axis("on")
         axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)

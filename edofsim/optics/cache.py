@@ -20,7 +20,13 @@ from .sampling import Sampling
 
 VERSION = 5
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
-TENSORS = ("values", "rest", "wavelengths", "inverse_depths")
+TENSORS = {
+    "values": "values",
+    "rest": "truncated",
+    "wavelengths": "wavelengths",
+    "inverse_depths": "inverse_depths",
+}
+"""By name in the file, the field of `PsfBank`."""
 
 
 def key(
@@ -73,7 +79,7 @@ def forget() -> None:
 
 
 def _write(bank: PsfBank, path: Path) -> None:
-    tensors = {name: getattr(bank, name).contiguous() for name in TENSORS}
+    tensors = {name: getattr(bank, field).contiguous() for name, field in TENSORS.items()}
     s = bank.sampling
     about = [bank.transmission, s.grid.samples, s.grid.pitch, s.grid.radius]
     about += [s.largest_defocus, s.bound, s.replica_period, s.window]
@@ -83,7 +89,7 @@ def _write(bank: PsfBank, path: Path) -> None:
 def _read(path: Path) -> PsfBank:
     with safe_open(path, "pt") as file:
         transmission, samples, pitch, radius, *numbers = json.loads(file.metadata()["edofsim"])
-        tensors = {name: file.get_tensor(name) for name in TENSORS}
+        tensors = {field: file.get_tensor(name) for name, field in TENSORS.items()}
     sampling = Sampling(PupilGrid(samples, pitch, radius), *numbers)
     return PsfBank(**tensors, transmission=transmission, sampling=sampling)
 

@@ -27,8 +27,8 @@ def wave_height(wavelength: float, relief: Material) -> float:
     return wavelength / (float(relief.index(wavelength)) - 1)
 
 
-def direct_part(wavelengths: Tensor, height_error: float, relief: Material) -> Tensor:
-    """Part of the light [band] that independent height errors leave where the design sends it.
+def unscattered_fraction(wavelengths: Tensor, height_error: float, relief: Material) -> Tensor:
+    """Fraction of the light [band] that independent height errors leave where the design sends it.
 
     wavelengths: [band] in metres, float64; height_error: standard deviation in metres. exp(-s^2), s the
     standard deviation of the phase (Goodman, *Statistical Optics*, random phase screens).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import torch
@@ -14,7 +15,7 @@ from . import cache as bank_cache
 from .band_limited import band_limited_nodes, band_limited_weights
 from .bank import PsfBank
 from .camera import Camera, defocus, defocus_per_dioptre
-from .fabrication import direct_part
+from .fabrication import unscattered_fraction
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
 from .precision import own_precision
@@ -97,8 +98,8 @@ def psf_bank(
             values[depths, band] = energy
 
         in_threads(fill, _pieces(*shape[:2]), where)
-    rest = 1 - values.sum((-1, -2))
-    bank = PsfBank(values, rest, wavelengths, inverse_depths, opening.transmission, sampling)
+    truncated = 1 - values.sum((-1, -2))
+    bank = PsfBank(values, truncated, wavelengths, inverse_depths, opening.transmission, sampling)
     if key is not None:
         bank_cache.keep(key, _moved(bank, "cpu"), cache)
     return bank
@@ -116,18 +117,18 @@ def mean_psfs(
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
     camera: with a `height-map` mask; height_noise: standard deviation in metres. What the errors leave in
-    order is the designed PSF (`direct_part`); the light that they scatter spreads evenly over the period of
-    the sampled mask. Raises as `psf_bank`.
+    order is the designed PSF (`unscattered_fraction`); the light that they scatter spreads evenly over the
+    period of the sampled mask. Raises as `psf_bank`.
     """
     bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device)
-    direct = direct_part(wavelengths, height_noise, camera.mask_material)
+    unscattered = unscattered_fraction(wavelengths, height_noise, camera.mask_material)
     mask = camera.mask
     assert isinstance(mask, HeightMapMask)
     pitch = mask.pitch_um * 1e-6
     period = wavelengths * camera.sensor_distance / pitch / camera.pixel
-    glare = (1 - direct) / period.square()
+    glare = (1 - unscattered) / period.square()
     psf = bank.values.to(torch.float32)
-    return psf * direct.to(psf)[:, None, None] + glare.to(psf)[:, None, None]
+    return psf * unscattered.to(psf)[:, None, None] + glare.to(psf)[:, None, None]
 
 
 def wave_at(
@@ -213,5 +214,4 @@ def _check_size(shape: tuple[int, ...], dtype: torch.dtype) -> None:
 def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:
     if bank.values.device == torch.device(device):
         return bank
-    values, rest = bank.values.to(device), bank.rest.to(device)
-    return PsfBank(values, rest, bank.wavelengths, bank.inverse_depths, bank.transmission, bank.sampling)
+    return replace(bank, values=bank.values.to(device), truncated=bank.truncated.to(device))

@@ -48,9 +48,9 @@ def name_of(dtype: torch.dtype) -> str:
 def whole(found: PsfBank) -> float:
     """How far window and rest together are from all light, and how far below zero either reaches; NaN where
     something is not finite."""
-    values, rest = found.values.double(), found.rest.double()
-    below = torch.stack([-values.min(), -rest.min()]).max().clamp_min(0)
-    return float((values.sum((-1, -2)) + rest - 1).abs().max() + below) + 0 * float(values.sum())
+    values, truncated = found.values.double(), found.truncated.double()
+    below = torch.stack([-values.min(), -truncated.min()]).max().clamp_min(0)
+    return float((values.sum((-1, -2)) + truncated - 1).abs().max() + below) + 0 * float(values.sum())
 
 
 def camera_of(

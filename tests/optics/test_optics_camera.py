@@ -129,4 +129,4 @@ def test_shipped_cameras_work_and_the_papers_share_its_geometry(path):
     seen = Camera.from_recipe(loaded.recipe, loaded.base)
     assert seen.pixel_angle == pytest.approx(camera().pixel_angle) or not path.stem.startswith("paper-")
     bank = psf_bank(seen, PAPER_COLOURS[1:2], [0.0], window_px=16)
-    assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-5)
+    assert float(bank.values.sum() + bank.truncated) == pytest.approx(1, abs=1e-5)

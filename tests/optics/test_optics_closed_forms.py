@@ -175,7 +175,7 @@ def test_energy_outside_the_window():
     transfer = 2 / math.pi * (torch.acos(x) - x * torch.sqrt(1 - x * x))
     square = width * torch.sinc(width * f)
     inside = float(square @ transfer @ square) * float(f[1] - f[0]) ** 2
-    assert float(bank.rest) == pytest.approx(1 - inside, abs=1e-4)
+    assert float(bank.truncated) == pytest.approx(1 - inside, abs=1e-4)
     assert 1 - inside > 0.01  # else the check says nothing
 
 

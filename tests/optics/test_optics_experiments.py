@@ -54,7 +54,9 @@ def test_psfs_as_picture_and_exr(tmp_path):
     camera = small()
     figures, outputs = psf_figure.run(camera, tmp_path, wavelengths_nm=(543.0,), depths_m=(0.5, math.inf))
     assert set(outputs.values()) == set(tmp_path.iterdir())
-    names = [f"{what}.{depth}.543nm" for what in ("rest_percent", "strehl") for depth in ("0.5m", "infinity")]
+    names = [
+        f"{what}.{depth}.543nm" for what in ("truncated_percent", "strehl") for depth in ("0.5m", "infinity")
+    ]
     assert set(figures) == {*names, "transmission_percent"}
     bank = psf_bank(camera, [543e-9], [2.0, 0.0])
     with OpenEXR.File(str(tmp_path / "psf.exr"), separate_channels=True) as file:

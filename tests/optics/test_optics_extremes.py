@@ -29,4 +29,4 @@ def test_cameras_that_cannot_be(change: dict, complaint: str):
 def test_a_hole_too_small_for_an_image_lets_its_light_past_the_window(radius: float):
     recipe = CameraRecipe.model_validate({"name": "a", "lens": {"aperture_radius_mm": radius}})
     bank = psf_bank(Camera.from_recipe(recipe), [543e-9], [1.0])
-    assert float(bank.rest) > 0.99
+    assert float(bank.truncated) > 0.99

@@ -145,7 +145,7 @@ def test_made_surface_is_sampled_at_its_own_pitch():
     noisy = psf_bank(made, [GREEN], [0.5], window_px=128)
     delay = 2 * torch.pi * (float(RESIST.index(GREEN)) - 1) * 49.5e-9 / GREEN
     scattered = 1 - torch.exp(torch.tensor(-(delay**2)))
-    assert float(noisy.rest - flat.rest) == pytest.approx(float(scattered), rel=0.1)
+    assert float(noisy.truncated - flat.truncated) == pytest.approx(float(scattered), rel=0.1)
 
 
 def test_finer_pupils_see_the_squares_that_were_made():

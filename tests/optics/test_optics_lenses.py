@@ -75,7 +75,7 @@ def test_pixels_larger_than_the_disk_hold_its_light(lens):
         for v in (scale * 15 * seen.pixel, scale * 17 * seen.pixel * math.sqrt(2))
     )
     assert low < float(bank.values.sum()) < high
-    assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-5)
+    assert float(bank.values.sum() + bank.truncated) == pytest.approx(1, abs=1e-5)
 
 
 def test_an_ideal_lens_is_the_parabola_at_one_wavelength():

@@ -45,8 +45,8 @@ def test_the_registry_holds_the_masks_of_the_literature():
 def test_energy_in_the_window_and_outside_is_all_energy(entry):
     bank = psf_bank(camera(entry.example), BANDS, [0.0, 0.7, 2.0], window_px=96)
     assert bool(torch.isfinite(bank.values).all()) and bool((bank.values >= 0).all())
-    assert torch.allclose(bank.values.sum((-1, -2)) + bank.rest, torch.ones(3, 31), atol=1e-4)
-    assert bool((bank.rest > -1e-4).all()) and bool((bank.rest < 0.2).all())
+    assert torch.allclose(bank.values.sum((-1, -2)) + bank.truncated, torch.ones(3, 31), atol=1e-4)
+    assert bool((bank.truncated > -1e-4).all()) and bool((bank.truncated < 0.2).all())
     assert 0 < bank.transmission <= 1
 
 
@@ -56,7 +56,7 @@ def test_light_outside_agrees_with_a_finer_pupil(entry):
     edges = {"coded": 5e-4, "rings": 6e-4, "annular": 3e-4, "height-map": 2e-4}
     coarse = psf_bank(camera(entry.example), [600e-9], [0.0, 2.0], window_px=96)
     fine = psf_bank(camera(entry.example, psf={"pupil_sampling_um": 7.0}), [600e-9], [0.0, 2.0], window_px=96)
-    assert torch.allclose(coarse.rest, fine.rest, atol=edges.get(entry.kind, 1e-4))
+    assert torch.allclose(coarse.truncated, fine.truncated, atol=edges.get(entry.kind, 1e-4))
     difference = (coarse.values - fine.values).norm() / fine.values.norm()
     assert float(difference) < 3e-3
 

@@ -104,9 +104,9 @@ def test_extreme_distances_give_finite_psfs(distance):
     cubic = camera({"kind": "cubic"}, psf={"window_px": 16}, lens={"aperture_radius_mm": 1.5})
     inverse = 1 / float(focus_distance(cubic, GREEN)) if distance == "focus" else 1 / distance
     bank = psf_bank(cubic, [GREEN], [inverse])
-    assert bool(torch.isfinite(bank.values).all()) and bool(torch.isfinite(bank.rest).all())
+    assert bool(torch.isfinite(bank.values).all()) and bool(torch.isfinite(bank.truncated).all())
     assert bool((bank.values >= 0).all())
-    assert float(bank.values.sum() + bank.rest) == pytest.approx(1, abs=1e-6)
+    assert float(bank.values.sum() + bank.truncated) == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.parametrize("mask", ["clear", "cubic", "gaussian"])
@@ -116,7 +116,7 @@ def test_light_outside_the_window_does_not_depend_on_the_sampling(mask):
     for wavelength in (420e-9, 720e-9):
         coarse = psf_bank(camera({"kind": mask}), [wavelength], depths, dtype=torch.float64)
         fine = psf_bank(camera({"kind": mask}, psf={"pupil_sampling_um": 5.0}), [wavelength], depths)
-        assert torch.allclose(coarse.rest, fine.rest.double(), atol=1e-4)
+        assert torch.allclose(coarse.truncated, fine.truncated.double(), atol=1e-4)
 
 
 def test_a_whole_replica_period_holds_all_light():
@@ -126,7 +126,7 @@ def test_a_whole_replica_period_holds_all_light():
     whole = camera(psf={"pupil_sampling_um": 20.0, "oversampling": 4}, sensor=sensor)
     bank = psf_bank(whole, [GREEN], [1.0], window_px=period, dtype=torch.float64)
     # all of it, but for what the pupil's edge scatters farther than a replica period
-    assert float(bank.rest) == pytest.approx(0, abs=2e-3)
+    assert float(bank.truncated) == pytest.approx(0, abs=2e-3)
 
 
 def test_exact_and_parabolic_lens_differ_as_much_as_the_paper_lens_does():

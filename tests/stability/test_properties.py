@@ -67,7 +67,7 @@ def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
     view = replace(view, radiance=point)
     camera = camera_with(MASKS[mask])
     height = free_height(camera)
-    rest = psf_bank(camera.with_height(height), view.wavelengths, [depth], dtype=torch.float64).rest[0]
+    rest = psf_bank(camera.with_height(height), view.wavelengths, [depth], dtype=torch.float64).truncated[0]
     weights = response(camera, view.wavelengths).double()
     whole = weights @ point.sum(1)
     fidelity = Fidelity(method=method, occlusion="none")

@@ -32,7 +32,8 @@ __all__ = ["SensorEffect", "Signal", "automatic_exposure", "record", "sensor_eff
 def automatic_exposure(ideal: Tensor) -> float:
     """Factor from radiance to full scale for an ideal image of any shape; 1 where the image is black.
 
-    Smaller where a photo of so little light, or of a lamp in it, would not fit into the image's precision.
+    Smaller where a photo of so little light, or a highlight so bright, would not fit into the image's
+    precision.
     """
     values = ideal.detach().flatten()
     index = min(values.numel() - 1, round(WHITE_PERCENTILE / 100 * (values.numel() - 1)))

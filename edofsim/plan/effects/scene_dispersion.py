@@ -1,4 +1,4 @@
-"""Hero wavelengths: behind dispersive glass each wavelength takes its own way, one band a path."""
+"""Dispersion of scene glass: behind dispersive glass each wavelength takes its own way, one band a path."""
 
 from __future__ import annotations
 
