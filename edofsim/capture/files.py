@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -13,7 +14,9 @@ from ..core.files import write_bytes
 from ..core.images import existing, read_exr_rgb, read_picture, srgb_decode, unit_rgb, write_exr
 from ..core.notebook import picture_png
 from ..errors import InputError
-from .photo import Photo
+
+if TYPE_CHECKING:
+    from .photo import Photo
 
 PNG_AND_JPEG = (".png", ".jpg", ".jpeg")
 

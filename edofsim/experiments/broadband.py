@@ -41,6 +41,7 @@ from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper, in_parts
 from .kept import Kept, key_of
+from .paper_figures import DEPTHS_M
 from .planes import CHANNELS, Shown, channels, middle, noisy, through
 from .systems import (
     READ_NOISE,
@@ -54,7 +55,6 @@ from .systems import (
     truncated_share,
 )
 
-DEPTHS_M = (0.5, 1.0, math.inf)
 SHOWN_PX = 300
 
 

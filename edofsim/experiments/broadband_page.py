@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import TYPE_CHECKING
 
 import matplotlib
 from matplotlib.figure import Figure
@@ -20,10 +21,12 @@ from ..report.plot import (
     new_figure,
 )
 from ..report.words import decibels, distance, number, percent
-from .broadband import DEPTHS_M, Result, label_of
 from .chromatic import Chromatic
-from .paper_figures import BROADBAND
+from .paper_figures import BROADBAND, DEPTHS_M
 from .planes import CHANNELS
+
+if TYPE_CHECKING:
+    from .broadband import Result
 
 ABOUT = (
     "Every band is convolved with the point spread function of its own wavelength; the sensor's colours are "
@@ -82,7 +85,7 @@ def _scores(result: Result) -> Table:
 
 def _paper() -> Table:
     columns = (Column("The paper's"), *(Column(distance(d), "dB", 2) for d in DEPTHS_M))
-    rows = tuple((name, *(values[label_of(d)] for d in DEPTHS_M)) for name, values in BROADBAND.items())
+    rows = tuple((name, *(values[d] for d in DEPTHS_M)) for name, values in BROADBAND.items())
     return Table(columns, rows, "The paper's two cubes, of another data set, at an exposure that it does not "
                  "state.")  # fmt: skip
 

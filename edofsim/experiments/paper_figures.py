@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -40,10 +41,11 @@ NOISE: Mapping[float, float] = MappingProxyType({0.005: 29.30, 0.009: 28.82, 0.0
 FABRICATION: Mapping[float, float] = MappingProxyType({20.0: 29.31, 30.0: 29.30, 40.0: 28.07, 50.0: 25.76})
 """Figure `fig:NoiseHmap`, the same image: PSNR in dB by sigma_d in nm."""
 
-BROADBAND: Mapping[str, Mapping[str, float]] = MappingProxyType(
+DEPTHS_M = (0.5, 1.0, math.inf)
+BROADBAND: Mapping[str, Mapping[float, float]] = MappingProxyType(
     {
-        "Colorchart": MappingProxyType({"0.5m": 37.09, "1m": 35.31, "infinity": 36.46}),
-        "Butterfly": MappingProxyType({"0.5m": 36.55, "1m": 35.12, "infinity": 35.77}),
+        "Colorchart": MappingProxyType({0.5: 37.09, 1.0: 35.31, math.inf: 36.46}),
+        "Butterfly": MappingProxyType({0.5: 36.55, 1.0: 35.12, math.inf: 35.77}),
     }
 )
-"""Figure `fig:TestImageMS`, two hyperspectral images: PSNR in dB by depth."""
+"""Figure `fig:TestImageMS`, two hyperspectral images: PSNR in dB by depth in metres."""

@@ -42,9 +42,18 @@ from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
 from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
-from .scene_scores import WHOLE, Measured, SceneScore, SceneScores, figures, worst, write_table
+from .scene_scores import (
+    AWAY,
+    NEAR_EDGES,
+    WHOLE,
+    Measured,
+    SceneScore,
+    SceneScores,
+    figures,
+    worst,
+    write_table,
+)
 
-NEAR_EDGES, AWAY = "near edges", "away from edges"
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
 TRUTH_SAMPLES = 512

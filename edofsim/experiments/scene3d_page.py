@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
 from PIL import Image
@@ -34,8 +35,10 @@ from ..report.run_page import report_page
 from ..report.words import DASH, decibels, distance, number, percent
 from ..restore.scores import DepthScore, Score
 from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
-from .scene3d import AWAY, NEAR_EDGES, Seen
-from .scene_scores import WHOLE, Measured, SceneScore, SceneScores, mean, worst
+from .scene_scores import AWAY, NEAR_EDGES, WHOLE, Measured, SceneScore, SceneScores, mean, worst
+
+if TYPE_CHECKING:
+    from .scene3d import Seen
 
 IMAGES = ("photo", "restored", "wiener")
 LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALONE: "Lens alone"}

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..record import write_csv
 from .protocols import LENS_ALONE, OURS, WAYS
 
-WHOLE = "whole"
+WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 
 
 @dataclass(frozen=True)

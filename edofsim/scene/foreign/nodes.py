@@ -19,6 +19,13 @@ from ...errors import InputError
 
 PLUGINS = ("scene", "shape", "bsdf", "emitter", "sensor", "texture", "film", "sampler", "integrator",
            "rfilter", "medium", "phase", "volume")  # fmt: skip
+BSDFS = ("diffuse", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric", "thindielectric",
+         "principled", "twosided", "roughdielectric", "mask", "bumpmap", "normalmap", "blendbsdf", "null",
+         "pplastic", "measured")  # fmt: skip
+EMITTERS = ("area", "constant", "envmap", "point", "spot", "directional", "projector", "sunsky", "sky", "sun")
+SHAPES = ("obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder", "serialized", "instance",
+          "shapegroup", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids")  # fmt: skip
+TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
 MAX_BYTES = 1 << 26
 
 
@@ -319,8 +326,6 @@ def _json_colour(value: Json, where: str) -> Colour:
 
 def _kind(kind_of: str) -> str:
     """JSON tells plugins apart by their types alone."""
-    from .parts import BSDFS, EMITTERS, SHAPES, TEXTURES
-
     tables = {"bsdf": BSDFS, "emitter": EMITTERS, "shape": SHAPES, "texture": TEXTURES}
     for kind, names in tables.items():
         if kind_of in names:

@@ -18,14 +18,6 @@ from ..surfaces import settings
 from ..textures import from_srgb, mixture
 from .nodes import Colour, Node
 
-BSDFS = ("diffuse", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric", "thindielectric",
-         "principled", "twosided", "roughdielectric", "mask", "bumpmap", "normalmap", "blendbsdf", "null",
-         "pplastic", "measured")  # fmt: skip
-EMITTERS = ("area", "constant", "envmap", "point", "spot", "directional", "projector", "sunsky", "sky", "sun")
-SHAPES = ("obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder", "serialized", "instance",
-          "shapegroup", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids")  # fmt: skip
-TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
-
 _INDEX = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "bk7": 1.5046, "diamond": 2.419, "pyrex": 1.47,
           "acrylic glass": 1.49, "polypropylene": 1.49, "fused quartz": 1.458}  # fmt: skip
 """Refractive indices of named media, Mitsuba's table."""
