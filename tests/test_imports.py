@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,33 @@ def test_imports_follow_the_flow_of_data(path: Path):
     assert not outside & KEPT_OUT.get(room, set())
     for package, homes in ONLY_IN.items():
         assert package not in outside or room in homes, f"{package} is not for {room}/"
+
+
+def dotted(path: Path) -> str:
+    return ".".join(("edofsim", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
+
+
+def modules_imported(path: Path, known: set[str]) -> set[str]:
+    """Those of the known modules that a module imports, wherever in it, but not for its types alone."""
+    tree = ast.parse(path.read_text())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            node.body = []
+    package = ("edofsim", *path.relative_to(PACKAGE).parts[:-1])
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = ".".join((*package[: len(package) - node.level + 1], *filter(None, [node.module])))
+            names = (f"{base}.{alias.name}" for alias in node.names)
+            found |= {name if name in known else base for name in names}
+    return found & known
+
+
+def test_no_import_leads_back_to_where_it_began():
+    """Those within functions count as well."""
+    paths = {dotted(path): path for path in modules()}
+    graph = {name: modules_imported(path, set(paths)) - {name} for name, path in paths.items()}
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
 
 
 def test_the_rooms_are_all_there():
