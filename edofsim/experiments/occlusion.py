@@ -160,7 +160,9 @@ def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
 def scene_key(loaded: Loaded[SceneRecipe], device: str) -> str:
     """A key of everything that decides a scene's figures: the views, the cameras, and the code."""
     views = [view_key(three_bands(loaded, samples), loaded.base) for samples in (SAMPLES, LENS_SAMPLES)]
-    cameras = [camera_key(take(mask, 1.0, loaded.recipe.frame.pixel_angle)) for mask in (*MASKS, THIN_LENS)]
+    cameras = [
+        camera_key(camera_with(mask, 1.0, loaded.recipe.frame.pixel_angle)) for mask in (*MASKS, THIN_LENS)
+    ]
     return key_of(views=views, cameras=cameras, device=device)
 
 
@@ -181,7 +183,7 @@ def of_scene(
     edge = busiest_edge(view)
     model = build_scene(recipe, loaded.base)
     takes = {
-        (mask, focus): take(mask, distance, view.pixel_angle)
+        (mask, focus): camera_with(mask, distance, view.pixel_angle)
         for mask in MASKS
         for focus, distance in focus_distances(edge).items()
     }
@@ -209,10 +211,10 @@ def of_scene(
         progress=part(say, 0.9, 0.95),
     )
     for focus, distance in focus_distances(edge).items():
-        taken = take(THIN_LENS, distance, view.pixel_angle)
+        camera = camera_with(THIN_LENS, distance, view.pixel_angle)
         depth, where = recipe.render.max_depth, edge.where
-        halves = by_rays(model, fine, GREEN, where, taken, depth, device, part(say, 0.95, 1.0))
-        judged = composites(chosen_bands(fine, [GREEN]), where, taken, (halves[0] + halves[1]) / 2)
+        halves = by_rays(model, fine, GREEN, where, camera, depth, device, part(say, 0.95, 1.0))
+        judged = composites(chosen_bands(fine, [GREEN]), where, camera, (halves[0] + halves[1]) / 2)
         case = f"{scene}.{THIN_LENS}.{focus}"
         figures |= judged.figures(case)
         figures[f"noise_db.{case}"] = noise_db(*(half * judged.exposure for half in halves))
@@ -323,7 +325,7 @@ def focus_distances(edge: Edge) -> dict[str, float]:
     return {name: 1 / max(place, 0.05) for name, place in places.items()}
 
 
-def take(
+def camera_with(
     mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
 ) -> Camera:
     """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the

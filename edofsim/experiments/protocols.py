@@ -12,7 +12,7 @@ all-in-focus image that they are judged against alike: what lies beyond is asked
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
-`direct_light`), becomes veiling glare: every surface gets its share of the picture's mean.
+`unscattered_light`), becomes veiling glare: every surface gets its share of the picture's mean.
 """
 
 from __future__ import annotations
@@ -135,21 +135,23 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
-    direct = direct_light(system.camera, view.wavelengths)
+    unscattered = unscattered_light(system.camera, view.wavelengths)
     full = full_fidelity(camera, view)
     fidelity = Fidelity(
         layers=way.layers,
         occlusion=way.occlusion or full.occlusion,
         sub_apertures=min(way.sub_apertures, full.sub_apertures),
     )
-    photo = capture(with_glare(view, direct), camera, fidelity, exposure=exposure, seed=seed, device=device)
+    photo = capture(
+        with_glare(view, unscattered), camera, fidelity, exposure=exposure, seed=seed, device=device
+    )
     photo = replace(photo, ideal=ideal * exposure)
     images = {"photo": photo.image}
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
         depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
         # how finely the mask is made, and so the glare that its making leaves, is known of a camera
-        glare = (1 - channel_weights(camera, view.wavelengths) @ direct).to(photo.image)
+        glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
         images["restored"], _ = restore(
             photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, glare=glare
         )
@@ -159,7 +161,7 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
     return Taken(photo, images)
 
 
-def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
+def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
     [band], float64. 1 without a relief, and where the recipe says how the mask is made.
     """
@@ -169,9 +171,9 @@ def direct_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     return unscattered_fraction(wavelengths.double(), HEIGHT_ERROR_M, camera.mask_material)
 
 
-def with_glare(view: View, direct: Tensor) -> View:
-    """The view with the light that a made mask scatters, 1 - `direct` [band], spread evenly over it."""
-    part = direct.to(view.radiance)[:, None]
+def with_glare(view: View, unscattered: Tensor) -> View:
+    """The view with the light that a made mask scatters, 1 - `unscattered` [band], spread evenly over it."""
+    part = unscattered.to(view.radiance)[:, None]
     rows, columns = view.padded_shape
     mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
     return replace(view, radiance=view.radiance * part + mean * (1 - part) * view.coverage)

@@ -25,11 +25,11 @@ from edofsim.experiments.protocols import (
     OURS,
     WAYS,
     System,
-    direct_light,
     flattened,
     quantised,
     systems_of,
     take,
+    unscattered_light,
     views_of,
     with_glare,
 )
@@ -165,10 +165,12 @@ def test_what_height_errors_leave_is_what_a_made_mask_leaves():
         psf_bank(Camera.from_recipe(each).with_height(flat), at, [0.6], window_px=24).values[0]
         for each in (recipe, made)
     )
-    kept = direct_light(Camera.from_recipe(recipe), at)
+    kept = unscattered_light(Camera.from_recipe(recipe), at)
     assert torch.allclose(real.sum((1, 2)).double() / designed.sum((1, 2)), kept, atol=4e-3)
     assert (real - designed * kept[:, None, None]).abs().max() < 0.02 * designed.max()
-    assert (direct_light(CAMERA, at) == 1).all() and (direct_light(Camera.from_recipe(made), at) == 1).all()
+    assert (unscattered_light(CAMERA, at) == 1).all() and (
+        unscattered_light(Camera.from_recipe(made), at) == 1
+    ).all()
 
 
 def test_scattered_light_is_a_veil_that_a_filter_takes_off(view: View):

@@ -31,7 +31,7 @@ def test_focus_lies_in_front_between_and_behind():
 @pytest.mark.parametrize("mask", occlusion.MASKS)
 def test_cameras_see_the_view_s_pixels_and_are_sharp_where_asked(mask):
     for distance in (0.6, 2.0):
-        camera = occlusion.take(mask, distance, ANGLE)
+        camera = occlusion.camera_with(mask, distance, ANGLE)
         assert camera.pixel_angle == pytest.approx(ANGLE, rel=1e-9)
         assert float(focus_distance(camera, 587.6e-9)) == pytest.approx(distance, rel=1e-6)
 
@@ -54,13 +54,13 @@ def test_ways_to_composite_against_clipped_pupils(screens):
     model, view = screens.two(ANGLE, 32, window // 2)
     edge = Edge(Crop(10, 8, 8, 16), 2.5, 1.25)
     behind = occlusion.focus_distances(edge)["behind"]
-    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=1.2)
+    taken = occlusion.camera_with("clear", behind, ANGLE, window, aperture_mm=1.2)
     truth = clipped_pupils(view, model, [taken], edge.where, rays=32)[0]
     scores = scores_of(occlusion_ways.composites(view, edge.where, taken, truth))
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
     assert scores["hidden"] > 30
     beside = Crop(10, 28, 4, 4)
-    taken = occlusion.take("clear", behind, ANGLE, window, aperture_mm=0.3)
+    taken = occlusion.camera_with("clear", behind, ANGLE, window, aperture_mm=0.3)
     truth = clipped_pupils(view, model, [taken], beside, rays=32)[0]
     judged = occlusion_ways.composites(view, beside, taken, truth)
     for photo in judged.photos.values():
@@ -74,7 +74,7 @@ def test_ways_to_composite_against_rays_through_a_thin_lens(screens):
     model, view = screens.two(ANGLE, 32, window // 2)
     where = Crop(10, 8, 8, 16)
     behind = occlusion.focus_distances(Edge(where, 2.5, 1.25))["behind"]
-    taken = occlusion.take(occlusion.THIN_LENS, behind, ANGLE, window, aperture_mm=1.2)
+    taken = occlusion.camera_with(occlusion.THIN_LENS, behind, ANGLE, window, aperture_mm=1.2)
     truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
     scores = scores_of(occlusion_ways.composites(view, where, taken, truth))
     assert scores["hidden"] > max(scores["none"], scores["over"], scores["normalised"]) + 2
@@ -88,7 +88,7 @@ def test_parts_of_the_pupil_against_rays_through_the_whole_aperture(screens, foc
     model, view = screens.two(ANGLE, 32, occlusion.WINDOW // 2)
     where = Crop(10, 8, 8, 16)
     distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))[focus]
-    taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE)
+    taken = occlusion.camera_with(occlusion.THIN_LENS, distance, ANGLE)
     truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
     scores = scores_of(occlusion_ways.composites(view, where, taken, truth))
     assert scores["sub_apertures"] > 36
@@ -101,7 +101,7 @@ def test_layers_that_hide_each_other_are_judged_by_their_best_number(screens):
     model, view = screens.two(ANGLE, 32, window // 2)
     where = Crop(10, 8, 8, 16)
     distance = occlusion.focus_distances(Edge(where, 2.5, 1.25))["between"]
-    taken = occlusion.take(occlusion.THIN_LENS, distance, ANGLE, window, aperture_mm=1.2)
+    taken = occlusion.camera_with(occlusion.THIN_LENS, distance, ANGLE, window, aperture_mm=1.2)
     truth = torch.stack(occlusion.by_rays(model, view, 0, where, taken, 1)).mean(0)
     judged = occlusion_ways.composites(view, where, taken, truth)
     assert set(judged.layers) == {"over", "normalised"}
@@ -145,8 +145,8 @@ def test_a_finished_scene_is_measured_anew_once_it_is_another(tmp_path, monkeypa
     elif change == "view":
         monkeypatch.setattr(occlusion, "SAMPLES", 2 * occlusion.SAMPLES)
     else:
-        take = occlusion.take
-        monkeypatch.setattr(occlusion, "take", lambda *given: take(*given, aperture_mm=2.0))
+        camera_with = occlusion.camera_with
+        monkeypatch.setattr(occlusion, "camera_with", lambda *given: camera_with(*given, aperture_mm=2.0))
     occlusion.run(tmp_path, silent, ["bench"])
     assert calls == ["bench", "bench"]
 
