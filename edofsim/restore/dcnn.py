@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from .borders import continued
@@ -59,26 +60,35 @@ class DCnn(Restorer):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
+        beyond = continued(photo, RADIUS)
+        if not self.training:
+            return self._in_use(beyond.contiguous(memory_format=torch.channels_last))
         rows, columns = photo.shape[-2:]
-        sharp = self._sharp(continued(photo, RADIUS))
-        return sharp[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
+        return self._sharp(beyond)[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
 
     def _sharp(self, photo: Tensor) -> Tensor:
-        residual = self.residual if self.training else self._folded()
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's
-        sharp = photo + residual(photo).to(photo.dtype)
+        sharp = photo + self.residual(photo).to(photo.dtype)
         with torch.autocast(photo.device.type, enabled=False):
             return self.refine(sharp)
 
-    def _folded(self) -> nn.Module:
-        """`residual` with each normalisation folded into the convolution before it, as its statistics are
-        fixed in use: fewer passes over memory, the same image but for rounding."""
-        layers: list[nn.Module] = []
-        for layer in self.residual:
-            if isinstance(layer, nn.BatchNorm2d):
-                convolution = layers.pop()
-                assert isinstance(convolution, nn.Conv2d)
-                layer = fuse_conv_bn_eval(convolution, layer)
-            layers.append(layer)
-        folded: nn.Module = nn.Sequential(*layers)
-        return folded.to(memory_format=torch.channels_last)  # pyrefly: ignore[no-matching-overload]
+    def _in_use(self, beyond: Tensor) -> Tensor:
+        """The same of a photo that goes on for `RADIUS` pixels, which become its border and are left out
+        layer by layer. Each normalisation, whose statistics are fixed in use, is folded into the convolution
+        before it: fewer passes over memory, the same image but for rounding."""
+        *blocks, last = self.residual
+        assert isinstance(last, nn.Conv2d)
+        seen = beyond
+        for convolution, normalisation in zip(blocks[::3], blocks[1::3], strict=True):
+            assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
+            folded = fuse_conv_bn_eval(convolution, normalisation)
+            seen = functional.conv2d(seen, folded.weight, folded.bias, dilation=folded.dilation)
+            seen = functional.leaky_relu_(seen, LEAK)
+        residual = functional.conv2d(seen, last.weight, last.bias)
+        left = sum(DILATIONS) + 1
+        sharp = beyond[..., left:-left, left:-left] + residual.to(beyond.dtype)
+        with torch.autocast(beyond.device.type, enabled=False):
+            for layer in self.refine:
+                assert isinstance(layer, nn.ConvTranspose2d)
+                sharp = functional.conv_transpose2d(sharp, layer.weight, layer.bias, padding=2)
+        return sharp
