@@ -59,7 +59,6 @@ class RecipeModel(BaseModel):
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Pair = tuple[float, float]
 Triple = tuple[float, float, float]
 
 
