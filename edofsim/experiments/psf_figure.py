@@ -54,8 +54,11 @@ def run(
     progress(0.0, "point spread functions")
     bank = psf_bank(camera, wavelengths, inverse_depths, device=device)
     bank = replace(bank, values=bank.values.cpu(), rest=bank.rest.cpu())
-    progress(0.3, "Strehl ratios")
-    ratios = strehl(camera, wavelengths, inverse_depths)
+    columns = []
+    for number, wavelength in enumerate(wavelengths):
+        progress(0.3 + 0.3 * number / len(wavelengths), "Strehl ratios")
+        columns.append(strehl(camera, wavelength[None], inverse_depths))
+    ratios = torch.cat(columns, 1)
     names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
     rows = [
