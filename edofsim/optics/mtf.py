@@ -23,6 +23,8 @@ PEAKS = 8
 """Samples around which the peak of a large pupil's PSF is looked for."""
 BLOCK_BYTES = 256 << 20
 """Largest part of a transformed field that is held at a time: a fast lens needs thousands of samples."""
+LINE_BYTES = 16 << 20
+"""Of lines of the pupil that are transformed at a time: each by itself, so that few are as quick as many."""
 LARGE_PUPIL = 4096
 """Samples across the pupil beyond which each depth has a grid of its own, as fine as its steepest phase asks
 for, without the margin of the paper's bound."""
@@ -196,7 +198,7 @@ class _FocalPlane:
         the pupil's own rows, or columns."""
         total = torch.zeros(self.count, dtype=torch.float64)
         lines = self.pupil.T if down else self.pupil
-        for some in lines.split(max(1, BLOCK_BYTES // (16 * self.count))):
+        for some in lines.split(max(1, LINE_BYTES // (16 * self.count))):
             field = torch.fft.ifft(some * self.chirps[depth], n=self.count, dim=1, norm="forward")
             total += field.real.square().add_(field.imag.square()).sum(0)
         return total * self.count
