@@ -216,8 +216,8 @@ def test_transfer_functions_in_parts_are_those_of_the_whole(monkeypatch):
 
 @pytest.mark.parametrize("block, apart", [(256 << 20, 1e-9), (4 << 20, 0.03)])
 def test_a_quadrant_tells_all_of_an_even_field(monkeypatch, block: int, apart: float):
-    # the same sums by cosine transforms as by those of the whole; peaks of a large pupil are looked for around
-    # the brightest samples, four of which are one in a quadrant
+    # the same sums by cosine transforms as by those of the whole; peaks of a large pupil are looked for
+    # around the brightest samples, four of which are one in a quadrant
     camera = ideal({"kind": "annular"})
     depths, frequencies = [0.3, 1.1], torch.tensor([0.0, 11e3, 70e3])
     monkeypatch.setattr("edofsim.optics.mtf.BLOCK_BYTES", block)
@@ -238,8 +238,8 @@ def test_vertical_frequencies_are_those_of_columns():
 
 
 def test_each_depth_of_a_large_pupil_is_sampled_as_it_needs(monkeypatch):
-    # on the axis (sin(Psi / 2) / (Psi / 2))^2 (Born and Wolf, Principles of Optics, section 8.8), and along an
-    # axis of the pupil Hopkins' overlap of two discs (Proc. R. Soc. A 231, 91, 1955)
+    # on the axis (sin(Psi / 2) / (Psi / 2))^2 (Born and Wolf, Principles of Optics, section 8.8), and
+    # Hopkins' overlap of two discs (Proc. R. Soc. A 231, 91, 1955)
     monkeypatch.setattr("edofsim.optics.mtf.LARGE_PUPIL", 600)
     camera, psis = ideal(), math.pi * torch.tensor([9.0, 25.0, 95.0], dtype=torch.float64)
     depths = torch.tensor([at_defocus(camera, float(psi)) for psi in psis], dtype=torch.float64)
