@@ -26,9 +26,7 @@ def choose_tiles(
     and count less each.
     """
     beyond = min(side // 4, view.margin)  # the window that tiles are seen under is flat up to the borders
-    places = [
-        (y, x) for y in _starts(view.height, side, beyond) for x in _starts(view.width, side, beyond)
-    ]
+    places = [(y, x) for y in _starts(view.height, side, beyond) for x in _starts(view.width, side, beyond)]
     chance = _chances(view, ideal, camera, places, side)
     count = min(len(places), max(1, PIXELS // side**2))
     ticks = (np.arange(count) + np.random.default_rng(seed).random()) / count
