@@ -20,6 +20,8 @@ from .materials import Material, material
 
 FEWEST_A_PIXEL = 2
 """Samples along a pixel's side where the recipe leaves them open."""
+HIGHEST = 1e-3
+"""Height of a mask [m] beyond which it is taken to be in another unit."""
 FOCUS_SAMPLES = 4096
 """Rings of equal area in which the phase of a lens is averaged."""
 
@@ -118,7 +120,7 @@ class Camera:
         gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
         height map too, else they just cover the pupil. None for the recipe's own mask.
 
-        Raises InputError for a map that is not square and real, or holds values that are not finite.
+        Raises InputError for a map that is not square and real, or whose values are not finite or above 1 mm.
         """
         if height is not None:
             _check_height(height)
@@ -139,6 +141,17 @@ def _check_height(height: Tensor) -> None:
         )
     if not bool(torch.isfinite(height.detach()).all()):
         raise InputError("the height map holds values that are NaN or infinite; give metres")
+    check_thin(height, "the height map")
+
+
+def check_thin(height: Tensor, name: str) -> None:
+    """Raise InputError for heights [m] that no mask has, as those in another unit are."""
+    highest = float(height.detach().abs().max())
+    if highest > HIGHEST:
+        raise InputError(
+            f"{name} holds heights of {highest:.4g} m, more than {HIGHEST * 1e3:g} mm; heights are in metres:"
+            " divide micrometres by 1e6"
+        )
 
 
 def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
