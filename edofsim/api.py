@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from .capture import Fidelity, Photo, capture, full_fidelity
-from .capture.checks import check_pixel_angle
+from .capture.checks import check_pixel_angle, check_pixels, check_view
 from .capture.framing import framed, seen_through
 from .core.progress import Progress
 from .errors import InputError
@@ -196,7 +196,9 @@ def photograph(
     """
     if plan is not None and (accuracy or time):
         raise InputError("photograph: give a plan, or an accuracy or time to make one for")
-    check_pixel_angle(view, camera.pixel_angle)  # before a plan takes its time
+    check_pixels(view)  # before a plan takes its time
+    check_view(view)
+    check_pixel_angle(view, camera.pixel_angle)
     if plan is None and accuracy == "full" and time is None:
         plan = full_fidelity(camera, view)
     if plan is None:

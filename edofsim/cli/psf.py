@@ -33,7 +33,8 @@ def psf(
     """PSFs and MTFs of a camera as picture and EXR.
 
     Figures: truncated_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
-    transmission_percent (light that the mask lets through).
+    focus_m.paraxial and focus_m.best (what is sharp to rays near the axis, and to the whole aperture without
+    its mask; the recipe's focus.plane chooses), transmission_percent (light that the mask lets through).
     """
     depths_m = tuple(dict.fromkeys(numbers(depths, "--depths", "0.5,1,inf")))
     if not all(depth > 0 for depth in depths_m):

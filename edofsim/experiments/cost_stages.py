@@ -16,10 +16,12 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics import cache as psf_memory
 from ..plan import parse_target, plan_photo
+from ..plan.scene import passes_of
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
 from ..record import machine, write_csv
 from ..render import View, render
 from ..render.fetch import run_of
+from ..render.settings import samples_of_a_pass
 from ..restore import restore
 from ..restore.checkpoint import (
     Checkpoint,
@@ -81,9 +83,12 @@ def render_points(
 
 
 def _render_seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> float:
-    """Seconds that a rendering took, from its entry in the cache; 0 where that does not say."""
+    """Seconds that a rendering takes once its scene is loaded and its kernels are compiled: what its last
+    pass took, for each. From its entry in the cache; 0 where that does not say."""
     run = run_of(recipe, base, cache)
-    return sum(run["seconds"].values()) if run and "seconds" in run else 0.0
+    samples = recipe.render.samples
+    last = samples - (passes_of(samples) - 1) * samples_of_a_pass(samples)
+    return run["last_pass_seconds"]["all"] * samples / last if run and "last_pass_seconds" in run else 0.0
 
 
 def restore_points(

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..core.images import write_exr
 from ..core.progress import Progress, silent
-from ..optics import Camera, PsfBank, psf_bank
+from ..optics import Camera, PsfBank, best_focus_distance, focus_distance, psf_bank
 from ..optics.grid import PupilGrid
 from ..optics.masks import Mask, catalogue, mask_amplitude
 from ..optics.mtf import mtf, strehl
@@ -47,15 +47,19 @@ def run(
     The EXR files hold a channel for each depth and wavelength, `0.5m.543nm`: the PSF as `psf_bank` gives
     it, and the modulus of its two-dimensional transfer function, pixel included, frequency 0 in the middle.
     Figures: truncated_percent.DEPTH.WAVELENGTH, light outside the window; strehl.DEPTH.WAVELENGTH;
-    transmission_percent, light that the mask lets through.
+    focus_m.paraxial and focus_m.best, what is sharp to rays near the axis and to the whole aperture without
+    its mask; transmission_percent, light that the mask lets through.
     """
     wavelengths = torch.tensor(list(wavelengths_nm), dtype=torch.float64) * 1e-9
     inverse_depths = torch.tensor([1 / depth for depth in depths_m], dtype=torch.float64)
     progress(0.0, "point spread functions")
     bank = psf_bank(camera, wavelengths, inverse_depths, device=device)
     bank = replace(bank, values=bank.values.cpu(), truncated=bank.truncated.cpu())
-    progress(0.3, "Strehl ratios")
-    ratios = strehl(camera, wavelengths, inverse_depths)
+    columns = []
+    for number, wavelength in enumerate(wavelengths):
+        progress(0.3 + 0.3 * number / len(wavelengths), "Strehl ratios")
+        columns.append(strehl(camera, wavelength[None], inverse_depths))
+    ratios = torch.cat(columns, 1)
     names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
     rows = [
@@ -72,6 +76,9 @@ def run(
     }
     figures = {f"truncated_percent.{name}": truncated * 100 for name, truncated, _, _ in rows}
     figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows}
+    at = camera.recipe.focus.wavelength_nm * 1e-9
+    sharp = {"paraxial": float(focus_distance(camera, at)), "best": best_focus_distance(camera, at)}
+    figures |= {f"focus_m.{plane}": metres for plane, metres in sharp.items() if 0 < metres < math.inf}
     return figures | {"transmission_percent": bank.transmission * 100}, outputs
 
 

@@ -1,7 +1,7 @@
 """Optics: glass, lens, masks, pupil, point spread functions, sensor. Knows nothing of scenes."""
 
 from .bank import PsfBank
-from .camera import Camera, defocus, focal_length, focus_distance
+from .camera import Camera, best_focus_distance, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
 from .psf import mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
@@ -18,6 +18,7 @@ __all__ = [
     "add_noise",
     "defocus",
     "focal_length",
+    "best_focus_distance",
     "focus_distance",
     "material",
     "mean_psfs",

@@ -32,6 +32,11 @@ def band_limited_nodes(low: float, high: float, per_dioptre: float, error: float
     return (low + high) / 2 + (high - low) / 2 * torch.tensor(places, dtype=torch.float64)
 
 
+def fewest_nodes(low: float, high: float, per_dioptre: float) -> float:
+    """Number of nodes below which `band_limited_nodes` finds none that do, whatever the error: Nyquist's."""
+    return (high - low) * per_dioptre / math.pi - 2
+
+
 def band_limited_weights(at: Tensor, nodes: Tensor, per_dioptre: float) -> Tensor:
     """Weights [n, node], float64, of what is known at `nodes` [node] for the inverse depths `at` [n], 1/m."""
     return _weights(at.double() * per_dioptre, nodes.to(at.device, torch.float64) * per_dioptre)
@@ -65,7 +70,7 @@ def _places(half: float, error: float) -> tuple[float, ...]:
 
 def _known(count: int, half: float, error: float) -> bool:
     """Whether so many nodes tell what lies between them. They are symmetric: half of them are looked at."""
-    if count < 2 * half / math.pi - 2:
+    if count < fewest_nodes(-half, half, 1):
         return False
     nodes = half * _spread(count, error)
     between = torch.linspace(0, half, CHECKS * count // 2 + 1, dtype=torch.float64)

@@ -20,6 +20,10 @@ from .materials import Material, material
 
 FEWEST_A_PIXEL = 2
 """Samples along a pixel's side where the recipe leaves them open."""
+HIGHEST = 1e-3
+"""Height of a mask [m] beyond which it is taken to be in another unit."""
+FOCUS_SAMPLES = 4096
+"""Rings of equal area in which the phase of a lens is averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +93,12 @@ class Camera:
 
     def _repr_html_(self) -> str:
         recipe, green = self.recipe, 543e-9
-        sharp = float(focus_distance(self, green))
+        sharp, best = float(focus_distance(self, green)), best_focus_distance(self, green)
         rows = {
             "lens": f"{recipe.lens.kind}, f = {float(focal_length(self, green)) * 1e3:.4g} mm at 543 nm",
             "aperture": f"{2e3 * self.aperture_radius:.4g} mm across",
             "sharp at 543 nm": f"{sharp:.4g} m" if 0 < sharp < math.inf else "infinity",
+            "best focus at 543 nm": f"{best:.4g} m" if 0 < best < math.inf else "infinity",
             "mask": recipe.mask.kind if self.height_map is None else "a height map given in Python",
             "pixel": f"{self.pixel * 1e6:g} um, {self.pixel_angle * 1e3:.4g} mrad",
             "read noise": f"{self.read_noise:g} of full scale",
@@ -115,7 +120,7 @@ class Camera:
         gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
         height map too, else they just cover the pupil. None for the recipe's own mask.
 
-        Raises InputError for a map that is not square and real, or holds values that are not finite.
+        Raises InputError for a map that is not square and real, or whose values are not finite or above 1 mm.
         """
         if height is not None:
             _check_height(height)
@@ -136,6 +141,17 @@ def _check_height(height: Tensor) -> None:
         )
     if not bool(torch.isfinite(height.detach()).all()):
         raise InputError("the height map holds values that are NaN or infinite; give metres")
+    check_thin(height, "the height map")
+
+
+def check_thin(height: Tensor, name: str) -> None:
+    """Raise InputError for heights [m] that no mask has, as those in another unit are."""
+    highest = float(height.detach().abs().max())
+    if highest > HIGHEST:
+        raise InputError(
+            f"{name} holds heights of {highest:.4g} m, more than {HIGHEST * 1e3:g} mm; heights are in metres:"
+            " divide micrometres by 1e6"
+        )
 
 
 def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
@@ -149,6 +165,27 @@ def focus_distance(camera: Camera, wavelengths: Tensor | float) -> Tensor:
     From 1/z = 1/f - 1/z_i; infinite where the sensor lies in the focal plane, negative where it is nearer.
     """
     return 1 / (1 / focal_length(camera, wavelengths) - 1 / camera.sensor_distance)
+
+
+def best_focus_distance(camera: Camera, wavelength: float) -> float:
+    """Distance [m] that is in best focus at a wavelength [m], see `best_vergence`: for a lens whose rim
+    refracts too strongly nearer than what is paraxially sharp. Infinite or negative as `focus_distance`.
+    """
+    paraxial = 1 / float(focus_distance(camera, wavelength))
+    vergence = paraxial + best_vergence(camera.lens, wavelength)
+    return 1 / vergence if vergence else math.inf
+
+
+def best_vergence(lens: Lens, wavelength: float) -> float:
+    """Vergence [1/m] between the paraxial focus of a lens and the best, at a wavelength [m].
+
+    There the phase that is left, the lens's with defocus, has the least variance over the pupil, and the
+    Strehl ratio of a small one is largest (Born and Wolf, Principles of Optics, section 9.3); without mask.
+    """
+    area = (torch.arange(FOCUS_SAMPLES, dtype=torch.float64) + 0.5) / FOCUS_SAMPLES
+    phase = lens.phase(area * lens.aperture_radius**2, wavelength)
+    psi = -12 * float(((area - 0.5) * phase).mean())
+    return psi * wavelength / (math.pi * lens.aperture_radius**2)
 
 
 def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor | float) -> Tensor:
@@ -188,4 +225,14 @@ def _sensor_distance(recipe: CameraRecipe, lens: Lens, problems: list[str]) -> f
             f" ({focal * 1e3:.4g} mm): nothing there can be sharp; focus farther away"
         )
         return math.nan
-    return 1 / (1 / focal - 1 / recipe.focus.distance_m)
+    apart = 0.0
+    if recipe.focus.plane == "best":
+        apart = best_vergence(lens, recipe.focus.wavelength_nm * 1e-9)
+    vergence = 1 / focal - 1 / recipe.focus.distance_m + apart
+    if not vergence > 0:
+        problems.append(
+            f'focus.plane = "best" lies {abs(apart):.3g} 1/m from the paraxial plane, where no sensor can be;'
+            " take a smaller aperture, or another lens"
+        )
+        return math.nan
+    return 1 / vergence

@@ -49,11 +49,12 @@ def disc_coverage(grid: PupilGrid, radius: float) -> Tensor:
     """
     centres = grid.centres[grid.samples // 2 :]
     left, right = centres - grid.pitch / 2, centres + grid.pitch / 2
-    covered = torch.zeros(len(centres), len(centres), dtype=torch.float64)
+    covered, to, since = torch.zeros(3, len(centres), len(centres), dtype=torch.float64)
     for line in range(LINES):
         height = left + (line + 0.5) / LINES * grid.pitch
         half_chord = (radius**2 - height**2).clamp_min(0).sqrt()[:, None]
-        covered += torch.clamp(right, -half_chord, half_chord) - torch.clamp(left, -half_chord, half_chord)
+        torch.clamp(right, -half_chord, half_chord, out=to)
+        covered += to.sub_(torch.clamp(left, -half_chord, half_chord, out=since))
     quadrant = (covered + covered.T) / (2 * LINES * grid.pitch)  # as exact down as across
     half = torch.cat([quadrant.flip(0)[: grid.samples // 2], quadrant])
     return torch.cat([half.flip(1)[:, : grid.samples // 2], half], 1)
@@ -69,8 +70,9 @@ def disc_amplitude(grid: PupilGrid, radius: float) -> Tensor:
     volumes).
     """
     covered = torch.nn.functional.pad(disc_coverage(grid, radius), (1, 1, 1, 1))
-    covered = covered - (covered.roll(1, 0) - 2 * covered + covered.roll(-1, 0)) / 24
-    covered = covered - (covered.roll(1, 1) - 2 * covered + covered.roll(-1, 1)) / 24
+    for axis in (0, 1):
+        bend = covered.roll(1, axis).sub_(covered, alpha=2).add_(covered.roll(-1, axis))
+        covered -= bend.div_(24)
     return covered[1:-1, 1:-1]
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..core.files import whole
 from ..errors import InputError
-from .camera import Camera
+from .camera import Camera, check_thin
 from .fabrication import make, makes_squares, wave_height
 from .grid import PupilGrid, resample
 from .masks import PhaseMask
@@ -67,6 +67,7 @@ def load_height_map(path: Path) -> tuple[Tensor, float | None]:
     height = height.double()
     if not bool(torch.isfinite(height).all()):
         raise InputError(f"mask.file: {path} holds values that are not finite")
+    check_thin(height, f"mask.file: {path}")
     return height, pitch
 
 

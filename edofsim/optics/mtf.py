@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import torch
-from scipy.fft import next_fast_len
+from scipy.fft import dct, next_fast_len
 from torch import Tensor
 
 from .camera import Camera, defocus
@@ -23,6 +23,13 @@ PEAKS = 8
 """Samples around which the peak of a large pupil's PSF is looked for."""
 BLOCK_BYTES = 256 << 20
 """Largest part of a transformed field that is held at a time: a fast lens needs thousands of samples."""
+LINE_BYTES = 16 << 20
+"""Of lines of the pupil that are transformed at a time: each by itself, so that few are as quick as many."""
+LARGE_PUPIL = 4096
+"""Samples across the pupil beyond which each depth has a grid of its own, as fine as its steepest phase asks
+for, without the margin of the paper's bound."""
+MIRRORED = 1e-12
+"""Largest difference of pupils from their mirror images that is rounding."""
 
 
 def cutoff_frequency(camera: Camera, wavelength: float) -> float:
@@ -52,23 +59,9 @@ def otf(
     frequencies = torch.as_tensor(frequencies, dtype=torch.float64).flatten()
     across = frequencies * math.cos(math.radians(angle_deg))
     up = frequencies * math.sin(math.radians(angle_deg))
-    plane = _focal_plane(camera, wavelength, inverse_depths, seed)
-    along_x = _wave(-across[None, :] * plane.positions[:, None])
-    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=along_x.dtype)
-    light = torch.zeros(len(inverse_depths), dtype=torch.float64)
-    if angle_deg % 180 == 0:
-        for depth in range(len(inverse_depths)):
-            line = plane.line(depth)
-            transform[depth], light[depth] = line.to(along_x.dtype) @ along_x, line.sum()
-    else:
-        in_parts = torch.view_as_real(along_x).flatten(1)
-        along_y = _wave(up[None, :] * plane.positions[:, None])
-        for depth in range(len(inverse_depths)):
-            for rows, image in plane.intensity(depth):
-                in_x = torch.view_as_complex((image @ in_parts).unflatten(1, (-1, 2)))
-                transform[depth] += (in_x * along_y[rows]).sum(0)
-                light[depth] += image.sum()
-    transform = transform / light[:, None]
+    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=torch.complex128)
+    for depth, (plane, place) in enumerate(_focal_planes(camera, wavelength, inverse_depths, seed)):
+        transform[depth] = plane.transform(place, across, up, angle_deg % 180)
     # exactly 0 beyond the cut-off, where the samples would repeat the spectrum
     transform = transform * (frequencies.abs() < cutoff_frequency(camera, wavelength))
     if with_pixel:
@@ -103,10 +96,11 @@ def strehl(
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     ratios = []
     for wavelength in torch.as_tensor(wavelengths, dtype=torch.float64).flatten().tolist():
-        plane = _focal_plane(camera, wavelength, inverse_depths, seed)
-        find = plane.centre if on_axis else plane.peak
-        peaks = [find(depth) for depth in range(len(inverse_depths))]
-        ratios.append(torch.tensor(peaks, dtype=torch.float64) / plane.amplitude**2)
+        peaks = [
+            (plane.centre(place) if on_axis else plane.peak(place)) / plane.amplitude**2
+            for plane, place in _focal_planes(camera, wavelength, inverse_depths, seed)
+        ]
+        ratios.append(torch.tensor(peaks, dtype=torch.float64))
     return torch.stack(ratios, dim=1)
 
 
@@ -127,7 +121,8 @@ class _FocalPlane:
     """The field's transform over a whole replica period, `count` x `count` samples in upright orientation.
 
     pupil: complex128 [samples, samples] without defocus; chirps: its defocus along an axis, [depth, samples];
-    step: between samples [m]; parts: of the rows, every so many-th at a time; amplitude: sum of the pupil's.
+    step: between samples [m]; parts: of the rows, every so many-th at a time; amplitude: sum of the pupil's;
+    mirrored: the pupil is even in x and in y, so that a quadrant tells all.
     """
 
     pupil: Tensor
@@ -136,6 +131,7 @@ class _FocalPlane:
     parts: int
     step: float
     amplitude: float
+    mirrored: bool
 
     @property
     def positions(self) -> Tensor:
@@ -143,12 +139,35 @@ class _FocalPlane:
         index = torch.arange(self.count, dtype=torch.float64)
         return ((index + self.count // 2) % self.count - self.count // 2) * self.step
 
+    def transform(self, depth: int, across: Tensor, up: Tensor, angle_deg: float) -> Tensor:
+        """Fourier transform of |F|^2 at frequencies [1/m] to the right and upwards, complex128 [frequency], 1
+        at frequency 0. angle_deg: their direction; along an axis a sum over lines of the pupil does."""
+        none = torch.zeros(1, dtype=torch.float64)
+        along_x, along_y = (
+            _wave(torch.cat([each, none]) * self.positions[:, None]) for each in (-across, up)
+        )
+        if angle_deg in (0, 90):
+            line = self.line(depth, angle_deg == 90)
+            total = line.to(along_x.dtype) @ (along_y if angle_deg else along_x)
+            return total[:-1] / total[-1]
+        if self.mirrored:
+            along_x, along_y = (_both_sides(along) for along in (along_x, along_y))
+        in_parts = torch.view_as_real(along_x).flatten(1)
+        total = torch.zeros(len(across) + 1, dtype=along_x.dtype)
+        for rows, image in self.intensity(depth):
+            in_x = torch.view_as_complex((image @ in_parts).unflatten(1, (-1, 2)))
+            total += (in_x * along_y[rows]).sum(0)
+        return total[:-1] / total[-1]
+
     def intensity(self, depth: int) -> Iterator[tuple[slice, Tensor]]:
-        """Each part of the rows, and |F|^2 there, float64 [row, count].
+        """Each part of the rows, and |F|^2 there, float64 [row, count], or of a quadrant [row, count // 2].
 
         Every `parts`-th row is a transform of the pupil's rows times a phase, folded to as many as are asked
         for (decimation in frequency: Cooley and Tukey, Math. Comput. 19, 297, 1965).
         """
+        if self.mirrored:
+            yield from self._quadrant(depth)
+            return
         rows, chirp_ = self.count // self.parts, self.chirps[depth]
         samples = torch.arange(len(self.pupil), dtype=torch.float64)
         for part in range(self.parts):
@@ -162,11 +181,25 @@ class _FocalPlane:
             field = torch.fft.ifft(field, n=self.count, dim=1, norm="forward")
             yield slice(part, None, self.parts), field.real.square().add_(field.imag.square())
 
-    def line(self, depth: int) -> Tensor:
-        """|F|^2 summed over y, float64 [count]: by Parseval's theorem the sum over the pupil's own rows."""
+    def _quadrant(self, depth: int) -> Iterator[tuple[slice, Tensor]]:
+        """`intensity` from the middle to the right and downwards: of an even field, a cosine transform."""
+        half, size = self.chirps.shape[1] // 2, self.count // 2
+        chirp_ = self.chirps[depth, half:]
+        workers = torch.get_num_threads()
+        lit = (self.pupil[half:, half:] * chirp_[:, None] * chirp_).numpy()
+        field = dct(lit, n=size, axis=0, workers=workers)
+        step = max(1, math.ceil(size / self.parts))
+        for start in range(0, size, step):
+            rows = torch.from_numpy(dct(field[start : start + step], n=size, axis=1, workers=workers))
+            yield slice(start, start + len(rows), 1), rows.real.square().add_(rows.imag.square())
+
+    def line(self, depth: int, down: bool) -> Tensor:
+        """|F|^2 summed over y, or over x for a line down, float64 [count]: by Parseval's theorem the sum over
+        the pupil's own rows, or columns."""
         total = torch.zeros(self.count, dtype=torch.float64)
-        for rows in (self.pupil * self.chirps[depth]).split(max(1, BLOCK_BYTES // (16 * self.count))):
-            field = torch.fft.ifft(rows, n=self.count, dim=1, norm="forward")
+        lines = self.pupil.T if down else self.pupil
+        for some in lines.split(max(1, LINE_BYTES // (16 * self.count))):
+            field = torch.fft.ifft(some * self.chirps[depth], n=self.count, dim=1, norm="forward")
             total += field.real.square().add_(field.imag.square()).sum(0)
         return total * self.count
 
@@ -182,9 +215,10 @@ class _FocalPlane:
             return max(float(image.max()) for _, image in finer.intensity(depth))
         found: list[tuple[float, int, int]] = []
         for rows, image in self.intensity(depth):
-            values, places = image.flatten().topk(PEAKS)
+            values, places = image.flatten().topk(min(PEAKS, image.numel()))
             for value, place in zip(values.tolist(), places.tolist(), strict=True):
-                found.append((value, rows.start + place // self.count * rows.step, place % self.count))
+                down, along = divmod(place, image.shape[1])
+                found.append((value, rows.start + down * rows.step, along))
         brightest = sorted(found, reverse=True)[:PEAKS]
         beside = torch.tensor([-0.5, -0.25, 0.0, 0.25, 0.5], dtype=torch.float64) / self.count
         samples = torch.arange(len(self.pupil), dtype=torch.float64)
@@ -201,15 +235,28 @@ class _FocalPlane:
         return float(fields.abs().square().max())
 
 
+def _focal_planes(
+    camera: Camera, wavelength: float, inverse_depths: Tensor, seed: int | None
+) -> Iterator[tuple[_FocalPlane, int]]:
+    """For each inverse depth [depth] a plane and its place in it: one for all, but of a large pupil."""
+    wavelengths = torch.tensor([wavelength], dtype=torch.float64)
+    window = camera.recipe.psf.window_px
+    grid = plan_sampling(camera, wavelengths, inverse_depths, window).grid
+    if grid.samples <= LARGE_PUPIL:
+        plane = _focal_plane(camera, wavelength, inverse_depths, grid, seed)
+        yield from ((plane, place) for place in range(len(inverse_depths)))
+        return
+    for depth in inverse_depths.split(1):
+        grid = plan_sampling(camera, wavelengths, depth, window).grid
+        if grid.samples > LARGE_PUPIL:
+            grid = plan_sampling(camera, wavelengths, depth, window, by_bound=False).grid
+        yield _focal_plane(camera, wavelength, depth, grid, seed), 0
+
+
 def _focal_plane(
-    camera: Camera,
-    wavelength: float,
-    inverse_depths: Tensor,
-    seed: int | None,
+    camera: Camera, wavelength: float, inverse_depths: Tensor, grid: PupilGrid, seed: int | None
 ) -> _FocalPlane:
     """What comes of waves from inverse depths [depth], two samples to a cell of diffraction each way."""
-    wavelengths = torch.tensor([wavelength], dtype=torch.float64)
-    grid = plan_sampling(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px).grid
     if grid.samples < FEWEST_SAMPLES:
         pitch = 2 * camera.aperture_radius / (FEWEST_SAMPLES - 2)
         grid = PupilGrid(FEWEST_SAMPLES, pitch, camera.aperture_radius)
@@ -218,13 +265,26 @@ def _focal_plane(
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
     chirps = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)
+    middle = grid.samples // 2
+    mirrored = grid.samples % 2 == 0 and all(
+        float((side[:middle] - side[middle:].flip(0)).abs().max()) <= MIRRORED for side in (pupil, pupil.T)
+    )
     count = 2 * grid.samples
     parts = math.ceil(count**2 * pupil.itemsize / BLOCK_BYTES)
     if parts > 1:
         count = parts * next_fast_len(math.ceil(count / parts))
+    if mirrored and count % 2:
+        count = 2 * next_fast_len(math.ceil(count / 2))
     step = wavelength * camera.sensor_distance / (count * grid.pitch)
-    return _FocalPlane(pupil, chirps, count, parts, step, amplitude)
+    return _FocalPlane(pupil, chirps, count, parts, step, amplitude, mirrored)
 
 
 def _wave(cycles: Tensor) -> Tensor:
     return torch.polar(torch.ones_like(cycles), 2 * math.pi * cycles)
+
+
+def _both_sides(wave: Tensor) -> Tensor:
+    """Waves [position, frequency] over the first half of the positions, with those of the other side."""
+    sides = wave[: len(wave) // 2].real * 2
+    sides[0] /= 2
+    return torch.complex(sides, torch.zeros_like(sides))

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from . import cache as bank_cache
-from .band_limited import band_limited_nodes, band_limited_weights
+from .band_limited import band_limited_nodes, band_limited_weights, fewest_nodes
 from .bank import PsfBank
 from .camera import Camera, defocus, defocus_per_dioptre
 from .fabrication import unscattered_fraction
@@ -158,7 +158,10 @@ def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: 
     if dtype == torch.float64:
         return inverse_depths
     low, high = (float(end) for end in inverse_depths.aminmax())
-    nodes = band_limited_nodes(low, high, defocus_per_dioptre(camera, wavelength), BETWEEN)
+    per_dioptre = defocus_per_dioptre(camera, wavelength)
+    if len(inverse_depths) <= fewest_nodes(low, high, per_dioptre):
+        return inverse_depths
+    nodes = band_limited_nodes(low, high, per_dioptre, BETWEEN)
     return nodes if len(nodes) < len(inverse_depths) else inverse_depths
 
 

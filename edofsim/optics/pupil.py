@@ -95,7 +95,7 @@ def pupil_function(
             phase = _reduced(lens + _fixed_phase(camera, wavelength, relief)).to(device=device, dtype=dtype)
         # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
         amplitude = amplitude.to(device=device, dtype=dtype)
-        waves.append(torch.complex(amplitude * torch.cos(phase), amplitude * torch.sin(phase)))
+        waves.append(torch.complex(torch.cos(phase).mul_(amplitude), torch.sin(phase).mul_(amplitude)))
     return reduce(torch.add, waves)
 
 
@@ -133,4 +133,4 @@ def chirp(
 
 
 def _reduced(phase: Tensor) -> Tensor:
-    return torch.remainder(phase + math.pi, 2 * math.pi) - math.pi
+    return (phase + math.pi).remainder_(2 * math.pi).sub_(math.pi)

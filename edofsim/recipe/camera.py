@@ -12,10 +12,13 @@ from .kinds import AnyLens, AnyMask, AnySensorEffect, named
 
 
 class Focus(RecipeModel):
-    """The distance that is sharp at one wavelength, paraxially; it fixes the sensor's distance."""
+    """The distance that is sharp at one wavelength; it fixes the sensor's distance. `plane`: "paraxial" is
+    where rays near the axis meet, "best" where the wave of the whole aperture departs least from a sphere.
+    """
 
     distance_m: Positive = 1.5
     wavelength_nm: Positive = 587.6
+    plane: Literal["paraxial", "best"] = "paraxial"
 
 
 class Sensor(RecipeModel):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 from pathlib import Path
@@ -163,6 +164,14 @@ def test_a_view_of_other_pixels_is_refused_before_anything_is_planned(picture):
     view = edofsim.View.from_image(*picture, pixel_angle=1e-3)
     with pytest.raises(edofsim.InputError, match="mrad"):
         edofsim.photograph(view, edofsim.camera(**PAPER))
+
+
+def test_pixels_beyond_the_frame_are_refused_before_anything_is_planned(picture):
+    camera = edofsim.camera("paper-clear")
+    view = edofsim.View.from_image(*picture, pixel_angle=camera.pixel_angle)
+    beyond = dataclasses.replace(view, pixel=view.pixel + 10**9)
+    with pytest.raises(edofsim.InputError, match="the view.s pixels go from"):
+        edofsim.photograph(beyond, camera)
 
 
 def test_a_plan_beside_an_accuracy_is_refused(picture):

@@ -15,6 +15,7 @@ from edofsim.experiments.cost_stages import Point, front
 from edofsim.plan import Fidelity, rates, remember
 from edofsim.recipe import Loaded, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
+from edofsim.render.settings import samples_of_a_pass
 from edofsim.render.view import View
 
 RATES = {
@@ -86,6 +87,17 @@ def test_rendering_with_more_samples_is_told_with_its_noise(monkeypatch: pytest.
     assert front(points) == points and [point.chosen for point in points] == [False] * 4 + [True]
     photo = load_scene("motorcycle")
     assert cost_stages.render_points(photo.recipe, photo.base) == []
+
+
+def test_loading_and_compiling_are_no_part_of_the_seconds_of_rendering(monkeypatch: pytest.MonkeyPatch):
+    """40 samples are passes of 16, 16 and 8, of which the last takes half as long as the others."""
+    scene = load_scene("wall")
+    settings = scene.recipe.render.model_copy(update={"samples": 40})
+    recipe = scene.recipe.model_copy(update={"render": settings})
+    assert samples_of_a_pass(40) == 16
+    run = {"seconds": {"load": 9.0, "survey": 9.0, "paths": 19.0}, "last_pass_seconds": {"all": 1.0}}
+    monkeypatch.setattr(cost_stages, "run_of", lambda *_: run)
+    assert cost_stages._render_seconds(recipe, scene.base, None) == pytest.approx(5.0)
 
 
 def test_all_stages_are_drawn_and_written(tmp_path: Path):

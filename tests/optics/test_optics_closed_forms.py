@@ -11,7 +11,7 @@ import torch
 from scipy.special import j1, jv
 
 from edofsim.optics import Camera, defocus, focus_distance, psf_bank
-from edofsim.optics.mtf import cutoff_frequency, encircled_energy, mtf, otf, strehl
+from edofsim.optics.mtf import _focal_planes, cutoff_frequency, encircled_energy, mtf, otf, strehl
 from edofsim.recipe.camera import CameraRecipe
 
 GREEN = 543e-9
@@ -212,6 +212,49 @@ def test_transfer_functions_in_parts_are_those_of_the_whole(monkeypatch):
     assert torch.allclose(strehl(camera, [GREEN], depths, on_axis=True), on_axis, rtol=1e-9)
     # found on a finer grid around the brightest samples
     assert torch.allclose(strehl(camera, [GREEN], depths), largest, rtol=0.03)
+
+
+@pytest.mark.parametrize("block, apart", [(256 << 20, 1e-9), (4 << 20, 0.03)])
+def test_a_quadrant_tells_all_of_an_even_field(monkeypatch, block: int, apart: float):
+    # the same sums by cosine transforms as by those of the whole; peaks of a large pupil are looked for
+    # around the brightest samples, four of which are one in a quadrant
+    camera = ideal({"kind": "annular"})
+    depths, frequencies = [0.3, 1.1], torch.tensor([0.0, 11e3, 70e3])
+    monkeypatch.setattr("edofsim.optics.mtf.BLOCK_BYTES", block)
+    slanted = otf(camera, GREEN, depths, frequencies, angle_deg=30.0)
+    largest = strehl(camera, [GREEN], depths)
+    monkeypatch.setattr("edofsim.optics.mtf.MIRRORED", -1.0)
+    assert torch.allclose(otf(camera, GREEN, depths, frequencies, angle_deg=30.0), slanted, atol=1e-9)
+    assert torch.allclose(strehl(camera, [GREEN], depths), largest, rtol=apart)
+
+
+def test_vertical_frequencies_are_those_of_columns():
+    # coma along y alone: the sum over the columns of the pupil takes the place of that over the sensor
+    camera = ideal({"kind": "zernike", "terms": [{"noll": 7, "rms_rad": 1.2}]})
+    at = ([0.3, 1.1], torch.tensor([0.0, 11e3, 70e3]))
+    vertical = otf(camera, GREEN, *at, angle_deg=90.0)
+    assert torch.allclose(otf(camera, GREEN, *at, angle_deg=90.0 + 1e-9), vertical, atol=1e-9)
+    assert not torch.allclose(otf(camera, GREEN, *at), vertical, atol=1e-3)
+
+
+def test_each_depth_of_a_large_pupil_is_sampled_as_it_needs(monkeypatch):
+    # on the axis (sin(Psi / 2) / (Psi / 2))^2 (Born and Wolf, Principles of Optics, section 8.8), and
+    # Hopkins' overlap of two discs (Proc. R. Soc. A 231, 91, 1955)
+    monkeypatch.setattr("edofsim.optics.mtf.LARGE_PUPIL", 600)
+    camera, psis = ideal(), math.pi * torch.tensor([9.0, 25.0, 95.0], dtype=torch.float64)
+    depths = torch.tensor([at_defocus(camera, float(psi)) for psi in psis], dtype=torch.float64)
+    samples = [len(plane.pupil) for plane, _ in _focal_planes(camera, GREEN, depths, None)]
+    assert samples[0] == samples[1] == 512 and 700 < samples[2] < 800  # 1536 by the paper's bound
+    on_axis = strehl(camera, [GREEN], depths, on_axis=True)[:, 0]
+    assert torch.allclose(on_axis, torch.sinc(psis / (2 * math.pi)) ** 2, rtol=0.02)
+    shift = torch.tensor([0.01, 0.1, 0.7], dtype=torch.float64)  # of the discs, in radii
+    x = (torch.arange(200000, dtype=torch.float64) + 0.5) / 200000 * (1 - shift[:, None] / 2)
+    chords = torch.sqrt(1 - (x + shift[:, None] / 2) ** 2) * (1 - shift[:, None] / 2) * 4 / math.pi
+    expected = [(torch.cos(2 * float(psi) * shift[:, None] * x) * chords).mean(1).abs() for psi in psis]
+    frequencies = shift / 2 * cutoff_frequency(camera, GREEN)
+    for angle in (0.0, 45.0, 90.0):
+        found = mtf(camera, GREEN, depths, frequencies, angle_deg=angle)
+        assert torch.allclose(found, torch.stack(expected), atol=1e-3)  # the light beyond the replica period
 
 
 def test_memory_of_transfer_functions_does_not_grow_with_the_lens():

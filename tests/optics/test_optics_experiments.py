@@ -57,7 +57,7 @@ def test_psfs_as_picture_and_exr(tmp_path):
     names = [
         f"{what}.{depth}.543nm" for what in ("truncated_percent", "strehl") for depth in ("0.5m", "infinity")
     ]
-    assert set(figures) == {*names, "transmission_percent"}
+    assert set(figures) == {*names, "focus_m.paraxial", "focus_m.best", "transmission_percent"}
     bank = psf_bank(camera, [543e-9], [2.0, 0.0])
     with OpenEXR.File(str(tmp_path / "psf.exr"), separate_channels=True) as file:
         stored = torch.from_numpy(file.channels()["0.5m.543nm"].pixels.copy())

@@ -163,6 +163,7 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
     np.save(tmp_path / "small.npy", np.zeros((200, 200)))
     np.save(tmp_path / "oblong.npy", np.zeros((239, 200)))
     np.save(tmp_path / "broken.npy", np.full((239, 239), np.nan))
+    np.save(tmp_path / "micrometres.npy", np.full((239, 239), 0.5))
     (tmp_path / "text.npy").write_text("not a map")
     save_height_map(tmp_path / "other.safetensors", torch.zeros(239, 239), 30e-6)
     words = {
@@ -170,6 +171,7 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
         "small.npy": "does not cover the pupil",
         "oblong.npy": "square",
         "broken.npy": "not finite",
+        "micrometres.npy": "0.5 m, more than 1 mm.*divide micrometres",
         "text.npy": "not a height map",
         "missing.npy": "does not exist",
         "other.safetensors": "sampled at 30 um",
@@ -178,11 +180,13 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
         recipe = CameraRecipe(name="map", mask={"kind": "height-map", "file": file})
         with pytest.raises(InputError, match=word):
             psf_bank(Camera.from_recipe(recipe, tmp_path), [GREEN], [0.5])
+    with pytest.raises(InputError, match="divide micrometres"):
+        camera().with_height(torch.full((239, 239), -0.5))
     with pytest.raises(InputError, match="larger than the pupil"):
         psf_bank(camera(mask={"kind": "height-map"}).with_height(torch.zeros(300, 300)), [GREEN], [0.5])
 
 
 def test_height_maps_keep_their_pitch_on_disk(tmp_path):
-    height = torch.rand(5, 5, dtype=torch.float64)
+    height = torch.rand(5, 5, dtype=torch.float64) * 1e-6
     loaded, pitch = load_height_map(save_height_map(tmp_path / "map.safetensors", height, 21e-6))
     assert torch.equal(loaded, height) and pitch == pytest.approx(21e-6)

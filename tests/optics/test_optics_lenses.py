@@ -14,11 +14,18 @@ from scipy.special import j1, jv
 
 from edofsim.capture.fidelity import Fidelity, simpler_camera
 from edofsim.errors import InputError
-from edofsim.optics import Camera, focal_length, focus_distance, psf_bank
+from edofsim.optics import (
+    Camera,
+    best_focus_distance,
+    defocus,
+    focal_length,
+    focus_distance,
+    psf_bank,
+)
 from edofsim.optics.lenses.achromat import AchromatLens, _path
 from edofsim.optics.lenses.ideal import IdealLens
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
-from edofsim.optics.mtf import cutoff_frequency, mtf
+from edofsim.optics.mtf import cutoff_frequency, mtf, strehl
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import load_camera
 
@@ -276,3 +283,28 @@ def test_a_recipe_of_before_is_read_and_told_the_new_name(tmp_path, caplog):
     path.write_text(OLD.replace("[lens]", '[lens]\nkind = "idael"'))
     with pytest.raises(InputError, match="unknown kind 'idael'; did you mean 'ideal'"):
         load_camera(path)
+
+
+def test_best_focus_is_where_the_strehl_ratio_is_largest():
+    # of W rho^4 the wave departs least from a sphere at Psi = -W, by W / sqrt(180) (Born and Wolf, section
+    # 9.3)
+    lens = {"radius_of_curvature_mm": 16.51, "aperture_radius_mm": 1.5}
+    camera = Camera.from_recipe(CameraRecipe.model_validate({"name": "small", "lens": lens}))
+    best, paraxial = best_focus_distance(camera, GREEN), float(focus_distance(camera, GREEN))
+    rim = float(camera.lens.phase(torch.tensor(camera.aperture_radius**2, dtype=torch.float64), GREEN))
+    assert 0.5 < abs(rim) < 2 and 1.05 * best < paraxial
+    assert float(defocus(camera, GREEN, 1 / best)) == pytest.approx(-rim, rel=0.02)
+    around = 1 / best + torch.linspace(-0.3, 0.3, 13, dtype=torch.float64)
+    ratios = strehl(camera, [GREEN], around, on_axis=True)[:, 0]
+    assert int(ratios.argmax()) == 6
+    assert float(ratios[6]) == pytest.approx(math.exp(-(rim**2) / 180), abs=2e-3)
+
+
+def test_a_camera_is_focused_at_the_best_plane_on_request():
+    focus = {"distance_m": 2.0, "plane": "best"}
+    camera = Camera.from_recipe(CameraRecipe.model_validate({"name": "best", "focus": focus}))
+    assert best_focus_distance(camera, 587.6e-9) == pytest.approx(2.0)
+    assert float(focus_distance(camera, 587.6e-9)) > 2.5
+    lens = {"kind": "ideal", "focal_length_mm": 50, "f_number": 2}
+    ideal = Camera.from_recipe(CameraRecipe.model_validate({"name": "ideal", "lens": lens, "focus": focus}))
+    assert float(focus_distance(ideal, 587.6e-9)) == pytest.approx(2.0)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
+from ...optics import best_focus_distance, focus_distance
 from ..effect import Effect, Level
 from ..facts import Facts
 
@@ -15,8 +18,18 @@ def levels(facts: Facts) -> list[Level]:
 
 
 def why(facts: Facts) -> str:
-    waves = facts.camera.lens.waves_at_most(float(facts.view.wavelengths.double().mean()))
-    return f"the wave of the lens departs from a parabola's by {waves:.2g} waves within the aperture"
+    wavelength = float(facts.view.wavelengths.double().mean())
+    waves = facts.camera.lens.waves_at_most(wavelength)
+    paraxial = float(focus_distance(facts.camera, wavelength))
+    best = best_focus_distance(facts.camera, wavelength)
+    return (
+        f"the wave of the lens departs from a parabola's by {waves:.2g} waves within the aperture, whose"
+        f" best focus is at {_metres(best)}, near the axis at {_metres(paraxial)}"
+    )
+
+
+def _metres(distance: float) -> str:
+    return f"{distance:.3g} m" if 0 < distance < math.inf else "infinity"
 
 
 EFFECT = Effect(
