@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
+import runpy
 import sys
 import tomllib
+import types
 from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
@@ -95,3 +97,19 @@ def test_pins_are_within_what_is_declared(extra: str):
 def test_type_checkers_of_others_read_our_types():
     """PEP 561: the marker lies in the package, from where it goes into the wheel."""
     assert (ROOT / "edofsim" / "py.typed").exists()
+
+
+def test_package_indexes_get_no_picture_that_they_cannot_show(monkeypatch: pytest.MonkeyPatch):
+    """The README there keeps all but pictures that lie in the source; the hook is loaded without Hatchling."""
+    plugin = types.ModuleType("hatchling.metadata.plugin.interface")
+    monkeypatch.setattr(plugin, "MetadataHookInterface", object, raising=False)
+    monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
+    hook = runpy.run_path(str(ROOT / "hatch_build.py"))["CustomMetadataHook"]()
+    hook.root = str(ROOT)
+    metadata: dict = {}
+    hook.update(metadata)
+    given, shown = (ROOT / "README.md").read_text(), metadata["readme"]["text"]
+    assert "](scenes/pictures/" in given and "![" not in shown
+    assert [line for line in given.splitlines() if "![" not in line and line] == [
+        line for line in shown.splitlines() if line
+    ]

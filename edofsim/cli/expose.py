@@ -153,6 +153,7 @@ def photographed(
     from ..pipeline import Stopwatch, planned_view
     from ..plan import learn_rates, plan_figures
     from ..reference import check_crop, reference_photo
+    from ..render import is_picture
     from ..restore.checkpoint import network_of
     from ..restore.scores import psnr
 
@@ -193,6 +194,8 @@ def photographed(
         "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
         "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
     }
+    if is_picture(scene.recipe):
+        outputs["all in focus, as it was given (PNG)"] = save_image(folder / "given.png", view.colours())
     lines = [
         *plan_lines(plan, watch.seconds["plan"]),
         f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",

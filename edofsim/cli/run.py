@@ -127,12 +127,15 @@ def run(
 
 
 def _images(result: Run) -> Mapping[str, Tensor]:
+    from ..render import is_picture
+
     images = {
         "ideal": result.photo.ideal,
         "photo": result.photo.image,
         "restored": result.restored,
         "lens-alone": result.lens_alone.image,
         "wiener": result.wiener,
+        "given": result.view.colours() if is_picture(result.scene.recipe) else None,
     }
     return {name: image for name, image in images.items() if image is not None}
 

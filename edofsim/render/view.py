@@ -240,13 +240,18 @@ class View:
         weight.index_add_(0, self.pixel[seen], self.coverage[seen])
         return (total / weight.clamp_min(torch.finfo(weight.dtype).tiny)).reshape(rows, columns)
 
-    def picture(self) -> Tensor:
-        """What the eye would see, linear sRGB [3, y, x] without the margin, its 99th percentile at 0.9."""
+    def colours(self) -> Tensor:
+        """What the eye would see, linear sRGB [3, y, x] without the margin: daylight of radiance 1 is white,
+        and a view of a picture has the picture's colours."""
         from ..scene.spectra import srgb_weights
 
         weights = torch.as_tensor(srgb_weights(self.wavelengths.cpu().numpy()))
         image = weights.to(self.radiance) @ self.all_in_focus().detach().flatten(1)
-        image = self.crop_margin(image.reshape(3, *self.padded_shape))
+        return self.crop_margin(image.reshape(3, *self.padded_shape))
+
+    def picture(self) -> Tensor:
+        """`colours` with the 99th percentile at 0.9."""
+        image = self.colours()
         bright = float(np.percentile(image.cpu().numpy(), 99))
         return image * (0.9 / bright) if bright > 0 else image
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from edofsim.capture import capture
-from edofsim.optics import Camera
+from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
 from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.recipe import CameraRecipe
@@ -101,3 +101,14 @@ def test_a_large_view_is_photographed_in_few_pixels_and_a_small_one_as_it_is():
     assert coarse.times > 2 and coarse.view.padded_shape[0] < large.padded_shape[0] / 2
     assert coarse.camera.pixel == pytest.approx(coarse.times * CAMERA.pixel)
     assert coarse_of(small, CAMERA, 1.0).view is small
+
+
+def test_psfs_of_large_pixels_hold_as_much_light():
+    """A recipe that fixes the samples of a pixel asks for as many of each small one in a large one."""
+    camera = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48, oversampling=2)))
+    coarse = coarse_of(two_depths(), camera, 1.0)
+    assert coarse.times == 3
+    fine, large = (
+        psf_bank(each, [450e-9, 600e-9], [0.3, 2.0]).values.sum((-2, -1)) for each in (camera, coarse.camera)
+    )
+    assert torch.allclose(fine, large, atol=2e-3)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from skimage.io import imsave
+from skimage.io import imread, imsave
 
 from edofsim.errors import EdofsimError
 from edofsim.render import spread
@@ -97,6 +97,24 @@ def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
     assert status == 0 and "2 read from pictures; nothing to render" in said
     names = {"cube.png", "cube-depth.png", "rgbd.png", "rgbd-depth.png"}
     assert names == {path.name for path in (tmp_path / "o").iterdir()}
+
+
+def test_a_picture_is_also_shown_in_the_colours_that_were_given(edofsim: Run, tmp_path: Path):
+    """The sensor's red, green and blue are other colours than a screen's."""
+    given = np.zeros((128, 160, 3), np.uint8)
+    given[:, :80], given[:, 80:] = (190, 90, 60), (60, 120, 170)
+    imsave(tmp_path / "a.png", given, check_contrast=False)
+    np.save(tmp_path / "z.npy", np.full((128, 160), 2.0))
+    frame = "[frame]\nwidth_px = 160\nheight_px = 128\nmargin_px = 0\n"
+    scene = tmp_path / "two.toml"
+    scene.write_text(f'name = "two"\n{frame}{RGBD}')
+    for command in (("expose",), ("run", "--network", "wiener")):
+        out = tmp_path / command[0]
+        status, said = edofsim(*command[:1], scene, *command[1:], "--out", out, "--cache", tmp_path / "c")
+        assert status == 0, said
+        shown, ideal = (imread(out / f"{name}.png").astype(int) for name in ("given", "ideal"))
+        assert shown.shape == given.shape and np.abs(shown - given).max() <= 2
+        assert np.abs(ideal - given).max() > 10
 
 
 def test_what_is_done_of_a_list_is_shown_when_one_fails(

@@ -154,9 +154,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "edges not found",
         "no fragment is taken to hide another",
         HIDING,
-        lambda: together(
-            swapped(hidden, "hides", _nothing_hides), swapped(sub_apertures, "hides", _nothing_hides)
-        ),
+        lambda: swapped(hidden, "hides", _nothing_hides),
     ),
     Mutant(
         "as few cuts as can be",
