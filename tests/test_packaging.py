@@ -100,7 +100,7 @@ def test_type_checkers_of_others_read_our_types():
 
 
 def test_package_indexes_get_no_picture_that_they_cannot_show(monkeypatch: pytest.MonkeyPatch):
-    """The README there keeps all but pictures that lie in the source; the hook is loaded without Hatchling."""
+    """All but pictures that lie in the source is there; the hook is loaded without Hatchling."""
     plugin = types.ModuleType("hatchling.metadata.plugin.interface")
     monkeypatch.setattr(plugin, "MetadataHookInterface", object, raising=False)
     monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
