@@ -37,6 +37,9 @@ SURE = 0.7
 """as their shift must be within this share of what is asked for,"""
 MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
 """and so much more is asked for."""
+USUAL_DB = 30.0
+"""Where restoring comes nearer than this, the photo must be as much nearer, too: the less is left, the more
+the same error shifts it."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +105,9 @@ class Planner:
         if self.restore is None:
             raise InputError("--accuracy score: nothing is known here that restores the photo")
         tiles = RestoredTiles(self.facts, self.estimates, self.restore)
+        least = SCORE_DB - 20 * math.log10(most_db / 0.1) + max(0.0, tiles.psnr_db - USUAL_DB)
         for more in MORE_DB:
-            asked = SCORE_DB - 20 * math.log10(most_db / 0.1) + more
+            asked = least + more
             chosen = fastest(self.estimates, 10 ** (-asked / 20), seconds, fixed)
             shift = tiles.shift_db(chosen)
             if abs(shift) <= SURE * most_db:

@@ -58,6 +58,11 @@ class RestoredTiles:
         more = mean(2 * left * restored, seen=1) + mean(restored.square(), seen=2)
         return -10 * math.log10(max(1 + more / self._error, 1e-6))
 
+    @property
+    def psnr_db(self) -> float:
+        """Of what is restored from the full simulation."""
+        return -10 * math.log10(self._error)
+
     @cached_property
     def _error(self) -> float:
         """Mean square that restoring the full simulation leaves, without the noise of a preview's truth."""
