@@ -104,7 +104,7 @@ def test_package_indexes_get_no_picture_that_they_cannot_show(monkeypatch: pytes
     plugin = types.ModuleType("hatchling.metadata.plugin.interface")
     monkeypatch.setattr(plugin, "MetadataHookInterface", object, raising=False)
     monkeypatch.setitem(sys.modules, plugin.__name__, plugin)
-    hook = runpy.run_path(str(ROOT / "hatch_build.py"))["CustomMetadataHook"]()
+    hook = runpy.run_path(str(ROOT / "docs" / "package_readme.py"))["CustomMetadataHook"]()
     hook.root = str(ROOT)
     metadata: dict = {}
     hook.update(metadata)

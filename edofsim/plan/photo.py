@@ -31,12 +31,12 @@ OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
 
 SCORE_DB = 60.0
-"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; its shift is in
-proportion to the error. Tiles tell where that is not enough,"""
+"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; the shift of the PSNR
+is in proportion to the photo's error."""
 SURE = 0.7
-"""as their shift must be within this share of what is asked for,"""
+"""Share of the allowed shift that the shift of restored tiles must be within: tiles stand for the frame."""
 MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
-"""and so much more is asked for."""
+"""Decibels by which the photo is made more accurate, in turn, until the tiles' shift is small enough."""
 USUAL_DB = 30.0
 """Where restoring comes nearer than this, the photo must be as much nearer, too: the less is left, the more
 the same error shifts it."""

@@ -45,8 +45,9 @@ def compose(view: View, blurring: Blurring, layout: Layout | None = None) -> Ten
         return composite(view, blurring, layout.whole)
     photo = blurring.light(view, seen(view))
     m = view.margin
-    for number, (tile, cut) in enumerate(layout.tiles):
-        photo = photo.clone() if number == 0 else photo
+    if layout.tiles:
+        photo = photo.clone()
+    for tile, cut in layout.tiles:
         around = crop(view, tile.top, tile.left, tile.height, tile.width, blurring.reach)
         rows = slice(m + tile.top, m + tile.top + tile.height)
         columns = slice(m + tile.left, m + tile.left + tile.width)

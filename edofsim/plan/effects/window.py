@@ -12,7 +12,7 @@ from ..facts import Facts, photographed
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
 LITTLE_ELSE = 0.375
-"""Of the recipe's window, from which on what is hidden counts beside what PSFs lose."""
+"""Share of the recipe's window. Windows of at least that are also seen in coarse photos with occlusion."""
 
 
 def levels(facts: Facts) -> list[Level]:
