@@ -49,11 +49,13 @@ def gather(
     """
     tables = (*recipe.data.sources, *recipe.data.validation_sources)
     trained = len(recipe.data.sources)
-    sources: list[Source] = []
-    for index, table in enumerate(tables):
-        assert isinstance(table, TrainingReader)  # what the registry holds
+    readers = [table for table in tables if isinstance(table, TrainingReader)]
+    assert len(readers) == len(tables)  # the registry holds no other
+    opened: dict[int, Source] = {}
+    for index in sorted(range(len(readers)), key=lambda index: readers[index].slow):
         wanted = Wanted(recipe, optics, base, data, cache, progress, for_validation=index >= trained)
-        sources.append(table.open(wanted))
+        opened[index] = readers[index].open(wanted)
+    sources = [opened[index] for index in range(len(readers))]
     share = -(-recipe.data.validation_patches // len(sources))
     validation = [
         (f"{number}-{table.kind}", scenes)

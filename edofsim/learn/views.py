@@ -7,7 +7,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import torch
 from pydantic import Field
@@ -41,6 +41,8 @@ class Views(TrainingReader):
     fabrication of its own, and patches are cut from the photos, which makes a step as cheap as one of
     photographs; only for a mask that does not learn.
     """
+
+    slow: ClassVar[bool] = True
 
     kind: Literal["views"] = "views"
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]

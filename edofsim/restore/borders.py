@@ -28,13 +28,20 @@ def continued(image: Tensor, reach: int) -> Tensor:
     if reach == 0:
         return image
     for axis in (-2, -1):
-        lines = image.movedim(axis, -1)
-        index = mirrored(torch.arange(-reach, lines.shape[-1] + reach), lines.shape[-1]).to(image.device)
-        beyond = lines[..., index]
-        beyond[..., :reach] = (2 * _along(lines[..., :1]) - beyond[..., :reach]).clamp_min(0)
-        beyond[..., -reach:] = (2 * _along(lines[..., -1:]) - beyond[..., -reach:]).clamp_min(0)
-        image = beyond.movedim(-1, axis)
+        size = image.shape[axis]
+        before, after = (
+            _turned(image, mirrored(torch.arange(first, first + reach), size), axis, border)
+            for first, border in ((-reach, 0), (size, size - 1))
+        )
+        image = torch.cat([before, image, after], axis)
     return image
+
+
+def _turned(image: Tensor, lines: Tensor, axis: int, border: int) -> Tensor:
+    """Lines of an image along `axis`, turned about the value of the line at its border, at least 0."""
+    edge = image.narrow(axis, border, 1)
+    along = _along(edge.movedim(axis, -1)).movedim(-1, axis)
+    return (2 * along - image.index_select(axis, lines.to(image.device))).clamp_min_(0)
 
 
 def _along(border: Tensor) -> Tensor:

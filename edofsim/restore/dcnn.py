@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_eval
+from torch.nn.utils.fusion import fuse_conv_bn_weights
 
 from .borders import continued
 from .restorer import Restorer
@@ -81,8 +81,10 @@ class DCnn(Restorer):
         seen = beyond
         for convolution, normalisation in zip(blocks[::3], blocks[1::3], strict=True):
             assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
-            folded = fuse_conv_bn_eval(convolution, normalisation)
-            seen = functional.conv2d(seen, folded.weight, folded.bias, dilation=folded.dilation)
+            about = normalisation.running_mean, normalisation.running_var, normalisation.eps
+            scale_and_shift = normalisation.weight, normalisation.bias
+            folded = fuse_conv_bn_weights(convolution.weight, convolution.bias, *about, *scale_and_shift)
+            seen = functional.conv2d(seen, *folded, dilation=convolution.dilation)
             seen = functional.leaky_relu_(seen, LEAK)
         residual = functional.conv2d(seen, last.weight, last.bias)
         left = sum(DILATIONS) + 1

@@ -102,8 +102,13 @@ def _cells(image: Tensor) -> Tensor:
 
 
 def _pixels(cells: Tensor, like: Tensor) -> Tensor:
-    """Cells [.., 3, row, column] at each pixel of an image [.., 3, y, x]."""
-    batch = cells.reshape(-1, *cells.shape[-3:])
-    fine = functional.interpolate(batch, scale_factor=CELL, mode="bilinear", align_corners=False)
-    rows, columns = like.shape[-2:]
-    return fine[..., :rows, :columns].reshape(like.shape)
+    """Cells [.., 3, row, column] at each pixel of an image [.., 3, y, x], linear between their centres."""
+    sizes = zip(like.shape[-2:], cells.shape[-2:], strict=True)
+    down, across = (_between_centres(pixels, count).to(cells) for pixels, count in sizes)
+    return down @ cells @ across.mT
+
+
+def _between_centres(pixels: int, count: int) -> Tensor:
+    """How much each of `count` cells counts at each pixel, [pixel, cell]."""
+    place = ((torch.arange(pixels, dtype=torch.float64) + 0.5) / CELL - 0.5).clamp(0, count - 1)
+    return (1 - (place[:, None] - torch.arange(count)).abs()).clamp_min(0)

@@ -42,13 +42,13 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | N
     padded, (top, left) = _reflected(continued(image, beyond_px), max(stack.shape[-2:]))
     top, left = top + beyond_px, left + beyond_px
     rows, columns = padded.shape[-2:]
-    transfer = torch.fft.rfft2(_centred_at_origin(stack, rows, columns))
-    mean = transfer.mean(0)
-    power = transfer.abs().square().mean(0)
+    mean, power = _transfer(stack, rows, columns)
     spectrum = torch.fft.rfft2(padded - _level(padded))
     restored = spectrum * mean.conj() / (power + _noise_to_signal(spectrum, power, noise, (rows, columns)))
     # the mean level passes whole: what leaves a PSF's window is veiling glare over all of the photo
     filtered = torch.fft.irfft2(restored, s=(rows, columns)) + _level(padded)
+    # the PSFs' centre is not at their first pixel
+    top, left = top - stack.shape[-2] // 2, left - stack.shape[-1] // 2
     return filtered[..., top : top + image.shape[-2], left : left + image.shape[-1]]
 
 
@@ -66,12 +66,18 @@ def _reflected(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
     return image[..., y[:, None], x[None, :]], (top, left)
 
 
-def _centred_at_origin(psf: Tensor, rows: int, columns: int) -> Tensor:
-    """PSFs on the padded grid with their centre pixel at index 0."""
-    height, width = psf.shape[-2:]
-    grid = psf.new_zeros(*psf.shape[:-2], rows, columns)
-    grid[..., :height, :width] = psf
-    return torch.roll(grid, (-(height // 2), -(width // 2)), (-2, -1))
+def _transfer(stack: Tensor, rows: int, columns: int) -> tuple[Tensor, Tensor]:
+    """Means over the depths of PSFs [depth, channel, y, x]: of their transfer functions, about their first
+    pixel, and of the squares of these; both [channel, rows, columns // 2 + 1]. Depth by depth, as a stack of
+    transfer functions would not fit into a processor's cache."""
+    shape = (stack.shape[1], rows, columns // 2 + 1)
+    mean = torch.zeros(shape, dtype=torch.promote_types(stack.dtype, torch.complex64), device=stack.device)
+    power = torch.zeros(shape, dtype=stack.dtype, device=stack.device)
+    for psf in stack:
+        transfer = torch.fft.fft(torch.fft.rfft(psf, columns), rows, dim=-2)
+        mean += transfer
+        power += transfer.real.square() + transfer.imag.square()
+    return mean / len(stack), power / len(stack)
 
 
 def _noise_to_signal(

@@ -10,6 +10,7 @@ import torch
 from edofsim.errors import InputError
 from edofsim.learn.reader import Wanted
 from edofsim.learn.system import Optics, Planes
+from edofsim.learn.training_data import gather
 from edofsim.learn.views import ViewParts, Views, ViewSource, in_colours, open_views, scenes_of, training_rows
 from edofsim.optics import PAPER_COLOURS, Camera
 from edofsim.recipe.camera import CameraRecipe
@@ -189,3 +190,15 @@ def test_a_photograph_with_depths_is_a_source(tmp_path: Path) -> None:
     assert found.clean.shape == (2, 3, 24, 24) and torch.isfinite(found.clean).all()
     depths = torch.cat([part.inverse_depth for part in draw.parts])
     assert float(depths.min()) > 0.6 and float(depths.max()) < 1.8  # 0.6 to 1.5 m, as its recipe says
+
+
+def test_a_folder_without_pictures_ends_a_training_before_views_are_rendered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rendered: list[str] = []
+    monkeypatch.setattr("edofsim.render.render", lambda recipe, *_, **__: rendered.append(recipe.name))
+    sources = [Views(scenes=("clutter",)), {"kind": "natural"}]
+    recipe = TrainRecipe(name="r", camera="paper-clear", data={"sources": sources})
+    with pytest.raises(InputError, match="holds no pictures"):
+        gather(recipe, _optics(), Path(), tmp_path)
+    assert not rendered
