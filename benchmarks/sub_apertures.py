@@ -1,8 +1,9 @@
 """What fewer sub-apertures, and their change in coarse pixels, leave out of what sub-apertures change.
 
 `python -m benchmarks.sub_apertures [SCENE...]` photographs the middles of shipped scenes through three masks
-and prints what `LEFT_BY_FEWER` and `LEFT_BY_COARSE` of `edofsim/plan/effects/sub_apertures.py` stand for: the
-root mean square of what is left, over that of the whole change.
+and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over
+that of the whole change: what a coarse photo shows of it (`seen`); what fewer sub-apertures leave out
+(`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these (`foretold, 2`).
 """
 
 from __future__ import annotations
@@ -13,32 +14,53 @@ from collections.abc import Iterable, Mapping
 
 import torch
 
-from edofsim.capture import capture, full_fidelity
+from edofsim.capture import capture
 from edofsim.experiments.predictions import MASKS, camera_of, small_version
 from edofsim.optics import Camera
-from edofsim.plan.effects.sub_apertures import FEWER, LEFT_BY_COARSE
+from edofsim.plan.effect import Level, overall
+from edofsim.plan.effects.sub_apertures import FEWER, differences
+from edofsim.plan.facts import facts_of, photographed, rms
 from edofsim.recipe import load_scene
 from edofsim.render import View, render
 
-SCENES = ("desk", "hallway", "clutter", "stilllife")
+SCENES = ("clutter", "foliage", "stilllife", "hallway", "bench", "desk", "night", "charts")
+SIDES = (2, 4)
 
 
 def shares(view: View, camera: Camera) -> Mapping[str, float]:
-    """`fewer` and `coarse, N` for each width N: the shares that are left; empty where there is no change."""
-    full = full_fidelity(camera, view)
-    if full.sub_apertures <= FEWER:
+    """The figures above, by name; empty where there is no change."""
+    facts = facts_of(view, camera)
+    full = facts.full.sub_apertures
+    if full <= FEWER or not facts.edges:
         return {}
-    plain = full.changed({"band_groups": 1, "group_wavelengths": 2, "layers": 13})
+    plain = facts.full.changed({"band_groups": 1, "group_wavelengths": 2, "layers": 13})
 
     def photo(across: int, pixel: int) -> torch.Tensor:
         how = plain.changed({"sub_apertures": across, "sub_aperture_pixel": pixel})
-        return capture(view, camera, how).clean
+        return capture(view, camera, how, exposure=facts.exposure).clean
 
-    best = photo(full.sub_apertures, 1)
-    change = float((best - photo(1, 1)).norm())
-    left = {f"coarse, {side}": photo(full.sub_apertures, side) for side in LEFT_BY_COARSE}
-    left["fewer"] = photo(FEWER, 1)
-    return {name: float((other - best).norm()) / change for name, other in left.items()}
+    best = photo(full, 1)
+    change = _size(_per_pixel(best - photo(1, 1)))
+    (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=FEWER)
+    finest = {"sub_apertures": full}
+    asked = [{"sub_apertures": 1}, *(finest | {"sub_aperture_pixel": side} for side in SIDES)]
+    whole, *foretold = map(_size, differences(facts, [Level("", change) for change in asked]))
+    found = {"seen": _size(seen) / change}
+    found["fewer"] = _size(_per_pixel(photo(FEWER, 1) - best)) / change
+    for side, said in zip(SIDES, foretold, strict=True):
+        found[f"coarse, {side}"] = _size(_per_pixel(photo(full, side) - best)) / change
+        found[f"foretold, {side}"] = said / whole
+    return found
+
+
+def _size(difference: torch.Tensor) -> float:
+    """Root mean square of a difference as of `Effect.differences`."""
+    return overall(rms(difference))
+
+
+def _per_pixel(change: torch.Tensor) -> torch.Tensor:
+    """A change of an image [channel, y, x] as such a difference."""
+    return change.flatten(1) / change[0].numel() ** 0.5
 
 
 def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
@@ -56,7 +78,7 @@ def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
 
 
 if __name__ == "__main__":
-    each = measured(sys.argv[1:] or SCENES).values()
-    for name in ("fewer", *(f"coarse, {side}" for side in LEFT_BY_COARSE)):
+    each = list(measured(sys.argv[1:] or SCENES).values())
+    for name in each[0]:
         values = [left[name] for left in each]
         print(f"{name}: {min(values):.2f} to {max(values):.2f}, median {statistics.median(values):.2f}")

@@ -10,14 +10,14 @@ in the frame counts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ..capture.band_groups import Gathering, every_band
-from ..capture.fidelity import Fidelity, simpler_camera
+from ..capture.fidelity import Fidelity, coarsest_pupil_um, pupil_is_free, simpler_camera
 from ..capture.imaging import Axes, gathering_of
 from ..capture.prepare import kernels_of
 from ..core.once import Once
@@ -40,6 +40,8 @@ BANDS = 16
 """Wavelengths at which these are looked at, evenly over the view's bands."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
+COARSER = 1.3
+"""How much coarser a pupil must do for depths to have one of their own."""
 FOUND_DB = 65.0
 """Spectra of light are told apart by as many components as leave less than this of them."""
 MOST_COMPONENTS = 8
@@ -131,7 +133,10 @@ class Spectra:
         gathering, shares = self._few_bands
         if not quick:
             gathering = self._gathering(1, nodes)
-        change = self._otfs(fidelity, gathering, nodes) - self._otfs(reference, gathering, nodes)
+        other, same = (
+            self._otfs(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
+        )
+        change = other - same
         if not quick:
             return self._by_channel(gathering, nodes, change)
         weights, components = self._components
@@ -167,10 +172,16 @@ class Spectra:
         return gathering_of(self.camera, one, axes)
 
     def _otfs(
-        self, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, among: Tensor | None = None
+        self,
+        fidelity: Fidelity,
+        gathering: Gathering,
+        nodes: Tensor,
+        among: Tensor | None = None,
+        as_asked: bool = False,
     ) -> Tensor:
         """OTFs of groups at depth nodes, complex [node, group, y, x], without what lies outside the window.
-        among: nodes whose OTFs are known, and hold these perhaps."""
+        among: nodes whose OTFs are known, and hold these perhaps; as_asked: the pupil is sampled as the
+        fidelity says, where else depths have the coarsest sampling that will do for them."""
         if among is not None and nodes.numel() <= among.numel():
             at = torch.searchsorted(among, nodes - 1e-9).clamp_max(among.numel() - 1)
             if torch.allclose(among[at], nodes, rtol=0, atol=1e-9):
@@ -180,12 +191,20 @@ class Spectra:
         camera = simpler_camera(self.camera, whole)
         materials = (camera.lens.identity(), camera.mask_material.formula)
         about = (camera.recipe.model_dump_json(), materials, tuple(s.name for s in whole.simplifications))
-        key = (*about, tuple(gathering.wavelengths.tolist()), gathering.groups, tuple(nodes.tolist()))
+        bands = (tuple(gathering.wavelengths.tolist()), gathering.groups)
+        key = (*about, *bands, tuple(nodes.tolist()), as_asked)
 
         def psfs() -> Tensor:
-            kernels = kernels_of(camera, gathering.wavelengths, nodes, self.camera.recipe.psf.window_px)
-            each = [_resized(kernels.layer(node), self.side) for node in range(nodes.numel())]
-            values = torch.stack(each)
+            each: dict[int, Tensor] = {}
+            groups = [(torch.arange(nodes.numel()), camera)]
+            if not as_asked and pupil_is_free(self.camera):
+                groups = _sampled_alike(camera, gathering.wavelengths, nodes)
+            for some, sampled in groups:
+                kernels = kernels_of(
+                    sampled, gathering.wavelengths, nodes[some], self.camera.recipe.psf.window_px
+                )
+                each |= {node: _resized(kernels.layer(k), self.side) for k, node in enumerate(some.tolist())}
+            values = torch.stack([each[node] for node in range(nodes.numel())])
             return torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
 
         def otfs() -> Tensor:
@@ -403,6 +422,22 @@ def spectra_of(
         corners,
         shares,
     )
+
+
+def _sampled_alike(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> list[tuple[Tensor, Camera]]:
+    """Depth nodes, by number, whose PSFs need a pupil about as finely sampled, and the camera for them: those
+    farthest out of focus need the finest, by which the PSFs of all would take long."""
+    enough = torch.tensor([coarsest_pupil_um(camera, wavelengths, node[None]) for node in nodes])
+    finely = enough < COARSER * enough.min()
+    found = []
+    for some in (torch.nonzero(finely).flatten(), torch.nonzero(~finely).flatten()):
+        if not some.numel():
+            continue
+        psf = camera.recipe.psf
+        if psf.pupil_sampling_um != "auto":
+            psf = psf.model_copy(update={"pupil_sampling_um": float(enough[some].min())})
+        found.append((some, replace(camera, recipe=camera.recipe.model_copy(update={"psf": psf}))))
+    return found
 
 
 def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:

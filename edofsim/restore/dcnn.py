@@ -81,9 +81,10 @@ class DCnn(Restorer):
         seen = beyond
         for convolution, normalisation in zip(blocks[::3], blocks[1::3], strict=True):
             assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
-            about = normalisation.running_mean, normalisation.running_var, normalisation.eps
-            scale_and_shift = normalisation.weight, normalisation.bias
-            folded = fuse_conv_bn_weights(convolution.weight, convolution.bias, *about, *scale_and_shift)
+            mean, variance = normalisation.running_mean, normalisation.running_var
+            assert mean is not None and variance is not None
+            known = mean, variance, normalisation.eps, normalisation.weight, normalisation.bias
+            folded = fuse_conv_bn_weights(convolution.weight, convolution.bias, *known)
             seen = functional.conv2d(seen, *folded, dilation=convolution.dilation)
             seen = functional.leaky_relu_(seen, LEAK)
         residual = functional.conv2d(seen, last.weight, last.bias)

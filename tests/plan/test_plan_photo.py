@@ -391,6 +391,11 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known():
     assert one > full == 0
     truth = measured(scene(STEP, hidden=True), CAMERA, dict(found.levels[0].change), known.facts.full)
     assert decibels(one) == pytest.approx(decibels(truth), abs=3)
+    # so are coarse pixels, whose share follows from how fine the change is
+    assert len(found.levels) == 4
+    for level, errors in list(zip(found.levels, found.errors, strict=True))[1:-1]:
+        truth = measured(scene(STEP, hidden=True), CAMERA, dict(level.change), known.facts.full)
+        assert decibels(overall(errors)) == pytest.approx(decibels(truth), abs=4)
     # what leaves out occlusion or hidden surfaces leaves out parts with them
     for name in ("occlusion", "hidden surfaces"):
         whole = known.estimates.by_name()[name]

@@ -7,19 +7,22 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from ...capture.fidelity import FULL_SUB_APERTURES
 from ..effect import Effect, Level
 from ..facts import Facts, photographed
 
 FEWER = 4
-LEFT_BY_FEWER = 0.22
-"""Of what `FULL_SUB_APERTURES` change, what 4 x 4 leave out: 0.05 to 0.45 on the middles of `clutter`,
-`foliage`, `stilllife`, `hallway` and `bench` through three masks (`python -m benchmarks.sub_apertures` with
-their names)."""
-LEFT_BY_COARSE = {4: 0.35, 2: 0.17}
-"""And what pixels so many times as wide do, with the fewer layers and wavelengths that come with them: 0.07
-to 0.39 and 0.05 to 0.24 there. Where blurs are few pixels wide it can be several times as much."""
+SEEN = 0.75
+"""Of what sub-apertures change, what a coarse photo through 4 x 4 shows."""
+LEFT_BY_FEWER = {"clear": 0.14, "mask": 0.36}
+"""Of that, what 4 x 4 leave out: a mask differs from one sub-aperture to the next."""
+LEFT_BY_COARSE = 1.6, 0.7, 0.07
+"""And what pixels so many times as wide leave out: the first times what averages over pixels of another width
+leave out of the change, times the ratio of the widths to the power of the second, and at least the third.
+
+All from the middles of shipped scenes through three masks (`python -m benchmarks.sub_apertures`)."""
 
 
 def absent(facts: Facts) -> str:
@@ -48,17 +51,20 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    """Of coarse photos. What is left by coarse pixels is a share of what the whole pupil leaves, and what is
-    left by `FEWER` sub-apertures too, unless facts are to be looked at closely."""
+    """Of coarse photos. What coarse pixels leave out follows from how fine the change is that they show, and
+    what `FEWER` sub-apertures leave out is a share of it, unless facts are to be looked at closely."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
     if facts.closely and most < full:
-        whole, by_fewer = photographed(facts, [{"sub_apertures": n} for n in (1, most)], sub_apertures=full)
+        seen, by_fewer = photographed(facts, [{"sub_apertures": n} for n in (1, most)], sub_apertures=full)
+        fewer = _size(by_fewer) / max(_size(seen), 1e-30)
     else:
         (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
-        missed = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
-        whole = seen / (1 - missed)
-        by_fewer = whole * missed
+        clear = facts.camera.height_map is None and facts.camera.recipe.mask.kind == "clear"
+        fewer = LEFT_BY_FEWER["clear" if clear else "mask"] * (full - most) / (FULL_SUB_APERTURES - FEWER)
+    whole = seen / SEEN
+    coarse = facts.coarse
+    fine = _finer_than(2, seen.unflatten(1, (coarse.view.height, coarse.view.width)))
 
     def left(level: Level) -> Tensor:
         across = level.change["sub_apertures"]
@@ -66,12 +72,30 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
             return whole
         if across not in (most, full):  # what a user insists on
             return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
-        coarse = LEFT_BY_COARSE.get(level.change.get("sub_aperture_pixel", 1), 0.0)
-        if across == full:
-            return whole * coarse
-        return by_fewer * math.hypot(1.0, coarse * _size(whole) / max(_size(by_fewer), 1e-30))
+        side = level.change.get("sub_aperture_pixel", 1)
+        return whole * math.hypot(fewer if across == most else 0.0, _left_by(side, fine, 2 * coarse.times))
 
     return [left(level) for level in levels]
+
+
+def _left_by(side: int, fine: float, width: int) -> float:
+    """What pixels of `side` leave out, if averages over `width` leave out `fine`, as shares."""
+    if side == 1:
+        return 0.0
+    factor, power, least = LEFT_BY_COARSE
+    return math.hypot(least, min(1.0, factor * fine * (side / width) ** power))
+
+
+def _finer_than(width: int, change: Tensor) -> float:
+    """What means of squares of pixels, with slopes between them, leave out of a change [channel, y, x], as a
+    share of it."""
+    rows, columns = (size // width * width for size in change.shape[-2:])
+    if not rows or not columns:
+        return 1.0
+    change = change[None, :, :rows, :columns]
+    means = functional.avg_pool2d(change, width)
+    between = functional.interpolate(means, scale_factor=width, mode="bilinear")
+    return _size(change - between) / max(_size(change), 1e-30)
 
 
 def _size(change: Tensor) -> float:
