@@ -21,7 +21,7 @@ from .band_limit import BandLimit
 from .blurring import Blurring
 from .checks import check_view
 from .crop import crop, with_margin
-from .fidelity import Fidelity, of_sub_apertures, simpler_camera
+from .fidelity import Fidelity, coarsest_pupil_um, of_sub_apertures, pupil_is_free, simpler_camera
 from .kernels import Kernels
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
@@ -142,6 +142,10 @@ def sub_aperture_imaging(
     if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
         return None
     coarse = of_sub_apertures(fidelity)
+    if not coarse.sub_apertures_in_full and coarse.pupil_sampling_um is None and pupil_is_free(camera):
+        # a fine pupil is for the light that a height map scatters far: next to nothing of what is changed
+        finely = coarsest_pupil_um(camera, axes.wavelengths, torch.tensor(axes.ends, dtype=torch.float64))
+        coarse = coarse.changed({"pupil_sampling_um": finely})
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering = gathering_of(camera, coarse, axes)
     through = kernels_of_sub_apertures(

@@ -135,7 +135,7 @@ def test_what_blocks_a_part_whose_light_has_left_the_window():
     grid, worst, naive = Grid(48, 48, 0, 24), 0.0, 0.0
     for values in sub_aperture_psfs(camera, bands, nodes, 6, window_px=24):
         part = HeldKernels(values, nodes, bands)
-        spectra = [blocking for _, blocking in Psfs(part, whole, response, grid).at(range(3)).values()]
+        spectra = [blocking for _, blocking in Psfs(part, whole, response).at(range(3), grid).values()]
         opaque = torch.fft.irfft2(torch.stack(spectra), s=grid.transform)
         assert (opaque.sum((-2, -1)) - 1).abs().max() < 1e-5
         worst = max(worst, float(opaque.abs().sum((-2, -1)).max()))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 from torch.utils.checkpoint import checkpoint
 
 from ...optics.threads import in_threads
@@ -23,13 +24,14 @@ from ..coarse import CoarsePixels
 from ..convolution import Grid, mixed, spectrum, summed_products
 from ..crop import crop
 from ..kernels import Kernels
-from ..light import light_of
+from ..light import Box, Light, box_of, light_of
 from .hidden import Layout, layout_of, merged, slabs_of
 from .slabs import revealed
 
-HELD_SHARE = 0.5
+HELD_SHARE = 0.25
 """Least share of a sub-aperture's light, of that at the depth that its window holds most of it at, for which
-its PSF may be normalised."""
+its PSF may be normalised. Half of it would be too much: in `evaluate occlusion desk`, cubic mask, focus in
+front, 34.7 dB in place of 38.2, and no case is better by it."""
 LEAST_LIGHT = 1e-3
 """Of all light: sub-apertures of less hold nothing but the diffraction of others' borders."""
 
@@ -69,7 +71,6 @@ def _change(
     """[channel, y, x] of the frame."""
     pupil = blurring.kernels
     grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
-    needed = Place.of(view, grid, pixels)
     slabs = []
     for which in slabs_of(view, cut):
         shown = revealed(view, which)
@@ -77,11 +78,11 @@ def _change(
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
         light = pixels.light(light_of(view, pupil.nodes, which, both))
-        slabs.append({node: spectrum(light.at_node(node), grid) for node in light.occupied_nodes()})
-    change = -_composite(slabs, Psfs(pupil, pupil, blurring.response, grid), needed)
+        slabs.append(Slab.of(light, grid, None if pixels.side > 1 else (view.height, view.width)))
+    change = -_composite(slabs, Psfs(pupil, pupil, blurring.response))
 
     def one(part: Kernels) -> Tensor:
-        return _composite(slabs, Psfs(part, pupil, blurring.response, grid), needed)
+        return _composite(slabs, Psfs(part, pupil, blurring.response))
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
         for part in through:  # one at a time is held, and computed again on the way back
@@ -96,29 +97,61 @@ def _change(
 
 @dataclass(frozen=True)
 class Place:
-    """Rows and columns, from `top` and `left` on, that are needed of images of a transform's size."""
+    """Rows and columns, from `top` and `left` on, that are needed of images of a transform's size; and how
+    many zeros lie `beside` them, beyond the blur: to the left and right, above and below."""
 
     grid: Grid
     top: int
     left: int
     rows: int
     columns: int
-
-    @classmethod
-    def of(cls, view: View, grid: Grid, pixels: CoarsePixels) -> Place:
-        """Where the frame lies in images that are moved by half a window; coarse pixels are needed beside it
-        too, to be interpolated between."""
-        centre = grid.window // 2
-        if pixels.side == 1:
-            return cls(grid, centre + view.margin, centre + view.margin, view.height, view.width)
-        return cls(grid, centre, centre, grid.rows, grid.columns)
+    beside: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def image(self, spectra: Tensor) -> Tensor:
         """[channel, ky, kx] to [channel, y, x] of the place."""
+        if not self.rows or not self.columns:
+            return pad(spectra.real.new_zeros(len(spectra), self.rows, self.columns), self.beside)
         rows, columns = self.grid.transform
         lines = torch.fft.ifft(spectra, dim=-2)
         there = _around(lines, self.top, self.rows, rows, -2)
-        return _around(torch.fft.irfft(there, n=columns), self.left, self.columns, columns, -1)
+        image = _around(torch.fft.irfft(there, n=columns), self.left, self.columns, columns, -1)
+        return pad(image, self.beside) if any(self.beside) else image
+
+
+@dataclass(frozen=True)
+class Slab:
+    """The light of a slab in each band, and what it covers, [band + 1, ky, kx], by depth node; and where its
+    blurred images are needed."""
+
+    spectra: dict[int, Tensor]
+    place: Place
+
+    @classmethod
+    def of(cls, light: Light, grid: Grid, frame: tuple[int, int] | None) -> Slab:
+        """Transformed in the part of the padded frame that its blur reaches. grid: of all of that; frame: the
+        rows and columns within its margin that are needed, None for all of it, to be interpolated between."""
+        inset = grid.margin if frame else 0
+        rows, columns = frame or (grid.rows, grid.columns)
+        box = box_of(light, grid.window) or Box(0, 0, grid.rows, grid.columns)
+        whole = (box.rows, box.columns) == (grid.rows, grid.columns)
+        margin = grid.margin if whole else min(grid.margin, grid.window // 2)
+        within = Grid(box.rows, box.columns, margin, grid.window)
+        top, above, high = _met(box.top, box.rows, inset, rows)
+        left, before, wide = _met(box.left, box.columns, inset, columns)
+        beside = (before, columns - before - wide, above, rows - above - high)
+        centre = grid.window // 2
+        here = box.light(light)
+        return cls(
+            {node: spectrum(here.at_node(node), within) for node in here.occupied_nodes()},
+            Place(within, centre + top, centre + left, high, wide, beside),
+        )
+
+
+def _met(first: int, count: int, begin: int, needed: int) -> tuple[int, int, int]:
+    """Where `count` places from `first` on meet `needed` ones from `begin` on: the first of them in those and
+    in these, and how many they are."""
+    start, end = max(first, begin), min(first + count, begin + needed)
+    return min(start - first, count), min(start - begin, needed), max(0, end - start)
 
 
 def _around(image: Tensor, begin: int, count: int, period: int, axis: int) -> Tensor:
@@ -132,39 +165,39 @@ class Psfs:
     """Spectra of the PSFs of a part of the pupil at depth nodes. Those asked for last are kept: all at once
     would be more memory than stays near a processor."""
 
-    def __init__(self, kernels: Kernels, pupil: Kernels, response: Tensor, grid: Grid) -> None:
-        self._kernels, self._pupil = kernels, pupil
-        self.response, self._grid = response, grid
+    def __init__(self, kernels: Kernels, pupil: Kernels, response: Tensor) -> None:
+        self._kernels, self._pupil, self.response = kernels, pupil, response
         self._left = torch.zeros(()) if kernels is pupil else has_left(kernels)
-        self._known: dict[int, tuple[Tensor, Tensor]] = {}
+        self._known: dict[tuple[int, Grid], tuple[Tensor, Tensor]] = {}
 
-    def at(self, nodes: Iterable[int]) -> dict[int, tuple[Tensor, Tensor]]:
+    def at(self, nodes: Iterable[int], grid: Grid) -> dict[int, tuple[Tensor, Tensor]]:
         """By node, [band, ky, kx] for light, and [channel, ky, kx] for coverage: as PSFs of white light that
         each sum to 1."""
-        self._known = {node: self._known.get(node) or self._at(node) for node in nodes}
-        return self._known
+        known = self._known
+        self._known = {(node, grid): known.get((node, grid)) or self._at(node, grid) for node in nodes}
+        return {node: found for (node, _), found in self._known.items()}
 
-    def _at(self, node: int) -> tuple[Tensor, Tensor]:
+    def _at(self, node: int, grid: Grid) -> tuple[Tensor, Tensor]:
         psf = self._kernels.layer(node)
-        through = spectrum(psf, self._grid)
+        through = spectrum(psf, grid)
         if self._left.ndim and bool(self._left[node].any()):
             psf = torch.where(self._left[node][:, None, None], self._pupil.layer(node), psf)
-            return through, mixed(self.response / psf.sum((-2, -1)), spectrum(psf, self._grid))
+            return through, mixed(self.response / psf.sum((-2, -1)), spectrum(psf, grid))
         return through, mixed(self.response / psf.sum((-2, -1)), through)
 
 
-def _composite(slabs: Sequence[dict[int, Tensor]], psfs: Psfs, needed: Place) -> Tensor:
+def _composite(slabs: Sequence[Slab], psfs: Psfs) -> Tensor:
     """[channel, y, x] of the place that is needed, without the light of the nearest slab: nothing hides that,
-    and it adds up to the same through all parts of the pupil. slabs: near to far, spectra of the light in
-    each band and of the coverage, [band + 1, ky, kx], by depth node."""
+    and it adds up to the same through all parts of the pupil. slabs: near to far."""
 
-    def blurred(slab: dict[int, Tensor]) -> tuple[Tensor, Tensor]:
-        through = psfs.at(slab)
-        opaque = needed.image(summed_products((slab[node][-1:], through[node][1]) for node in slab))
+    def blurred(slab: Slab) -> tuple[Tensor, Tensor]:
+        spectra, place = slab.spectra, slab.place
+        through = psfs.at(spectra, place.grid)
+        opaque = place.image(summed_products((spectra[node][-1:], through[node][1]) for node in spectra))
         if slab is slabs[0]:
             return torch.zeros_like(opaque), opaque
-        light = summed_products((slab[node][:-1], through[node][0]) for node in slab)
-        return needed.image(mixed(psfs.response, light)), opaque
+        light = summed_products((spectra[node][:-1], through[node][0]) for node in spectra)
+        return place.image(mixed(psfs.response, light)), opaque
 
     return merged((blurred(slab) for slab in reversed(slabs)), len(slabs))
 

@@ -1,0 +1,47 @@
+"""Slabs are blurred in the part of the frame that their blur reaches, for each sub-aperture."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from edofsim.capture.convolution import Grid
+from edofsim.capture.light import Light
+from edofsim.capture.occlusion import sub_apertures
+from edofsim.capture.occlusion.sub_apertures import Slab
+
+GRID = Grid(50, 60, 12, 16)
+FRAME = 26, 36
+
+
+def _light(y: int, x: int) -> Light:
+    """One fragment of light and what it covers."""
+    return Light(50, 60, torch.tensor([60 * y + x]), torch.zeros(1), torch.tensor([[2.0], [1.0]]), (0, 1))
+
+
+@pytest.mark.parametrize("frame", [FRAME, None])
+@pytest.mark.parametrize("y, x", [(0, 0), (3, 40), (20, 30), (49, 59), (13, 58), (4, 30)])
+def test_a_slab_is_blurred_as_in_the_whole_frame(
+    y: int, x: int, frame: tuple[int, int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The blur of one pixel is a copy of the PSF there, cut at the frame; a blur may reach none of it."""
+    psf = torch.rand(1, 16, 16, generator=torch.Generator().manual_seed(0))
+    top, left, rows, columns = (12, 12, *FRAME) if frame else (0, 0, 50, 60)
+    expected = torch.zeros(50 + 32, 60 + 32)
+    expected[y + 8 : y + 24, x + 8 : x + 24] = psf[0]
+    expected = expected[16 + top : 16 + top + rows, 16 + left : 16 + left + columns]
+
+    def blurred() -> torch.Tensor:
+        slab = Slab.of(_light(y, x), GRID, frame)
+        return slab.place.image(slab.spectra[0] * torch.fft.rfft2(psf, s=slab.place.grid.transform))
+
+    found = blurred()
+    assert found.shape == (2, rows, columns)
+    assert torch.allclose(found, torch.stack([2 * expected, expected]), atol=1e-6)
+    monkeypatch.setattr(sub_apertures, "box_of", lambda light, window: None)
+    if frame:  # in the whole frame light wraps into the margin
+        assert torch.allclose(blurred(), found, atol=1e-6)
+
+
+def test_small_slabs_take_small_transforms() -> None:
+    assert Slab.of(_light(20, 30), GRID, FRAME).place.grid.transform < GRID.transform
