@@ -53,6 +53,17 @@ RUNS = (
     ),
     Fidelity(band_groups=1, group_wavelengths=1, layers=7, occlusion="hidden", sub_apertures=6, window_px=64),
 )
+SUB_APERTURE_RUNS = tuple(
+    Fidelity(
+        band_groups=1,
+        group_wavelengths=1,
+        layers=layers,
+        occlusion="hidden",
+        sub_apertures=across,
+        sub_aperture_pixel=side,
+    )
+    for across, side, layers in ((6, 1, 13), (4, 1, 6), (4, 2, 9), (6, 2, 9), (6, 2, 3), (4, 4, 9), (6, 4, 5))
+)
 FLAT_RUNS = (
     Fidelity(band_groups=1, group_wavelengths=1, layers=1, occlusion="none"),
     Fidelity(band_groups=1, group_wavelengths=2, layers=1, occlusion="none", window_px=64),
@@ -102,6 +113,8 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
         (flat, cubic, FLAT_RUNS[1::2], repeats),
         (flat, camera.with_height(relief), FLAT_RUNS[::2], repeats),
         (large, camera, RUNS[::3], 1),
+        (small, cubic, SUB_APERTURE_RUNS, 1),
+        (large, camera.with_height(relief), SUB_APERTURE_RUNS, 1),
     ):
         shape = shape_of(view, with_mask)
         for run in runs:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..capture.crop import crop, with_margin
+from ..capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ..capture.occlusion.hidden import Tile, tiles_to_composite
 from ..capture.occlusion.slabs import cuts, hides
 from ..capture.prepare import blur_per_dioptre
@@ -53,7 +54,8 @@ class Shape:
     height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; visible:
     fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
     slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe; gap: in
-    inverse depth, from which on one surface hides another; dark: the view with that margin and no light.
+    inverse depth, from which on one surface hides another; dark: the view with that margin and no light;
+    pupil_um: the coarsest sampling of the pupil, None where it is not free.
     """
 
     height: int
@@ -69,6 +71,7 @@ class Shape:
     reach: int
     gap: float
     dark: View
+    pupil_um: float | None = None
 
     @property
     def padded_shape(self) -> tuple[int, int]:
@@ -116,6 +119,9 @@ def shape_of(view: View, camera: Camera) -> Shape:
         reach=reach,
         gap=gap,
         dark=with_margin(dark, reach),
+        pupil_um=coarsest_pupil_um(camera, view.wavelengths, torch.tensor([low, high], dtype=torch.float64))
+        if pupil_is_free(camera)
+        else None,
     )
 
 

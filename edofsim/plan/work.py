@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -112,6 +111,8 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
+    if coarse.pupil_sampling_um is None and not coarse.sub_apertures_in_full and shape.pupil_um is not None:
+        samples = _pupil_samples(camera, coarse.changed({"pupil_sampling_um": shape.pupil_um}), window, shape)
     side = coarse.sub_aperture_pixel
     width = coarse_window(window, side)
     fine = fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
@@ -119,21 +120,15 @@ def _parts_of(
     out = (width * coarse_oversampling(fine, side) + 2) / 2
     margin = window // 2
     work = _Composites()
-
-    def add(rows: int, columns: int, nodes: Sequence[int]) -> None:
-        work.add(
-            math.ceil((rows + 2 * margin) / side), math.ceil((columns + 2 * margin) / side), width, nodes
-        )
-
-    tiles = shape.tiles
-    for tile in tiles:
-        nodes = [
-            shape.slabs(tile).nodes_used(layers, slab) for slab in range(len(shape.slabs(tile).fragments))
-        ]
-        add(tile.height, tile.width, nodes)
-    if not tiles:
-        nodes = [shape.whole.nodes_used(layers, slab) for slab in range(len(shape.whole.fragments))]
-        add(shape.height, shape.width, nodes)
+    for part, slabs in [(tile, shape.slabs(tile)) for tile in shape.tiles] or [(shape, shape.whole)]:
+        rows, columns = (math.ceil((size + 2 * margin) / side) for size in (part.height, part.width))
+        for slab, extent in enumerate(slabs.extents):
+            spans = (math.ceil(own / side) + 2 * (width // 2) for own in extent)
+            high, wide = (min(both) for both in zip(spans, (rows, columns), strict=True))
+            box = (high, wide) if high * wide < SMALLER * rows * columns else (rows, columns)
+            work.add(*box, width, slabs.nodes_used(layers, slab))
+        work.largest = max(work.largest, work.held)
+        work.held = 0.0
     amounts = (
         float(count),
         across * (colours * samples**2 + waves * out * half**2) + count * waves * out**2 * half,
@@ -156,22 +151,25 @@ class _Composites:
     """Work of one sub-aperture, added up tile by tile.
 
     transforms: in pixels times their logarithm; light: those that all parts share; products: pixels of
-    spectra that are multiplied; largest: bytes of the spectra of one tile's light.
+    spectra that are multiplied; held: bytes of the spectra of a tile's light, and largest: of the tile that
+    has most of them.
     """
 
     transforms: float = 0.0
     products: float = 0.0
     light: float = 0.0
+    held: float = 0.0
     largest: float = 0.0
 
-    def add(self, rows: int, columns: int, window: int, nodes: Sequence[int]) -> None:
-        """A tile with its margin; nodes: that each slab's light has a share in."""
+    def add(self, rows: int, columns: int, window: int, nodes: int) -> None:
+        """A slab, in the part of a tile with its margin that its blur reaches; nodes: that its light has a
+        share in."""
         size = _transform_size(rows, columns, window)
         one = size * math.log2(size)
-        self.transforms += (COVERAGES * max(nodes) + 2 * COVERAGES * len(nodes)) * one
-        self.products += (sum(nodes) + max(nodes)) * 2 * COVERAGES * size
-        self.light += sum(nodes) * (COVERAGES + 1) * one
-        self.largest = max(self.largest, 4.0 * sum(nodes) * (COVERAGES + 1) * size)
+        self.transforms += (nodes + 2) * COVERAGES * one
+        self.products += nodes * 2 * COVERAGES * size
+        self.light += nodes * (COVERAGES + 1) * one
+        self.held += 4.0 * nodes * (COVERAGES + 1) * size
 
 
 @lru_cache(maxsize=16)
