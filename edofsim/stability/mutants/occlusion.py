@@ -189,4 +189,10 @@ MUTANTS: tuple[Mutant, ...] = (
         ("occlusion",),
         lambda: scaled(imaging, "change_by_sub_apertures", 2.0),
     ),
+    Mutant(
+        "sub-apertures given up",
+        "the whole pupil stands in for those with half of their light outside the window",
+        ("occlusion",),
+        lambda: swapped(sub_apertures, "HELD_SHARE", 0.5),
+    ),
 )
