@@ -257,9 +257,15 @@ def pupil_is_free(camera: Camera) -> bool:
     return recipe.psf.pupil_sampling_um == "auto" and not made
 
 
-def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor) -> float:
-    """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow."""
-    return coarsest_pitch(camera, wavelengths, inverse_depths, camera.recipe.psf.window_px) * 1e6
+def coarsest_pupil_um(
+    camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor, window_px: int | None = None
+) -> float:
+    """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow, between
+    the wavelengths [band] too, where groups of bands have theirs. window_px: None for the camera's."""
+    low, high = (float(end) for end in wavelengths.double().aminmax())
+    every = torch.linspace(low, high, 32, dtype=torch.float64)
+    window = camera.recipe.psf.window_px if window_px is None else window_px
+    return coarsest_pitch(camera, every, inverse_depths, window) * 1e6
 
 
 def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:

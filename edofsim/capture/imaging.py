@@ -142,16 +142,16 @@ def sub_aperture_imaging(
     if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
         return None
     coarse = of_sub_apertures(fidelity)
+    window = coarse.window_px or camera.recipe.psf.window_px
+    gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
     if not coarse.sub_apertures_in_full and coarse.pupil_sampling_um is None and pupil_is_free(camera):
         # a fine pupil is for the light that a height map scatters far: next to nothing of what is changed
-        finely = coarsest_pupil_um(camera, axes.wavelengths, torch.tensor(axes.ends, dtype=torch.float64))
+        finely = coarsest_pupil_um(camera, gathering.wavelengths, nodes, window)
         coarse = coarse.changed({"pupil_sampling_um": finely})
-    window = coarse.window_px or camera.recipe.psf.window_px
-    gathering = gathering_of(camera, coarse, axes)
     through = kernels_of_sub_apertures(
         simpler_camera(camera, coarse),
         gathering.wavelengths,
-        some_nodes(axes.nodes, coarse),
+        nodes,
         window,
         coarse.sub_apertures,
         side=coarse.sub_aperture_pixel,
