@@ -16,6 +16,7 @@ SELECTED: Mapping[str, tuple[str, ...]] = {
     "coverage": ("coverage 1 and hidden light", "half covered everywhere", "hidden coverage 1e-7"),
     "occlusion": (
         "both sides blurred",
+        "both sides blurred by a cubic mask",
         "three behind one another",
         "white room",
         "bright before dark",
