@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
 import os
 import sys
-from typing import Annotated
+import threading
+from contextlib import suppress
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -63,14 +66,22 @@ def main() -> None:
 
     0: done, 1: failed, 2: bad input, 130: interrupted.
     """
-    status = console.exit_status(invoke)
-    if status == console.INTERRUPTED:
-        # at once: now and then the interpreter's own end answered with the signal, in place of this status
-        logging.shutdown()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
-    sys.exit(status)
+    _end(console.exit_status(invoke))
+
+
+def _end(status: int) -> NoReturn:
+    """Leave at once with a status. The interpreter's own end takes most of a second to take apart what the
+    libraries hold, and answered an interrupt now and then with the signal in place of this status."""
+    if status != console.INTERRUPTED:
+        for thread in threading.enumerate():
+            if thread is not threading.current_thread() and not thread.daemon:
+                thread.join()
+        atexit._run_exitfuncs()
+    logging.shutdown()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # whoever read it has gone
+            stream.flush()
+    os._exit(status)
 
 
 def invoke(arguments: list[str] | None = None) -> None:

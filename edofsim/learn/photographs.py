@@ -52,7 +52,7 @@ class NaturalImages(Photographs):
         if folder is None:
             raise InputError("this recipe trains on photographs of your own; name the folder: --data DIR")
         images = read_folder(folder, wanted.recipe.data.patch_px)
-        return _planes(self, images, folder.name, wanted.recipe, wanted.optics.window)
+        return plane_source(self, images, folder.name, wanted.recipe, wanted.optics.window)
 
 
 class PackagedImages(Photographs):
@@ -63,7 +63,7 @@ class PackagedImages(Photographs):
 
     def open(self, wanted: Wanted) -> PlaneSource:
         images = packaged_images(wanted.recipe.data.patch_px)
-        return _planes(self, images, "skimage.data", wanted.recipe, wanted.optics.window)
+        return plane_source(self, images, "skimage.data", wanted.recipe, wanted.optics.window)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,10 @@ def _stride(count: int) -> int:
     return step
 
 
-def _planes(table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int) -> PlaneSource:
+def plane_source(
+    table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int
+) -> PlaneSource:
+    """Photographs as a source that scenes are drawn from, a part of them held back for validation."""
     training, held_back = split(images, recipe.data.validation, recipe.seed)
     described = {
         "kind": table.kind,

@@ -97,6 +97,7 @@ TRAINING_DATA: Registry[type[KindModel]] = Registry(
     {
         "natural": "edofsim.learn.photographs:NaturalImages",
         "packaged": "edofsim.learn.photographs:PackagedImages",
+        "drawn": "edofsim.learn.drawn:DrawnSheets",
         "views": "edofsim.learn.views:Views",
     },
 )

@@ -1,8 +1,7 @@
 """Many parts of a work: by processes on this machine, by workers of a Dask cluster, or a share of them.
 
-One function does one part. Workers are spawned, and recycled after a few parts because Mitsuba's memory grows
-when scenes are loaded again and again. What a part finds is its result, and what it keeps on disk stays: a
-worker that dies loses nothing that is complete.
+One function does one part. Workers are spawned, and recycled after many parts. What a part finds is its
+result, and what it keeps on disk stays: a worker that dies loses nothing that is complete.
 """
 
 from __future__ import annotations
@@ -31,8 +30,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 Messages: TypeAlias = "Queue[tuple[int, float]]"
 
-PARTS_A_WORKER = 8
-"""Then a worker makes way for a new one: Mitsuba's memory grows with every scene."""
+PARTS_A_WORKER = 64
+"""Then a worker makes way for a new one, in case that a library keeps memory. Mitsuba does not: after two members
+of `clutter` a worker held 1.3 GiB, after 24 of them 1.4."""
 
 
 @dataclass(frozen=True)

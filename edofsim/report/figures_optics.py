@@ -19,10 +19,10 @@ from .plot import (
     MUTED,
     NARROW_IN,
     SERIES,
+    TITLE_PT,
     WIDE_IN,
     Plot,
     new_figure,
-    picture_axes,
     spread,
 )  # fmt: skip
 from .words import distance, percent, significant
@@ -55,27 +55,31 @@ def psf_plot(psfs: Psfs) -> Plot:
         tile = min(room / across, 1.9)
         width = left + right + across * tile + (across - 1) * gap
         height = top + bottom + down * tile + (down - 1) * gap
-        figure = new_figure(width, height, layout="none")  # placed by hand: many axes lay out slowly
+        figure = new_figure(width, height, layout="none")
+        axes = figure.add_axes((0, 0, 1, 1))  # one for all: each takes as long as the pictures
         norm = LogNorm(peak * 10.0**-PSF_DECADES, peak, clip=True)
+        words = {"size": TITLE_PT, "weight": "bold"}
         for row in range(down):
             for column in range(across):
                 x, y = left + column * (tile + gap), height - top - tile - row * (tile + gap)
-                axes = figure.add_axes((x / width, y / height, tile / width, tile / height))
                 depth, channel = (row, column) if narrow else (column, row)
                 tile_values = tiles[picked[depth], channel]
-                axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm)
-                picture_axes(axes)
+                axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm, extent=(x, x + tile, y, y + tile))
                 at = distance(psfs.depths_m[picked[depth]])
                 if row == 0:
-                    axes.set_title(CHANNELS[channel] if narrow else at)
+                    said = CHANNELS[channel] if narrow else at
+                    axes.text(x + tile / 2, y + tile + 0.08, said, ha="center", va="bottom", **words)
                 if column == 0:
-                    axes.set_ylabel(at if narrow else CHANNELS[channel], fontweight="bold")
+                    said = at if narrow else CHANNELS[channel]
+                    axes.text(x - 0.05, y + tile / 2, said, ha="right", va="center", rotation=90, **words)
                 if row == column == 0:
-                    x0, y0 = 0.07 * shown.shape[-1] - 0.5, 0.91 * shown.shape[-2] - 0.5
-                    axes.plot([x0, x0 + bar], [y0, y0], color="white", linewidth=2.4, solid_capstyle="butt")
-                    axes.annotate(
-                        f"{bar} px", (x0, y0), (0, 3), textcoords="offset points", color="white", fontsize=8
-                    )
+                    x0, y0 = x + 0.07 * tile, y + 0.09 * tile
+                    pixel = tile / shown.shape[-1]
+                    ends = ([x0, x0 + bar * pixel], [y0, y0])
+                    axes.plot(*ends, color="white", linewidth=2.4, solid_capstyle="butt")
+                    axes.text(x0, y0 + 0.04, f"{bar} px", color="white", fontsize=8)
+        axes.set(xlim=(0, width), ylim=(0, height))
+        axes.set_axis_off()
         place = (
             (left, 0.52, width - left - right, 0.12)
             if narrow

@@ -25,6 +25,7 @@ from ..core.files import write_bytes
 from ..errors import InputError
 from .words import metres
 
+TITLE_PT = 9
 INK, MUTED, GRID, EMPTY = "#1d232b", "#5a6572", "#d5dae1", "#b9bec6"
 BLUE, ORANGE, GREEN, PURPLE, YELLOW = "#0072b2", "#d55e00", "#007f5f", "#a8507f", "#8a6d00"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, YELLOW)
@@ -43,7 +44,7 @@ WIDE_IN, HALF_IN, NARROW_IN = 10.6, 4.6, 3.75  # widths of a full column, of hal
 STYLE = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same picture on every machine
     "font.size": 9,
-    "axes.titlesize": 9,
+    "axes.titlesize": TITLE_PT,
     "axes.titleweight": "bold",
     "axes.labelsize": 9,
     "xtick.labelsize": 8.5,
