@@ -33,6 +33,7 @@ from .workers import Workers, join_workers
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
 DESIGN_TRUNCATED_ENERGY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
 SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the weights at the start, from which validation chooses
+NO_GRADIENT = 100  # updates on end after which a training is given up
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
 
@@ -60,6 +61,7 @@ class _Loop:
     limit: float | None
     started: float = field(default_factory=lambda: time.perf_counter())
     before: float = 0.0
+    without_gradient: int = 0
 
     def seconds(self) -> float:
         return self.before + time.perf_counter() - self.started
@@ -235,6 +237,16 @@ def _update(loop: _Loop, draw: Draw, frozen: bool) -> JudgedPhotos:
             for buffer, before in zip(setup.system.network.buffers(), means, strict=True):
                 buffer.copy_(before)
         _give_up(loop, outcome)
+    weights = [p for p in setup.system.network.parameters() if p.grad is not None]
+    clip = setup.recipe.optimiser.clip_gradient or math.inf
+    length = float(nn.utils.clip_grad_norm_(weights, clip)) if weights else math.inf
+    loop.without_gradient = loop.without_gradient + 1 if length == 0 else 0
+    if loop.workers.agree(float(loop.without_gradient)) >= NO_GRADIENT:
+        raise EdofsimError(
+            f"step {loop.position.step}: the network has had no gradient for {NO_GRADIENT} updates: all that "
+            "it gives is black or beyond full scale, and nothing will change; start anew with a lower "
+            "optimiser.learning_rate, or with optimiser.clip_gradient"
+        )
     loop.optimiser.step()
     return outcome
 

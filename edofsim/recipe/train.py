@@ -117,7 +117,9 @@ class OptimiserTable(RecipeModel):
     comes first, with the rate rising. network_steps: updates of the network in a step. The PSFs are
     computed, and the mask learns, in the first; in the others the same PSFs meet new patches and new noise,
     which saves the time of the optics. frozen_statistics: in this share of the steps, the last ones, batch
-    normalisation goes by its running means, as in use: a batch of patches has other means than a photo."""
+    normalisation goes by its running means, as in use: a batch of patches has other means than a photo.
+    clip_gradient: a longer gradient of the network is made so long (Pascanu et al., ICML 2013): a batch with
+    saturated highlights can have one that throws all weights off."""
 
     steps: Count = 100_000
     batch: Count = 4
@@ -129,6 +131,7 @@ class OptimiserTable(RecipeModel):
     warmup: Fraction = 0.0
     network_steps: Count = 1
     frozen_statistics: Annotated[float, Field(ge=0, le=1)] = 0.0
+    clip_gradient: Positive | None = None
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
 
 

@@ -31,8 +31,8 @@ R = TypeVar("R")
 Messages: TypeAlias = "Queue[tuple[int, float]]"
 
 PARTS_A_WORKER = 64
-"""Then a worker makes way for a new one, in case that a library keeps memory. Mitsuba does not: after two members
-of `clutter` a worker held 1.3 GiB, after 24 of them 1.4."""
+"""Then a worker makes way for a new one, in case that a library keeps memory. Mitsuba does not: after two
+members of `clutter` a worker held 1.3 GiB, after 24 of them 1.4."""
 
 
 @dataclass(frozen=True)

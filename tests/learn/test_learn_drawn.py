@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import torch
+
 from edofsim.learn.drawn import drawn
 from edofsim.recipe.kinds import TRAINING_DATA
 

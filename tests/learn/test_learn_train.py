@@ -218,6 +218,47 @@ def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:
     assert all(not torch.equal(states[2][name], states[4][name]) for name in weights)
 
 
+def test_a_long_gradient_is_clipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The optimiser never sees a longer one; without the setting it does."""
+    seen: list[float] = []
+    real = torch.optim.Adam.step
+
+    def watched(self: torch.optim.Adam, *arguments: object) -> object:
+        grads = [p.grad for p in self.param_groups[0]["params"] if p.grad is not None]
+        seen.append(float(torch.stack([grad.square().sum() for grad in grads]).sum().sqrt()))
+        return real(self, *arguments)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", watched)
+    train(_recipe(tmp_path, 3), tmp_path / "free")
+    free = list(seen)
+    seen.clear()
+    loaded = _recipe(tmp_path, 3)
+    settings = loaded.recipe.optimiser.model_copy(update={"clip_gradient": min(free) / 2})
+    clipped = Loaded(loaded.recipe.model_copy(update={"optimiser": settings}), loaded.path, "")
+    train(clipped, tmp_path / "clipped")
+    assert max(seen) <= min(free) / 2 * (1 + 1e-4)
+    assert min(seen) > 0
+
+
+def test_a_network_without_a_gradient_ends_the_training(tmp_path: Path) -> None:
+    """All black before the clamp: nothing could change any more, and nobody would be told."""
+
+    real = trainer.prepare
+
+    def prepared(*arguments: object, **options: object) -> Setup:
+        setup = real(*arguments, **options)
+        final = setup.system.network.refine[-1].bias
+        with torch.no_grad():
+            final.fill_(-50.0)
+        return setup
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trainer, "prepare", prepared)
+        with pytest.raises(EdofsimError, match="no gradient for 100 updates"):
+            train(_recipe(tmp_path, 200), tmp_path / "out")
+    assert _losses(tmp_path / "out")[-1][0] < 110
+
+
 def test_a_training_learns(tmp_path: Path) -> None:
     """Forty small steps: the loss falls, the photo is improved on, and the mask has moved."""
     loaded = _recipe(tmp_path, 40)
