@@ -15,6 +15,7 @@ import os
 import re
 import subprocess
 import sys
+import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -58,6 +59,10 @@ class Tried(TypedDict):
     works: bool
     version: str
     reason: str
+
+
+_TRYING = threading.Lock()
+_tried: dict[str, Tried] = {}  # in this process, whose folder may refuse to remember
 
 
 @dataclass(frozen=True)
@@ -144,14 +149,19 @@ def find_engines(*, again: bool = False) -> tuple[EngineProbe, ...]:
     """Try every candidate and say which work, the best first: CUDA, then LLVM from the newest.
 
     Takes seconds a candidate the first time and reads the remembered outcome afterwards; `again` tries all of
-    them once more.
+    them once more. One thread at a time tries; others wait for what it finds.
     """
+    with _TRYING:
+        return _found_engines(again)
+
+
+def _found_engines(again: bool) -> tuple[EngineProbe, ...]:
     candidates: list[tuple[str, str, str]] = []
     driver = cuda_driver()
     if driver:
         candidates.append(("cuda", CUDA_VARIANT, driver))
     candidates += [("cpu", LLVM_VARIANT, str(path)) for path in llvm_libraries()]
-    remembered = {} if again else _load_memory()
+    remembered = {} if again else _load_memory() | _tried
     keys = [_memory_key(variant, library) for _, variant, library in candidates]
     missing = [
         (key, variant, library)
@@ -161,7 +171,8 @@ def find_engines(*, again: bool = False) -> tuple[EngineProbe, ...]:
     if missing:
         with ThreadPoolExecutor(max_workers=2) as pool:
             outcomes = list(pool.map(_try_engine, *zip(*(found[1:] for found in missing), strict=True)))
-        remembered |= {key: outcome for (key, _, _), outcome in zip(missing, outcomes, strict=True)}
+        _tried.update({key: outcome for (key, _, _), outcome in zip(missing, outcomes, strict=True)})
+        remembered |= _tried
         _save_memory(remembered)
     return tuple(
         EngineProbe(

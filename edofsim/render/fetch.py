@@ -6,6 +6,7 @@ import json
 import logging
 import platform
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..record import writable_folder
 from . import cache as store
+from .engine import find_engines
 from .keys import canonical, view_key
 from .settings import RenderSettings
 from .view import View
@@ -84,7 +86,9 @@ def _rendered(
     partial = place.file("partial")
     how = {"device": device, "progress": say, "partial": partial}
     try:
-        model = build_scene(recipe, base, part(say, 0.0, 0.0))
+        with ThreadPoolExecutor(1) as beside:
+            beside.submit(find_engines)  # the first time on a machine it waits for a child process
+            model = build_scene(recipe, base, part(say, 0.0, 0.0))
     except NotCarried as reasons:
         LOG.warning(
             "%s goes through Mitsuba's spectral variant: %s", recipe.name, "; ".join(reasons.problems)
