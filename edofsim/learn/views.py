@@ -19,6 +19,7 @@ from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
+from ..optics.sampling import plan_sampling
 from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
@@ -208,6 +209,8 @@ def open_views(
         view = render(recipe, folder, cache=cache)
         digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         view = in_colours(view) if table.bands == "three" else view
+        if not table.once:
+            _check_sampling(view, optics, recipe.name)
         last = held_back == 1 or (table.members > 0 and index % table.members >= table.members - kept)
         views[last].append(_once(view, table, optics, height_noise, index) if table.once else view)
     described = {
@@ -221,6 +224,17 @@ def open_views(
     return ViewSource(
         training, validating, table, patch, optics.window // 2, held_back, described, described["sha256"]
     )
+
+
+def _check_sampling(view: View, optics: Optics, name: str) -> None:
+    """Raises InputError for a pupil that is sampled too coarsely for one of the depths that parts of the view
+    see, before any step: what is near may be drawn late, or by validation alone."""
+    whole = crop(view, 0, 0, view.height, view.width, min(view.margin, optics.window // 2))
+    ends = torch.stack(whole.inverse_depth.aminmax()).double()
+    try:
+        plan_sampling(optics.camera, view.wavelengths.double(), ends, optics.window)
+    except InputError as error:
+        raise InputError([f"scene {name!r}: {problem}" for problem in error.problems]) from None
 
 
 @torch.no_grad()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 from edofsim.errors import InputError
 from edofsim.learn.reader import Wanted
@@ -123,18 +125,20 @@ def test_of_a_family_the_last_members_are_kept_for_validation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Half of three members, rounded up; for validation alone, all of them. No renderer: each member's view
-    is a plane at its seed in 1/m."""
+    is a plane at a 1024th of its seed in 1/m."""
     monkeypatch.setattr(
-        "edofsim.render.render", lambda recipe, *_, **__: _view(40, 30, 4, PAPER_COLOURS, recipe.seed)
+        "edofsim.render.render", lambda recipe, *_, **__: _view(40, 30, 4, PAPER_COLOURS, recipe.seed / 1024)
     )
+
+    def seed_of(view: View) -> float:
+        return 1024 * float(view.inverse_depth[0])
+
     table = Views(scenes=("clutter",), members=3, seed=5)
 
     def seeds(share: float) -> tuple[list[float], list[float]]:
         source = open_views(table, 24, share, _optics(), Path(), tmp_path, None)
-        trained, kept = (
-            [float(v.inverse_depth[0]) for v in views] for views in (source.views, source.held_back)
-        )
-        assert {float(scenes.parts[0].inverse_depth[0]) for scenes in source.validation(6)} == set(kept)
+        trained, kept = ([seed_of(v) for v in views] for views in (source.views, source.held_back))
+        assert {seed_of(scenes.parts[0]) for scenes in source.validation(6)} == set(kept)
         return trained, kept
 
     assert seeds(0.5) == ([5.0], [6.0, 7.0])
@@ -202,3 +206,31 @@ def test_a_folder_without_pictures_ends_a_training_before_views_are_rendered(
     with pytest.raises(InputError, match="holds no pictures"):
         gather(recipe, _optics(), Path(), tmp_path)
     assert not rendered
+
+
+def test_a_pupil_too_coarse_for_a_view_is_refused_before_any_step(tmp_path: Path) -> None:
+    """Only a corner is near: patches drawn at random might miss it for long, validation meet it last."""
+    picture, depth = tmp_path / "p.png", tmp_path / "d.npy"
+    Image.fromarray(np.full((40, 40, 3), 128, np.uint8)).save(picture)
+    metres = np.full((40, 40), 1.5, np.float32)
+    metres[-2:, -2:] = 0.3
+    np.save(depth, metres)
+    scene = tmp_path / "near.toml"
+    scene.write_text(
+        f'''
+name = "near"
+camera = "paper-clear"
+[frame]
+width_px = 40
+height_px = 40
+[source]
+kind = "rgbd"
+image = "{picture.name}"
+[source.depth]
+path = "{depth.name}"
+holds = "depth"
+'''
+    )
+    table = Views(scenes=(str(scene),), layers=2)
+    with pytest.raises(InputError, match=r"scene 'near': psf.pupil_sampling_um = 21 is too coarse.*0\.3"):
+        open_views(table, 12, 0.3, _optics(), tmp_path, tmp_path / "cache", None)
