@@ -15,6 +15,7 @@ from .capture.device import torch_device
 from .capture.framing import framed, seen_through
 from .core.progress import Progress
 from .optics import Camera
+from .optics.threads import in_threads
 from .plan import (
     Plan,
     Target,
@@ -147,8 +148,13 @@ def run(
         }
         images = {name: within_scale(image) for name, image in images.items() if image is not None}
         truth = within_scale(photo.ideal)
-        scores = {name: score(image, truth) for name, image in images.items()}
-        by_depth = {name: score_by_depth(image, truth, inverse_depth) for name, image in images.items()}
+
+        def judged(image: Tensor) -> tuple[Score, tuple[DepthScore, ...]]:
+            return score(image, truth), score_by_depth(image, truth, inverse_depth)
+
+        found = in_threads(judged, list(images.values()), truth.device)
+        scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
+        by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
     return Run(
         scene=scene,
         camera=camera,
