@@ -6,7 +6,6 @@ import atexit
 import logging
 import os
 import sys
-import threading
 from contextlib import suppress
 from typing import Annotated, NoReturn
 
@@ -66,17 +65,18 @@ def main() -> None:
 
     0: done, 1: failed, 2: bad input, 130: interrupted.
     """
-    _end(console.exit_status(invoke))
+    status: int | None = None
+    # what is registered first is done last: threads have ended by then, and libraries have tidied up
+    atexit.register(lambda: None if status is None else _leave(status))
+    status = console.exit_status(invoke)
+    if status == console.INTERRUPTED:
+        _leave(status)
+    sys.exit(status)
 
 
-def _end(status: int) -> NoReturn:
-    """Leave at once with a status. The interpreter's own end takes most of a second to take apart what the
-    libraries hold, and answered an interrupt now and then with the signal in place of this status."""
-    if status != console.INTERRUPTED:
-        for thread in threading.enumerate():
-            if thread is not threading.current_thread() and not thread.daemon:
-                thread.join()
-        atexit._run_exitfuncs()
+def _leave(status: int) -> NoReturn:
+    """End the process at once. To take apart what the libraries hold takes Python most of a second, and now
+    and then its own end answered an interrupt with the signal, in place of this status."""
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # whoever read it has gone

@@ -1,4 +1,4 @@
-"""Prints as training data: bars, rings, boards and letters, drawn at random, as planes at one depth.
+"""Sheets of bars, rings, boards and letters as training data, drawn at random, as planes at one depth.
 
 Photographs have few edges from black to white that are as fine as the sensor sees; charts and print have
 little else.
@@ -63,7 +63,7 @@ class Pen:
     paper: Ink
 
     def box(self, x: float, y: float, width: float, height: float, ink: Ink | None = None) -> None:
-        """A filled rectangle, so far from the place."""
+        """A filled rectangle whose corner is (x, y) from the place."""
         left, top = self.place[0] + x, self.place[1] + y
         self.draw.rectangle((left, top, left + width, top + height), fill=self.ink if ink is None else ink)
 
@@ -75,7 +75,7 @@ def _sheet(random: np.random.Generator, side: int) -> Tensor:
     paper, ink = (light, dark) if random.random() < 0.6 else (dark, light)
     image = Image.new("RGB", (side * FINER, side * FINER), paper)
     draw = ImageDraw.Draw(image)
-    kinds = (_bars, _bars, _bars, _rings, _board, _disc, _letters)
+    kinds = (_bars, _bars, _bars, _rings, _chequers, _filled, _letters)
     for _ in range(round(ITEMS * (side / SIDE) ** 2)):
         stroke = FINER * 1.5 * 16 ** float(random.random())  # 1.5 to 24 pixels, finer ones as often as coarse
         x, y = (float(value) for value in random.random(2) * side * FINER)
@@ -116,7 +116,7 @@ def _rings(pen: Pen) -> None:
         pen.draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=fill)
 
 
-def _board(pen: Pen) -> None:
+def _chequers(pen: Pen) -> None:
     cells = int(pen.random.integers(3, 9))
     pen.box(0, 0, cells * pen.stroke, cells * pen.stroke, pen.paper)
     for column in range(cells):
@@ -124,8 +124,8 @@ def _board(pen: Pen) -> None:
             pen.box(column * pen.stroke, row * pen.stroke, pen.stroke, pen.stroke)
 
 
-def _disc(pen: Pen) -> None:
-    """Round or square, of one colour."""
+def _filled(pen: Pen) -> None:
+    """An ellipse or a rectangle."""
     x, y = pen.place
     wide, high = (pen.stroke * float(size) for size in pen.random.uniform(2, 8, 2))
     shape = pen.draw.ellipse if pen.random.random() < 0.5 else pen.draw.rectangle

@@ -241,7 +241,7 @@ def _update(loop: _Loop, draw: Draw, frozen: bool) -> JudgedPhotos:
     clip = setup.recipe.optimiser.clip_gradient or math.inf
     length = float(nn.utils.clip_grad_norm_(weights, clip)) if weights else math.inf
     loop.without_gradient = loop.without_gradient + 1 if length == 0 else 0
-    if loop.workers.agree(float(loop.without_gradient)) >= NO_GRADIENT:
+    if loop.without_gradient >= NO_GRADIENT:  # in all workers alike, as their gradients are
         raise EdofsimError(
             f"step {loop.position.step}: the network has had no gradient for {NO_GRADIENT} updates: all that "
             "it gives is black or beyond full scale, and nothing will change; start anew with a lower "

@@ -118,8 +118,7 @@ class OptimiserTable(RecipeModel):
     computed, and the mask learns, in the first; in the others the same PSFs meet new patches and new noise,
     which saves the time of the optics. frozen_statistics: in this share of the steps, the last ones, batch
     normalisation goes by its running means, as in use: a batch of patches has other means than a photo.
-    clip_gradient: a longer gradient of the network is made so long (Pascanu et al., ICML 2013): a batch with
-    saturated highlights can have one that throws all weights off."""
+    clip_gradient: a longer gradient of the network is made so long (Pascanu et al., ICML 2013)."""
 
     steps: Count = 100_000
     batch: Count = 4

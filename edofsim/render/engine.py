@@ -62,7 +62,7 @@ class Tried(TypedDict):
 
 
 _TRYING = threading.Lock()
-_tried: dict[str, Tried] = {}  # in this process, whose folder may refuse to remember
+_tried: dict[str, Tried] = {}  # by this process; the file that remembers may not be writable
 
 
 @dataclass(frozen=True)

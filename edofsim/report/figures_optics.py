@@ -56,7 +56,7 @@ def psf_plot(psfs: Psfs) -> Plot:
         width = left + right + across * tile + (across - 1) * gap
         height = top + bottom + down * tile + (down - 1) * gap
         figure = new_figure(width, height, layout="none")
-        axes = figure.add_axes((0, 0, 1, 1))  # one for all: each takes as long as the pictures
+        axes = figure.add_axes((0, 0, 1, 1))  # one set for all: sets take longer to draw than pictures
         norm = LogNorm(peak * 10.0**-PSF_DECADES, peak, clip=True)
         words = {"size": TITLE_PT, "weight": "bold"}
         for row in range(down):

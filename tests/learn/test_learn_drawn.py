@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import torch
 
 from edofsim.learn.drawn import drawn
+from edofsim.learn.reader import Wanted
+from edofsim.learn.system import Optics
+from edofsim.optics import Camera
+from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.kinds import TRAINING_DATA
+from edofsim.recipe.train import TrainRecipe
 
 
 def test_a_seed_draws_the_same_sheets_and_another_other_ones() -> None:
@@ -33,6 +40,16 @@ def test_sheets_hold_sharp_edges_of_full_contrast_that_photographs_lack() -> Non
     assert len(finest) >= 2  # black or white ink
 
 
-def test_a_recipe_can_ask_for_them() -> None:
-    table = TRAINING_DATA["drawn"].model_validate({"kind": "drawn", "sheets": 4, "edges": 0.5})
-    assert table.model_dump()["sheets"] == 4
+def test_a_recipe_trains_on_them_and_holds_others_back() -> None:
+    sources = [{"kind": "drawn", "sheets": 5}]
+    data = {"patch_px": 16, "validation": 0.2, "sources": sources}
+    recipe = TrainRecipe(name="r", camera="paper-clear", seed=3, data=data)
+    camera = Camera.from_recipe(CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16}))
+    table = TRAINING_DATA["drawn"].model_validate(sources[0])
+    source = table.open(Wanted(recipe, Optics(camera, 16, torch.device("cpu")), Path(), None))
+    sheets = drawn(5, 3).pictures
+    assert [len(images.pictures) for images in (source.training, source.held_back)] == [4, 1]
+    known = [*source.training.pictures, *source.held_back.pictures]
+    assert all(any(sheet.equal(other) for other in known) for sheet in sheets)
+    scenes = source.draw(2, torch.Generator().manual_seed(1))
+    assert scenes.sharp.shape == (2, 3, 31, 31)

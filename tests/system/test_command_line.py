@@ -94,3 +94,17 @@ def test_shells_complete_commands_and_experiments():
         [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True
     )
     assert done.stdout.split() == ["bandwidth"], done.stderr
+    assert done.returncode == 0
+
+
+def test_a_command_ends_although_a_library_left_a_thread_waiting():
+    """Of a pool that nobody closed; what libraries do at the end is done, what was printed is there."""
+    code = (
+        "import atexit, sys; from concurrent.futures import ThreadPoolExecutor as Pool; pool = Pool(1); "
+        "pool.submit(int).result(); sys.argv = ['edofsim', 'psf', 'no-such-camera']; "
+        "from edofsim import cli; real = cli.invoke; "
+        "cli.invoke = lambda: (atexit.register(print, 'tidied up'), real()); cli.main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stdout.split() == ["tidied", "up"] and "no-such-camera" in done.stderr
