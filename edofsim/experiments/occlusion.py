@@ -6,8 +6,10 @@ so that the references take minutes.
 
 The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
 is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
-thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction. It is a mean
-over random rays: no way can be nearer to it than its own noise, which is told from its two halves.
+thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction. Two things keep
+any way from it: it is a mean over random rays, whose noise is told from its two halves; and the view lacks
+surfaces that it sees. How much they matter is told by what clipped pupils reach, which know nothing but the
+view.
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
@@ -74,6 +76,8 @@ THIN_LENS = "thin-lens"
 """Stands in place of a mask: the clear aperture, judged by rays."""
 LENS_SAMPLES = 1024
 """A pixel, of the thin lens and of the view that is judged by it, which has other noise."""
+BOUNDS = {"noise_db": "noise of the truth", "view_db": "clipped pupils"}
+"""What stands between any way and the thin lens, by the name of its figures."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,8 @@ def run(
     also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is `hidden` through 4 x 4
     of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, from 2 on, with which that way
     is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS: PSNR that the noise of
-    that truth leaves to a perfect photo.
+    that truth leaves to a perfect photo; view_db.SCENE.thin-lens.FOCUS: PSNR of the photo by clipped pupils,
+    which is dark where the view lacks a surface.
     """
     loaded = [load_scene(scene) for scene in scenes or SCENES]
     kept = Kept(folder / "finished.jsonl")
@@ -134,26 +139,28 @@ def run(
             kept.put(key, found)
         figures |= found
     counts = tuple(f"layers of {way}" for way in SNAPPED)
-    header, rows = ("scene", "mask", "focus", *WAYS, *counts, "noise of the truth"), table(figures)
+    bounds = tuple(BOUNDS.values())
+    header, rows = ("scene", "mask", "focus", *WAYS, *counts, *bounds), table(figures)
     outputs["table"] = write_csv(folder / "occlusion.csv", header, rows)
     columns = (
         *(Column(name) for name in header[:3]),
         *(Column(way, "dB", 2) for way in WAYS),
         *(Column(name, "", 0) for name in counts),
-        Column(header[-1], "dB", 1),
+        *(Column(name, "dB", 1) for name in bounds),
     )
     return Findings(figures, shown=[Table(columns, tuple(rows))], outputs=outputs)
 
 
 def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
-    """Rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, PSNR that the truth's
-    noise leaves or NaN) of the figures."""
+    """Rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, each of `BOUNDS` or NaN)
+    of the figures."""
     cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
     rows: list[tuple[str | float, ...]] = []
     for case in cases:
         scores = [figures[".".join(("psnr_db", *case, way))] for way in WAYS]
         counts = [figures[".".join(("layers", *case, way))] for way in SNAPPED]
-        rows.append((*case, *scores, *counts, figures.get(".".join(("noise_db", *case)), math.nan)))
+        bounds = [figures.get(".".join((name, *case)), math.nan) for name in BOUNDS]
+        rows.append((*case, *scores, *counts, *bounds))
     return rows
 
 
@@ -194,9 +201,9 @@ def of_scene(
         takes,
         edge.where,
         device,
-        part(say, 0.2, 0.9),
+        part(say, 0.2, 0.7),
     )
-    say(0.9, "compositing")
+    say(0.7, "compositing")
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
     shown: dict[tuple[str, str], dict[str, Tensor]] = {}
     for (mask, focus), truth in zip(takes, truths, strict=True):
@@ -208,17 +215,30 @@ def of_scene(
         loaded.base,
         cache=cache,
         device=device,
-        progress=part(say, 0.9, 0.95),
+        progress=part(say, 0.7, 0.75),
     )
-    for focus, distance in focus_distances(edge).items():
-        camera = camera_with(THIN_LENS, distance, view.pixel_angle)
-        depth, where = recipe.render.max_depth, edge.where
-        halves = by_rays(model, fine, GREEN, where, camera, depth, device, part(say, 0.95, 1.0))
-        judged = composites(chosen_bands(fine, [GREEN]), where, camera, (halves[0] + halves[1]) / 2)
-        case = f"{scene}.{THIN_LENS}.{focus}"
+    green, depth = chosen_bands(fine, [GREEN]), recipe.render.max_depth
+    lenses = {
+        (THIN_LENS, focus): camera_with(THIN_LENS, distance, view.pixel_angle)
+        for focus, distance in focus_distances(edge).items()
+    }
+    limits = references(
+        folder / f"occlusion-{scene}-{THIN_LENS}.safetensors",
+        green,
+        model,
+        lenses,
+        edge.where,
+        device,
+        part(say, 0.75, 0.95),
+    )
+    for (take, camera), limit in zip(lenses.items(), limits, strict=True):
+        halves = by_rays(model, fine, GREEN, edge.where, camera, depth, device, part(say, 0.95, 1.0))
+        judged = composites(green, edge.where, camera, (halves[0] + halves[1]) / 2)
+        case = f"{scene}.{'.'.join(take)}"
         figures |= judged.figures(case)
         figures[f"noise_db.{case}"] = noise_db(*(half * judged.exposure for half in halves))
-        shown[THIN_LENS, focus] = {"reference": judged.truth, **judged.photos}
+        figures[f"view_db.{case}"] = psnr(limit * judged.exposure, judged.truth)
+        shown[take] = {"reference": judged.truth, **judged.photos}
     crops_plot(shown).save(folder / f"occlusion-{scene}.png")
     return figures
 

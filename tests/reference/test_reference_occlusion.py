@@ -166,5 +166,7 @@ def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     for mask in ("clear", "smooth"):
         assert hidden[mask, "behind"] > 37
         assert hidden[mask, "behind"] > hidden[mask, "between"]
+    for focus in occlusion.FOCI:  # clipped pupils lack what the view lacks, and the truth has noise
+        assert 35 < figures[f"view_db.bench.thin-lens.{focus}"] < figures[f"noise_db.bench.thin-lens.{focus}"]
     assert (tmp_path / "occlusion.csv").is_file()
     assert (tmp_path / "occlusion-bench.png").is_file()
