@@ -9,20 +9,24 @@ in the frame counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ..capture.band_groups import Gathering, every_band
-from ..capture.fidelity import Fidelity, coarsest_pupil_um, pupil_is_free, simpler_camera
+from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
-from ..capture.prepare import kernels_of
+from ..capture.occlusion.slabs import Hides, hides
+from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
+from .fragments import Fragments, at_nodes, hat, in_tiles, nearest, together
+from .otfs import Otfs
+from .passing import NEARER_PX, SLABS, Nearer, nearer_of
 from .tiles import choose_tiles
 
 SIDES_PX = (64, 256)
@@ -40,8 +44,6 @@ BANDS = 16
 """Wavelengths at which these are looked at, evenly over the view's bands."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
-COARSER = 1.3
-"""How much coarser a pupil must do for depths to have one of their own."""
 FOUND_DB = 65.0
 """Spectra of light are told apart by as many components as leave less than this of them."""
 MOST_COMPONENTS = 8
@@ -51,9 +53,9 @@ SOME = 20_000
 
 @dataclass(frozen=True)
 class Spectra:
-    """Tiles of a view. side: in pixels; which: int64 [n], the fragments that lie in them; place: int64
-    [n], the pixel of each, tile by tile; corners, shares: as `choose_tiles` gives them; other fields as in
-    `Facts`, response times exposure."""
+    """Tiles of a view. side: in pixels; seen: the fragments that lie in them; behind, before: those that
+    are hidden there, at their own depth and at that of what hides them; corners, shares: as `choose_tiles`
+    gives them; other fields as in `Facts`, response times exposure."""
 
     view: View
     camera: Camera
@@ -63,10 +65,12 @@ class Spectra:
     ends: tuple[float, float]
     depths: Tensor | None
     side: int
-    which: Tensor
-    place: Tensor
+    seen: Fragments
+    behind: Fragments
+    before: Fragments
     corners: tuple[tuple[int, int], ...]
     shares: Tensor
+    _otfs: Otfs
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
@@ -85,8 +89,8 @@ class Spectra:
         if self.depths is not None and self.depths.numel() <= count:
             return self.depths
         low, high = self.ends
-        cell = (self.view.inverse_depth[self.which] - low) / max(high - low, 1e-12) * CELLS
-        amount = (self.response.sum(0).to(self._radiance) @ self._radiance).abs().double()
+        cell = (self.seen.depth - low) / max(high - low, 1e-12) * CELLS
+        amount = (self.response.sum(0).to(self._seen) @ self._seen).abs().double()
         light = torch.zeros(CELLS, dtype=torch.float64)
         light.index_add_(0, cell.long().clamp(0, CELLS - 1), amount)
         evenly = torch.full_like(light, EVENLY / CELLS)
@@ -103,24 +107,23 @@ class Spectra:
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
         gathering = gathering_of(self.camera, fidelity, axes)
         few, shares = self._few_bands
-        between = _hat(gathering.wavelengths, few.wavelengths, nearest=False)
+        between = hat(gathering.wavelengths, few.wavelengths)
         shared = torch.einsum(
             "cg,gk,gw->ckw", gathering.response, gathering.light @ weights, gathering.psfs @ between
         )
         change = shared - (shares @ weights).transpose(1, 2)
-        otfs = self._otfs(self.full, few, nodes)
-        return self._vector(
-            _summed(_mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1)), light)
-        )
+        otfs = self._otfs.at(self.full, few, nodes)
+        spectra = _mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1))
+        return self._vector(self._image(nodes, lambda some: _summed(spectra[some], light[:, some])))
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
         fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
         nodes = self.nodes(layers)
         gathering = self._gathering(2, fine)
-        exact = self._otfs(self.full, gathering, fine)
-        between = _hat(fine, nodes, nearest=self.full.occlusion == "normalised")
-        coarse = self._otfs(self.full, gathering, nodes, fine)
+        exact = self._otfs.at(self.full, gathering, fine)
+        between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
+        coarse = self._otfs.at(self.full, gathering, nodes, fine)
         change = _mixed(between, coarse[None])[0] - exact
         return self._by_channel(gathering, fine, change, shared=True)
 
@@ -134,7 +137,7 @@ class Spectra:
         if not quick:
             gathering = self._gathering(1, nodes)
         other, same = (
-            self._otfs(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
+            self._otfs.at(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
         )
         change = other - same
         if not quick:
@@ -142,15 +145,16 @@ class Spectra:
         weights, components = self._components
         light = self._light("components", components, nodes)
         of_each = (shares @ weights).transpose(1, 2)
-        found = _summed(_mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1)), light)
+        spectra = _mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1))
+        found = self._image(nodes, lambda some: _summed(spectra[some], light[:, some]))
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
-        return self._vector(found, self._of_mean(change, shares, nodes, reach))
+        return self._vector(found + self._of_mean(change, shares, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
         nodes = self.nodes_of_light(NODES)
         gathering = self._gathering(3, nodes)
-        otfs = self._otfs(self.full, gathering, nodes)
+        otfs = self._otfs.at(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
 
@@ -160,7 +164,7 @@ class Spectra:
         band by the PSFs of one of these, [channel, few, band] float64."""
         bands = self.view.wavelengths.double()
         some = torch.linspace(0, bands.numel() - 1, min(bands.numel(), BANDS)).round().long()
-        between = _hat(bands, bands[some], nearest=False).double()
+        between = hat(bands, bands[some]).double()
         return every_band(bands[some], self.response[:, some]), torch.einsum(
             "cb,bw->cwb", self.response.double(), between
         )
@@ -171,82 +175,23 @@ class Spectra:
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
         return gathering_of(self.camera, one, axes)
 
-    def _otfs(
-        self,
-        fidelity: Fidelity,
-        gathering: Gathering,
-        nodes: Tensor,
-        among: Tensor | None = None,
-        as_asked: bool = False,
-    ) -> Tensor:
-        """OTFs of groups at depth nodes, complex [node, group, y, x], without what lies outside the window.
-        among: nodes whose OTFs are known, and hold these perhaps; as_asked: the pupil is sampled as the
-        fidelity says, where else depths have the coarsest sampling that will do for them."""
-        if among is not None and nodes.numel() <= among.numel():
-            at = torch.searchsorted(among, nodes - 1e-9).clamp_max(among.numel() - 1)
-            if torch.allclose(among[at], nodes, rtol=0, atol=1e-9):
-                return self._otfs(fidelity, gathering, among)[at]
-        window = fidelity.window_px or self.camera.recipe.psf.window_px
-        whole = fidelity.changed({"window_px": None})
-        camera = simpler_camera(self.camera, whole)
-        materials = (camera.lens.identity(), camera.mask_material.formula)
-        about = (camera.recipe.model_dump_json(), materials, tuple(s.name for s in whole.simplifications))
-        bands = (tuple(gathering.wavelengths.tolist()), gathering.groups)
-        key = (*about, *bands, tuple(nodes.tolist()), as_asked)
-
-        def psfs() -> Tensor:
-            each: dict[int, Tensor] = {}
-            groups = [(torch.arange(nodes.numel()), camera)]
-            if not as_asked and pupil_is_free(self.camera):
-                groups = _sampled_alike(camera, gathering.wavelengths, nodes)
-            for some, sampled in groups:
-                kernels = kernels_of(
-                    sampled, gathering.wavelengths, nodes[some], self.camera.recipe.psf.window_px
-                )
-                each |= {node: _resized(kernels.layer(k), self.side) for k, node in enumerate(some.tolist())}
-            values = torch.stack([each[node] for node in range(nodes.numel())])
-            return torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
-
-        def otfs() -> Tensor:
-            values = self._known.get(key, psfs)
-            if window < self.side:
-                values = _resized(_resized(values, window), self.side)
-            return torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
-
-        return self._known.get(("otf", window, *key), otfs)
-
     def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tensor:
-        """Spectra of light [k, n] at nodes, see `_moved`, under the window but for what covers pixels:
-        complex [tile, node, k, y, x]."""
+        """Spectra of light [k, n] of all fragments at nodes, see `at_nodes`, under the window: complex
+        [tile, node, k, y, x]."""
 
         def spectrum() -> Tensor:
-            image = self._moved(name, radiance, nodes, shared)
-            return torch.fft.rfft2(image if name == "cover" else image * self.taper)
+            image = at_nodes(self._fragments, radiance, nodes, len(self.shares), self.side, shared)
+            return torch.fft.rfft2(image * self.taper)
 
         return self._known.get(("spectrum", name, shared, tuple(nodes.tolist())), spectrum)
 
-    def _moved(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool) -> Tensor:
-        """Images of light [k, n] that was moved to the nearest of the nodes, where its PSF is that of a depth
-        and no mixture; shared: among the two that it lies between. [tile, node, k, y, x]."""
-
-        def moved() -> Tensor:
-            depth = self.view.inverse_depth[self.which].double()
-            tiles, size, count = len(self.shares), self.side**2, nodes.numel()
-            image = radiance.new_zeros(len(radiance), tiles * count * size)
-            if shared and count > 1:
-                cell, upper = _cells(depth, nodes)
-                upper = upper.to(radiance)
-                parts = [(cell, radiance * (1 - upper)), (cell + 1, radiance * upper)]
-            else:
-                parts = [(_nearest(depth, nodes), radiance)]
-            for node, part in parts:
-                at = (self.place // size * count + node) * size + self.place % size
-                image.index_add_(1, at, part)
-            return image.reshape(-1, tiles, count, self.side, self.side).permute(1, 2, 0, 3, 4)
-
-        if name != "cover":  # whose spectra are kept
-            return moved()
-        return self._known.get((name, shared, tuple(nodes.tolist())), moved)
+    def _cover(self, nodes: Tensor, shared: bool = False) -> Tensor:
+        """What covers pixels, at nodes: [tile, node, y, x]."""
+        cover = self.view.coverage[self.seen.which][None]
+        return self._known.get(
+            ("cover", shared, tuple(nodes.tolist())),
+            lambda: at_nodes(self.seen, cover, nodes, len(self.shares), self.side, shared)[:, :, 0],
+        )
 
     def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
         """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these
@@ -261,7 +206,7 @@ class Spectra:
             y = pixel // view.padded_shape[1] - (view.margin - reach)
             x = pixel % view.padded_shape[1] - (view.margin - reach)
             inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden[::step]
-            node = torch.where(inside, _nearest(view.inverse_depth[::step].double(), nodes), count)
+            node = torch.where(inside, nearest(view.inverse_depth[::step].double(), nodes), count)
             amount = view.radiance.new_zeros(view.bands, count + 1)
             amount.index_add_(1, node, view.radiance[:, ::step])
             return amount[:, :count].double() * (step / (rows * columns))
@@ -275,11 +220,49 @@ class Spectra:
         return self.spectrum / (rows * columns)
 
     @cached_property
+    def _fragments(self) -> Fragments:
+        """All whose light counts."""
+        return together(self.seen, self.behind, self.before)
+
+    @cached_property
     def _radiance(self) -> Tensor:
-        """Light of the tiles' fragments [band, n], without the view's mean."""
+        """Their light [band, n], without the view's mean; negative before what is hidden (see `passing`)."""
+        if self._nearer is None:
+            return self._seen
+        behind = self._without_mean(self.behind) * self._nearer.shown(self.behind)
+        return torch.cat([self._seen, behind, -behind], 1)
+
+    @cached_property
+    def _seen(self) -> Tensor:
+        """Light of the fragments that are seen [band, n], without the view's mean."""
+        return self._without_mean(self.seen)
+
+    def _without_mean(self, fragments: Fragments) -> Tensor:
         mean = self._mean.to(self.view.radiance)[:, None]
-        light = self.view.radiance.index_select(1, self.which)
-        return torch.addmm(light, mean, self.view.coverage[self.which][None], alpha=-1)
+        light = self.view.radiance.index_select(1, fragments.which)
+        return torch.addmm(light, mean, self.view.coverage[fragments.which][None], alpha=-1)
+
+    @cached_property
+    def _nearer(self) -> Nearer | None:
+        """What dims light, if anything in the tiles hides another."""
+        if not len(self.behind):
+            return None
+        nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
+        otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes).mean(1)
+        return nearer_of(self._cover(nodes), otfs, nodes, NEARER_PX / blur_per_dioptre(self.camera))
+
+    def _image(self, nodes: Tensor, spectrum: Callable[[slice], Tensor]) -> Tensor:
+        """What light at nodes becomes in a photo, dimmed by what is nearer, [tile, channel, y, x]. spectrum:
+        of that at some of the nodes, summed over them."""
+        size, nearer = (self.side, self.side), self._nearer
+        if nearer is None:
+            return torch.fft.irfft2(spectrum(slice(None)), s=size)
+        image = torch.zeros(())
+        for part in torch.arange(len(nodes)).chunk(SLABS):
+            some = slice(int(part[0]), int(part[-1]) + 1)
+            passed = nearer.passed(nodes[part[len(part) // 2]])
+            image = image + torch.fft.irfft2(spectrum(some), s=size) * passed[:, None]
+        return image
 
     @cached_property
     def _components(self) -> tuple[Tensor, Tensor]:
@@ -304,13 +287,10 @@ class Spectra:
         self, gathering: Gathering, nodes: Tensor, change: Tensor, shared: bool = False
     ) -> Tensor:
         """change: of the OTFs of one group a channel, complex [node, channel, y, x]."""
-        found = torch.zeros((), dtype=change.dtype)
-        for of_node, there in zip(
-            change, self._light("channels", self._channels, nodes, shared).unbind(1), strict=True
-        ):
-            found = torch.addcmul(found, of_node, there)
+        light = self._light("channels", self._channels, nodes, shared)
+        found = self._image(nodes, lambda some: _summed_alike(change[some], light[:, some]))
         shares = gathering.response[:, :, None] * gathering.light
-        return self._vector(found, self._of_mean(change, shares, nodes, self.view.margin))
+        return self._vector(found + self._of_mean(change, shares, nodes, self.view.margin))
 
     def _of_mean(self, change: Tensor, shares: Tensor, nodes: Tensor, reach: int) -> Tensor:
         """What becomes of the view's mean light, and of veiling glare, under the window: [tile, channel, y,
@@ -324,27 +304,22 @@ class Spectra:
         truncated = change[..., 0, 0].real.to(shares)
         glare = torch.einsum("cgb,bn,ng->c", shares, self._by_depth(nodes, reach), truncated)
         level = shares @ self._mean
-        cover = self.view.coverage[self.which][None]
+        cover = self._cover(nodes, shared=True)
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]
             if float(changed.abs().max()) < 1e-6:
                 return torch.zeros(())
-            there = self._light("cover", cover, nodes, shared=True)
+            there = self._known.get(
+                ("spectrum", "cover", tuple(nodes.tolist())), lambda: torch.fft.rfft2(cover)[:, :, None]
+            )
             image = torch.fft.irfft2(_summed(changed[:, :, None], there), s=(self.side, self.side))
         else:
-            image = torch.einsum(
-                "nc,tnyx->tcyx",
-                (truncated @ level.T - glare).to(cover),
-                self._moved("cover", cover, nodes, shared=True)[:, :, 0],
-            )
+            image = torch.einsum("nc,tnyx->tcyx", (truncated @ level.T - glare).to(cover), cover)
         return image * self.taper
 
-    def _vector(self, spectrum: Tensor, image: Tensor | None = None) -> Tensor:
-        """A change, the sum of one by its spectra [tile, channel, y, x] and one as it is, as a vector
-        [channel, n]: its sum of squares over n is the mean square of the change over the frame."""
-        change = torch.fft.irfft2(spectrum, s=(self.side, self.side))
-        if image is not None:
-            change += image
+    def _vector(self, change: Tensor) -> Tensor:
+        """A change [tile, channel, y, x] as a vector [channel, n]: its sum of squares over n is the mean
+        square of the change over the frame."""
         return (change * (self._scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
 
     @cached_property
@@ -399,15 +374,14 @@ def spectra_of(
     """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum."""
     side = min(max(camera.recipe.psf.window_px, SIDES_PX[0]), SIDES_PX[1])
     corners, shares = choose_tiles(view, ideal, camera, side, seed)
-    which: list[Tensor] = []
-    place: list[Tensor] = []
     seen = torch.nonzero(~view.hidden).squeeze(1)
-    rows, columns = view.padded_shape
-    y, x = view.pixel[seen] // columns - view.margin, view.pixel[seen] % columns - view.margin
-    for number, (top, left) in enumerate(corners):
-        inside = (y >= top) & (y < top + side) & (x >= left) & (x < left + side)
-        which.append(seen[inside])
-        place.append((number * side + y[inside] - top) * side + x[inside] - left)
+    hidden = hides(view, 1 / blur_per_dioptre(camera))
+    if full.occlusion == "none":
+        hidden = Hides(seen[:0], seen[:0])
+
+    def fragments(which: Tensor, at_depth_of: Tensor) -> Fragments:
+        return in_tiles(view, which, view.inverse_depth[at_depth_of], corners, side)
+
     return Spectra(
         view,
         camera,
@@ -417,27 +391,13 @@ def spectra_of(
         ends,
         depths,
         side,
-        torch.cat(which),
-        torch.cat(place),
+        fragments(seen, seen),
+        fragments(hidden.behind, hidden.behind),
+        fragments(hidden.behind, hidden.front),
         corners,
         shares,
+        Otfs(camera, side),
     )
-
-
-def _sampled_alike(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> list[tuple[Tensor, Camera]]:
-    """Depth nodes, by number, whose PSFs need a pupil about as finely sampled, and the camera for them: those
-    farthest out of focus need the finest, by which the PSFs of all would take long."""
-    enough = torch.tensor([coarsest_pupil_um(camera, wavelengths, node[None]) for node in nodes])
-    finely = enough < COARSER * enough.min()
-    found = []
-    for some in (torch.nonzero(finely).flatten(), torch.nonzero(~finely).flatten()):
-        if not some.numel():
-            continue
-        psf = camera.recipe.psf
-        if psf.pupil_sampling_um != "auto":
-            psf = psf.model_copy(update={"pupil_sampling_um": float(enough[some].min())})
-        found.append((some, replace(camera, recipe=camera.recipe.model_copy(update={"psf": psf}))))
-    return found
 
 
 def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
@@ -457,39 +417,13 @@ def _summed(change: Tensor, light: Tensor) -> Tensor:
     return found
 
 
-def _nearest(depth: Tensor, nodes: Tensor) -> Tensor:
-    """The nearest node to each depth, as its number."""
-    return torch.searchsorted((nodes[1:] + nodes[:-1]) / 2, depth)
-
-
-def _cells(depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
-    """The node below each depth, as its number, and the share of the next."""
-    cell = (torch.searchsorted(nodes, depth, right=True) - 1).clamp(0, nodes.numel() - 2)
-    return cell, ((depth - nodes[cell]) / (nodes[cell + 1] - nodes[cell])).clamp(0, 1)
-
-
-def _hat(fine: Tensor, nodes: Tensor, nearest: bool) -> Tensor:
-    """How each fine depth is made of nodes, [fine, node]: by linear interpolation, or the nearest alone."""
-    if nodes.numel() == 1:
-        return torch.ones(fine.numel(), 1)
-    cell, share = _cells(fine, nodes)
-    share = share.round() if nearest else share
-    found = torch.zeros(fine.numel(), nodes.numel(), dtype=torch.float64)
-    here = torch.arange(fine.numel())
-    found[here, cell] += 1 - share
-    found[here, cell + 1] += share
+def _summed_alike(change: Tensor, light: Tensor) -> Tensor:
+    """change [node, channel, y, x] of light [tile, node, channel, y, x], summed over nodes: [tile, channel,
+    y, x]."""
+    found = torch.zeros_like(light[:, 0])
+    for of_node, there in zip(change, light.unbind(1), strict=True):
+        found.addcmul_(of_node, there)
     return found
-
-
-def _resized(values: Tensor, side: int) -> Tensor:
-    """PSFs [..., y, x] cut, or with zeros around, so that their middle stays at side // 2."""
-    now = values.shape[-1]
-    if side <= now:
-        begin = now // 2 - side // 2
-        return values[..., begin : begin + side, begin : begin + side]
-    before = side // 2 - now // 2
-    after = side - now - before
-    return torch.nn.functional.pad(values, (before, after, before, after))
 
 
 def _taper(side: int) -> Tensor:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from edofsim.capture import capture
+from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
 from edofsim.plan.coarse import coarse_of, coarser
+from edofsim.plan.fragments import Fragments
+from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
@@ -35,7 +40,7 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     """Each more group of bands is nearer to every band on its own, though the tiles that stand for the frame
     lie at other distances; each band on its own errs by nothing."""
     facts = facts_of(two_depths(), CAMERA)
-    depth = facts.view.inverse_depth[facts.spectra.which]
+    depth = facts.view.inverse_depth[facts.spectra.seen.which]
     assert len(facts.spectra.shares) > 4 and depth.min() < 1 < depth.max()
     errors = [
         float(
@@ -60,6 +65,57 @@ def test_tiles_stand_for_the_frame():
     change = capture(view, CAMERA, full.changed(narrow), exposure=photo.exposure).clean - photo.clean
     found, truth = (float(square.sqrt()) for square in (seen.square().sum(1).mean(), change.square().mean()))
     assert found == pytest.approx(truth, rel=0.4)  # 3 dB
+
+
+def bars(rows: int = 144, columns: int = 176, bands: int = 4) -> View:
+    """Dark bars in front of a bright surface, which goes on behind them."""
+    x, y = torch.arange(columns), torch.arange(rows)[:, None]
+    near = ((x // 20) % 3 == 0).expand(rows, columns).flatten()
+    bright = 0.6 + 0.3 * (torch.sin(2 * torch.pi * x / 90) * torch.cos(2 * torch.pi * y / 70)).flatten()
+    dark = 0.3 + 0.1 * torch.rand(rows * columns, generator=torch.Generator().manual_seed(0))
+    every = torch.arange(rows * columns)
+    pixel = torch.cat([every, every[near]])
+    hidden = torch.arange(len(pixel)) >= len(every)
+    depth = torch.where(torch.cat([near, near[near]]) & ~hidden, 2.0, 0.3)
+    light = torch.cat([torch.where(near, dark, bright), bright[near]])
+    order = torch.argsort(pixel * 2 + hidden)
+    return View(
+        height=rows - 48,
+        width=columns - 48,
+        margin=24,
+        pixel=pixel[order],
+        coverage=torch.ones(len(order)),
+        inverse_depth=depth[order],
+        radiance=light[order].repeat(bands, 1),
+        hidden=hidden[order],
+        wavelengths=torch.linspace(450e-9, 650e-9, bands, dtype=torch.float64),
+        pixel_angle=CAMERA.pixel_angle,
+    )
+
+
+@pytest.mark.parametrize("change", [{"lens_dispersion": False}, {"spherical_aberration": False}])
+def test_at_silhouettes_spectra_see_what_changes_in_photos_with_occlusion(change: dict):
+    """The difference of two photos, and the one by spectra, tile by tile: as long as light behind goes on and
+    is dimmed they are alike; without that a silhouette is seen against nothing."""
+    facts = facts_of(bars(), CAMERA)
+    spectra, full = facts.spectra, facts.full.changed({"sub_apertures": 1})
+    photo = capture(facts.view, CAMERA, full)
+    other = capture(facts.view, CAMERA, full.changed(change), exposure=photo.exposure)
+    difference = torch.nn.functional.pad(other.clean - photo.clean, (spectra.side,) * 4)
+    truth = torch.stack(
+        [
+            difference[:, spectra.side + top :, spectra.side + left :][:, : spectra.side, : spectra.side]
+            for top, left in spectra.corners
+        ]
+    )
+
+    def alike(seen: Spectra) -> float:
+        found = seen.images(seen.by_psfs(seen.full.changed(change), seen.full)).flatten()
+        return float(torch.nn.functional.cosine_similarity(found, (truth * seen.taper).flatten(), 0))
+
+    nothing = Fragments(*(torch.zeros(0, dtype=torch.int64),) * 2, torch.zeros(0, dtype=torch.float64))
+    bare = replace(spectra, behind=nothing, before=nothing, _known=Once())
+    assert alike(spectra) > 0.7 > 0.5 > alike(bare)
 
 
 def test_of_tiles_that_reach_over_the_border_the_part_in_the_frame_counts():
