@@ -15,9 +15,11 @@ from .transform import (
     Bases,
     across,
     down,
+    even_energy,
     fold,
     intensity,
     intensity_gradient,
+    is_even,
     shared_intensity,
     unfold,
     waves,
@@ -58,7 +60,11 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
     parts, size = fold(wave.pupil), 2 * len(wave.bases.pixels) - 1
     energy = torch.empty(len(wave.chirps), size, size, dtype=parts.dtype, device=parts.device)
     at_once = depths_at_once(wave.bases)
+    even = keep is None and is_even(parts)
     for block, out in zip(wave.chirps.split(at_once), energy.split(at_once), strict=True):
+        if even:
+            out.copy_(even_energy(parts, block, wave.bases))
+            continue
         fields = waves(parts, block, wave.bases.fourier)
         out.copy_(intensity(*fields, wave.bases))
         if keep is not None:

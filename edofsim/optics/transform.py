@@ -241,6 +241,31 @@ def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
     return _summed(sums, bases)
 
 
+def is_even(parts: Tensor) -> bool:
+    """Whether a pupil is its own mirror image about both axes; parts: from `fold`."""
+    return not (bool(parts[1].any()) or bool(parts[0, :, 1].any()))
+
+
+def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
+    """`intensity` of the `waves` of a pupil that `is_even`, by a quarter of the work."""
+    real, imaginary = defocus_maps(chirps)
+    (re, im), cosines = parts[0, :, 0, :, None], bases.fourier[0]
+    (rows, high), (depths, half) = cosines.shape, chirps.shape
+    spread = torch.empty(2, high, depths, half, dtype=real.dtype, device=real.device)
+    torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)
+    torch.mul(re, imaginary, out=spread[1]).addcmul_(im, real)
+    first = torch.matmul(cosines, spread.view(2, high, depths * half))
+    field = torch.mm(first.view(-1, half), cosines.T).view(2, rows, depths * rows)
+    density = (field[0] * field[0]).addcmul_(field[1], field[1])
+    count = len(bases.pixels)
+    low = torch.mm(bases.pixels, density).view(-1, rows)
+    summed = torch.mm(low, bases.pixels.T).view(count, depths, count)
+    image = summed.new_zeros(2 * count - 1, depths, 2 * count - 1)
+    for side in SIDES:
+        _side(image, side).add_(_turned(summed, side))
+    return image.permute(1, 0, 2)
+
+
 def shared_intensity(whole: tuple[Tensor, Tensor], part: tuple[Tensor, Tensor], bases: Bases) -> Tensor:
     """Re(F* G) summed over each pixel, as `intensity`; whole, part: even and odd components of F and of G."""
     sums = []

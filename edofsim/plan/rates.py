@@ -18,7 +18,7 @@ from ..optics.threads import one_thread
 from ..record import machine
 from .work import STAGES
 
-VERSION = 16
+VERSION = 17
 """Raised when work is counted otherwise."""
 
 Rates = Mapping[str, tuple[float, ...]]

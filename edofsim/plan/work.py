@@ -23,6 +23,8 @@ from .shape import Shape, Slabs, shape_of
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
 PART_AMOUNTS = 5
+EVEN = 0.25
+"""Of the work of PSFs is left where the pupil is its own mirror image, as without a mask."""
 COVERAGES = 3
 """Images of coverage that are blurred for each depth: one a channel."""
 
@@ -53,7 +55,7 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, _half_out(camera, fidelity, window, shape)
     known = waves_between(camera, shape, layers)
-    waves = known * colours
+    waves = known * colours * (1.0 if relief else EVEN)
     parts, held = _parts_of(shape, camera, fidelity, layers, samples)
     return Work(
         {

@@ -11,7 +11,7 @@ from edofsim.optics import Camera, propagation, psf_bank
 from edofsim.optics.fabrication import make
 from edofsim.optics.grid import PupilGrid
 from edofsim.optics.materials import material
-from edofsim.optics.propagation import Wave, propagate
+from edofsim.optics.propagation import Wave, energies, propagate
 from edofsim.optics.pupil import chirp
 from edofsim.optics.transform import SensorWindow, make_bases, pixel_weights
 from edofsim.recipe.camera import CameraRecipe
@@ -85,6 +85,27 @@ def test_adjoint_by_hand_agrees_with_automatic_differentiation(
     (by_hand,) = torch.autograd.grad((mine * weights).sum(), pupil)
     (automatic,) = torch.autograd.grad((theirs * weights).sum(), pupil)
     assert float((by_hand - automatic).norm() / automatic.norm()) < 1e-10
+
+
+@pytest.mark.parametrize("samples", [40, 41])
+@pytest.mark.parametrize(("pixels", "oversampling"), [(8, 2), (9, 1), (6, 1), (5, 3)])
+def test_a_pupil_that_is_its_own_mirror_image_takes_a_quarter_of_the_work(
+    samples, pixels, oversampling, monkeypatch
+):
+    grid, reach = PupilGrid(samples, 5e-3 / samples, 2.5e-3), GREEN * 0.0369
+    window = SensorWindow(pixels, 6e-6, oversampling)
+    bases = make_bases(grid, window, reach, 1.0, torch.float64, CPU)
+    square = grid.radius_squared() / grid.radius**2
+    pupil = (square <= 1) * torch.exp(3j * square**2)
+    psi = torch.tensor([-20.0, 0.0, 3.0], dtype=torch.float64)
+    wave = Wave(pupil, chirp(grid, psi, dtype=torch.float64), bases)
+    with monkeypatch.context() as patch:  # the way that any pupil takes
+        patch.setattr(propagation, "waves", None)
+        mine = energies(wave)[:, :pixels, :pixels]
+    assert torch.allclose(mine, complex_energies(pupil, grid, window, reach, psi), rtol=1e-10)
+    pupil[3, 20] = 2.0  # one cell more: another way
+    mine = energies(wave)[:, :pixels, :pixels]
+    assert torch.allclose(mine, complex_energies(pupil, grid, window, reach, psi), rtol=1e-10)
 
 
 FABRICATIONS = {
