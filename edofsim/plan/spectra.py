@@ -19,14 +19,14 @@ from torch import Tensor
 from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
-from ..capture.occlusion.slabs import Hides, hides
+from ..capture.occlusion.slabs import Hides, cuts, hides
 from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
 from .fragments import Fragments, at_nodes, hat, in_tiles, nearest, together
 from .otfs import Otfs
-from .passing import NEARER_PX, SLABS, Nearer, nearer_of
+from .passing import Passing, passing
 from .tiles import choose_tiles
 
 SIDES_PX = (64, 256)
@@ -227,9 +227,9 @@ class Spectra:
     @cached_property
     def _radiance(self) -> Tensor:
         """Their light [band, n], without the view's mean; negative before what is hidden (see `passing`)."""
-        if self._nearer is None:
+        if self._passing is None:
             return self._seen
-        behind = self._without_mean(self.behind) * self._nearer.shown(self.behind)
+        behind = self._without_mean(self.behind) * self._passing.shown(self.behind)
         return torch.cat([self._seen, behind, -behind], 1)
 
     @cached_property
@@ -243,25 +243,27 @@ class Spectra:
         return torch.addmm(light, mean, self.view.coverage[fragments.which][None], alpha=-1)
 
     @cached_property
-    def _nearer(self) -> Nearer | None:
+    def _passing(self) -> Passing | None:
         """What dims light, if anything in the tiles hides another."""
         if not len(self.behind):
             return None
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
         otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes).mean(1)
-        return nearer_of(self._cover(nodes), otfs, nodes, NEARER_PX / blur_per_dioptre(self.camera))
+        between = cuts(self.view, 1 / blur_per_dioptre(self.camera))
+        return passing(self._cover(nodes), otfs, nodes, torch.tensor(sorted(between), dtype=torch.float64))
 
     def _image(self, nodes: Tensor, spectrum: Callable[[slice], Tensor]) -> Tensor:
-        """What light at nodes becomes in a photo, dimmed by what is nearer, [tile, channel, y, x]. spectrum:
-        of that at some of the nodes, summed over them."""
-        size, nearer = (self.side, self.side), self._nearer
-        if nearer is None:
+        """What light at nodes becomes in a photo, dimmed by what is in front: [tile, channel, y, x].
+        spectrum: of that at some of the nodes, summed over them."""
+        size = (self.side, self.side)
+        if self._passing is None:
             return torch.fft.irfft2(spectrum(slice(None)), s=size)
-        image = torch.zeros(())
-        for part in torch.arange(len(nodes)).chunk(SLABS):
-            some = slice(int(part[0]), int(part[-1]) + 1)
-            passed = nearer.passed(nodes[part[len(part) // 2]])
-            image = image + torch.fft.irfft2(spectrum(some), s=size) * passed[:, None]
+        image, start = torch.zeros(()), 0
+        slabs, counts = self._passing.slabs(nodes).unique_consecutive(return_counts=True)
+        for slab, count in zip(slabs.tolist(), counts.tolist(), strict=True):
+            seen = torch.fft.irfft2(spectrum(slice(start, start + count)), s=size)
+            image = image + seen * self._passing.passed[slab][:, None]
+            start += count
         return image
 
     @cached_property
