@@ -63,7 +63,9 @@ GROUPS = ((1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 3), (4, 2), (4, 3)
 TRUTH_NODES = 65
 TIMED_DEPTHS = 6
 """Of `brute` and `paper`."""
-MEMORY_LAYERS, FULL_MEMORY_LAYERS = (16,), (16, 64)
+MEMORY = ((1024, 16), (2048, 16))
+FULL_MEMORY = (*MEMORY, (1024, 64))
+"""Photos whose memory is measured: pixels along a side, layers."""
 
 
 def run(progress: Progress | None = None, out: Path | None = None, full: bool = False) -> dict[str, float]:
@@ -76,8 +78,8 @@ def run(progress: Progress | None = None, out: Path | None = None, full: bool = 
     layers.layered.(same); depths.{brute,paper}.SCENE.MASK: what they sum over;
     whole.{seconds,seconds_layered,psnr_db}.SCENE.MASK.ASKED: a photo with hidden surfaces, PSFs included,
     with the same settings, of all bands, and how far the two are apart;
-    peak_memory_mib.1024px_31b_16d: of a process that takes one photo with hidden surfaces in two groups of
-    bands a channel.
+    peak_memory_mib.{1024,2048}px_31b_16d: of a process that takes one photo with hidden surfaces in two
+    groups of bands a channel.
     out: a folder for finished pieces, which the same code does not measure again. full: also a smooth random
     mask, and 64 layers.
     """
@@ -89,8 +91,10 @@ def run(progress: Progress | None = None, out: Path | None = None, full: bool = 
         for mask in (FULL_MASKS if full else MASKS)
         for scene in SCENES
     }
-    counts = FULL_MEMORY_LAYERS if full else MEMORY_LAYERS
-    pieces |= {f"memory-{layers}d": lambda tell, n=layers: memory(n, tell) for layers in counts}
+    pieces |= {
+        f"memory-{size}px-{layers}d": lambda tell, s=size, n=layers: memory(s, n, tell)
+        for size, layers in (FULL_MEMORY if full else MEMORY)
+    }
     for number, (name, measure) in enumerate(pieces.items()):
         tell = part(say, number / len(pieces), (number + 1) / len(pieces), name)
         figures |= once(kept, name, lambda m=measure, t=tell: m(t))
@@ -360,22 +364,23 @@ def whole(view: View, camera: Camera, gathered: Fidelity, every: Fidelity) -> di
     }
 
 
-def memory(layers: int, say: Progress) -> dict[str, float]:
-    """Peak memory of a photo of 1024 x 1024 pixels in so many layers, in a process of its own."""
-    say(0.0, "a photo of 1024 x 1024 pixels")
+def memory(size: int, layers: int, say: Progress) -> dict[str, float]:
+    """Peak memory of a photo of so many pixels squared in so many layers, in a process of its own."""
+    say(0.0, f"a photo of {size} x {size} pixels")
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return {f"peak_memory_mib.1024px_31b_{layers}d": pool.apply(memory_of_a_photo, (layers,))}
+        found = pool.apply(memory_of_a_photo, (size, layers))
+    return {f"peak_memory_mib.{size}px_31b_{layers}d": found}
 
 
-def memory_of_a_photo(layers: int) -> float:
-    """Peak memory of this process in MiB after one photo of 1024 x 1024 pixels and 31 bands with what
+def memory_of_a_photo(size: int, layers: int) -> float:
+    """Peak memory of this process in MiB after one photo of `size` x `size` pixels and 31 bands with what
     surfaces hide, in two groups of bands a channel.
 
     To be called in a process of its own.
     """
     camera = cameras()["clear"]
     fidelity = Fidelity(layers=layers, band_groups=2, group_wavelengths=2)
-    capture(synthetic_view(1024, 31, camera.pixel_angle), camera, fidelity)
+    capture(synthetic_view(size, 31, camera.pixel_angle), camera, fidelity)
     return peak_memory_mib()
 
 
