@@ -77,7 +77,7 @@ paper: setup
 
 # without a network once the tools are there; a warning is a failure
 docs: setup $(VENV)/.installed-docs
-	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d docs/_build/doctrees docs docs/_build/html
 	@echo docs/_build/html/index.html
 
 clean:

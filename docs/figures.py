@@ -3,9 +3,9 @@
 A figure on a page stands behind a remark that nobody sees, which names a file of `docs/results/json` and a
 figure in it: `<!-- table psnr_db.paper-dcnn.random -->30.46 dB`. It is rounded to as many decimals as are
 there. `x100` behind the name multiplies it, for a percentage; a name with `*` stands for all figures that it
-fits, from the least to the most: `<!-- predictions times_faster.desk.* -->6.0 to 23`. What others measured is
-marked `<!-- quoted -->`. On the pages of `COVERED` every figure is marked, and the command that wrote a
-figure stands on its page.
+fits, from the least to the most: `<!-- predictions times_faster.desk.* -->6.0 to 23`; with `median:`,
+`least:` or `most:` before it, for that one of them. What others measured is marked `<!-- quoted -->`. On the
+pages of `COVERED` every figure is marked, and the command that wrote a figure stands on its page.
 
     python docs/figures.py                     # what does not agree, status 1 if anything
     python docs/figures.py --write             # the pages get the figures of the files
@@ -18,6 +18,8 @@ import argparse
 import json
 import re
 import shlex
+import statistics
+import subprocess
 import sys
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
@@ -33,6 +35,8 @@ KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "fi
 PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
 """Options that change no figure."""
 FLAGS = {"--quiet"}
+ONE_OF = {"": min, "median": statistics.median, "least": min, "most": max}
+"""Of figures that a name fits, by what stands before it."""
 NUMBER = r"-?\d+(?:\.\d+)?"
 MARK = re.compile(rf"<!-- (\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
 QUOTED = re.compile(rf"<!-- quoted -->{NUMBER}(?: to {NUMBER})?")
@@ -83,10 +87,14 @@ def write(root: Path = ROOT) -> None:
 
 def keep(path: Path, name: str, root: Path = ROOT) -> Path:
     """What a command wrote, without what is long or of one machine's folders. Raises ValueError for what was
-    written by code that is in no commit."""
+    written by code that is in no commit of this branch."""
     record = json.loads(path.read_text(encoding="utf-8"))
     if record["commit"] == "unknown" or record["commit"].endswith("-dirty"):
         raise ValueError(f"{path}: made by code that is in no commit; commit it, then {record['typed']}")
+    if not _is_before_head(record["commit"], root):
+        raise ValueError(
+            f"{path}: made by {record['commit']}, which is not in this branch; {record['typed']}"
+        )
     small = {key: record[key] for key in KEPT}
     small["typed"] = shlex.join(_words(record["typed"]))
     values = record["figures"].items()
@@ -95,6 +103,14 @@ def keep(path: Path, name: str, root: Path = ROOT) -> Path:
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(json.dumps(small, indent=1) + "\n", encoding="utf-8")
     return place
+
+
+def _is_before_head(commit: str, root: Path) -> bool:
+    """Whether the branch holds a commit; of a folder without a history nothing is known."""
+    if not (root / ".git").exists():
+        return True
+    asked = ["git", "-C", str(root), "merge-base", "--is-ancestor", commit, "HEAD"]
+    return subprocess.run(asked, capture_output=True, check=False).returncode == 0
 
 
 def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[Wrong]:
@@ -134,9 +150,12 @@ def _values(root: Path, mark: re.Match[str]) -> list[float] | str:
         figures = _record(root, name)["figures"]
     except OSError:
         return f"there is no {RESULTS / name}.json"
-    found = [float(value) * factor for each, value in figures.items() if fnmatchcase(each, key)]
-    if not found:
+    which, _, plain = key.rpartition(":")
+    found = [float(value) * factor for each, value in figures.items() if fnmatchcase(each, plain)]
+    if not found or which not in ONE_OF:
         return f"{name}.json has no figure {key}"
+    if which:
+        found = [ONE_OF[which](found)]
     if (mark[5] is None) != (len(found) == 1):
         return f"{key} is {len(found)} figures of {name}.json; one stands alone, more as `least to most`"
     return found if len(found) == 1 else [min(found), max(found)]

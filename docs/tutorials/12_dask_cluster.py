@@ -62,7 +62,7 @@ if __name__ == "__main__":
         command = ["render", "balls.toml", "--members", "3", "--cluster", cluster.scheduler_address]
         run = [sys.executable, "-m", "edofsim", *command, "--cache", str(folder), "--quiet"]
         done = subprocess.run(run, check=True, cwd=folder, capture_output=True, text=True)
-    print(done.stdout)
+    print(done.stdout.replace(f"{folder}/", ""))
 
 # %%
 # What is finished is in the cache: the same command renders only what is missing, after an interrupt too,

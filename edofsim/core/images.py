@@ -119,7 +119,10 @@ def unit_rgb(image: np.ndarray) -> np.ndarray:
         alpha = image[..., -1:]
         image = image[..., :-1] * alpha + (1 - alpha)
     if image.shape[2] not in (1, 3):
-        raise InputError(f"a picture needs 1 to 4 channels, not {image.shape[2]}")
+        raise InputError(
+            f"a picture needs the shape [y, x, 1 to 4 channels], not {list(image.shape)}; one from "
+            "`read_image` is [channel, y, x] and linear: give the file instead"
+        )
     return np.clip(np.broadcast_to(image, (*image.shape[:2], 3)), 0, 1)
 
 

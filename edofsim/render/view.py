@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,8 +133,8 @@ class View:
     @classmethod
     def from_image(
         cls,
-        rgb: np.ndarray | Tensor,
-        depth: np.ndarray | Tensor | float,
+        rgb: np.ndarray | Tensor | str | Path,
+        depth: np.ndarray | Tensor | float | str | Path,
         *,
         pixel_angle: float | None = None,
         wavelengths: np.ndarray | None = None,
@@ -142,19 +143,25 @@ class View:
     ) -> View:
         """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
 
-        rgb: [y, x, 3], uint8 or floats from 0 to 1, as picture files hold them; its colours become smooth
-        reflectances under `illuminant`. depth: [y, x] in metres along the axis, or one number for all; `inf`
-        is background; NaN, 0 and negative values are holes, filled with the farther neighbour in the row.
+        rgb: a picture file, or [y, x, 3], uint8 or floats from 0 to 1, as such files hold them; its colours
+        become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR) or
+        [y, x], in metres along the axis, or one number for all; `inf` is background; NaN, 0 and negative
+        values are holes, filled with the farther neighbour in the row.
         pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
         the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
         from 420 to 720 nm. margin: pixels around the frame that light comes from, the picture's mirror image;
         None for 64.
-        Raises InputError for shapes that do not fit each other and a depth map that holds no depth.
+        Raises InputError for files that cannot be read, for shapes that do not fit each other, and for a
+        depth map that holds no depth.
         """
         from ..core.images import mirrored, srgb_decode, unit_rgb
         from ..recipe.scene import Bands, Frame
         from ..scene import depth_maps, spectra
 
+        if isinstance(rgb, str | Path):
+            rgb = depth_maps.read_numbers(str(rgb), None, Path(), "picture")
+        if isinstance(depth, str | Path):
+            depth = depth_maps.read_numbers(str(depth), None, Path(), "depth map")
         colours = srgb_decode(unit_rgb(np.asarray(rgb)))
         rows, columns = colours.shape[:2]
         metres = np.asarray(depth, float)

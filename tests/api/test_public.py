@@ -66,6 +66,8 @@ def test_a_picture_with_depths_is_the_view_that_a_recipe_reads_of_its_files(pict
     assert torch.equal(made.radiance, read.radiance)
     assert torch.equal(made.inverse_depth, read.inverse_depth)
     assert made.pixel_angle == read.pixel_angle
+    files = edofsim.View.from_image(tmp_path / "a.png", str(tmp_path / "z.npy"), margin=5)
+    assert torch.equal(files.radiance, made.radiance) and torch.equal(files.inverse_depth, made.inverse_depth)
 
 
 def test_a_white_picture_is_shown_white_and_grey_at_its_value(picture):
@@ -84,6 +86,14 @@ def test_a_white_picture_is_shown_white_and_grey_at_its_value(picture):
 def test_depths_that_are_none_are_refused(picture, depth, said: str):
     with pytest.raises(edofsim.InputError, match=said):
         edofsim.View.from_image(picture[0], depth)
+
+
+def test_what_is_no_picture_says_what_to_give(picture, tmp_path):
+    linear = np.moveaxis(picture[0] / 255, -1, 0)  # as `read_image` gives it
+    with pytest.raises(edofsim.InputError, match="give the file"):
+        edofsim.View.from_image(linear, 1.0)
+    with pytest.raises(edofsim.InputError, match="nowhere.png"):
+        edofsim.View.from_image(tmp_path / "nowhere.png", 1.0)
 
 
 def test_a_camera_by_numbers_has_them():

@@ -22,6 +22,7 @@ PAGE = """# Page
 |---|---|
 | restored | <!-- table psnr_db.a -->30.46 dB |
 | all | <!-- table times.* -->6.0 to 23 |
+| in the middle | <!-- table median:times.* -->14.32, at most <!-- table most:times.* -->22.6 |
 | of them | <!-- table share.b x100 -->85.2 % |
 | elsewhere | <!-- quoted -->26.26 dB |
 
@@ -76,13 +77,15 @@ def test_a_page_that_agrees(checkout: Path):
         ("30.46 dB", "30.47 dB", "README.md:7: table.json has 30.46 for psnr_db.a, the page 30.47"),
         ("6.0 to 23", "6.1 to 23", "table.json has 6.0 to 23"),
         ("6.0 to 23", "6.0", "2 figures"),
+        ("14.32", "14.33", "table.json has 14.32 for median:times.*"),
+        ("median:", "mean:", "no figure mean:times.*"),
         ("85.2 %", "8.5 %", "85.2"),
         ("psnr_db.a", "psnr_db.c", "no figure psnr_db.c"),
         ("table psnr", "tables psnr", "no docs/results/json/tables.json"),
         ("--data kodak", "--data bsds", "does not stand on the page"),
         ("<!-- quoted -->", "", "'26.26 dB' names no file"),
         ("<!-- table times.* -->", "", "'6.0 to 23' names no file"),
-        ("A line", "It took 3.5 s. A line", "README.md:12: '3.5 s' names no file"),
+        ("A line", "It took 3.5 s. A line", "README.md:13: '3.5 s' names no file"),
     ],
 )
 def test_what_does_not_agree_is_named(checkout: Path, right: str, wrong: str, said: str):

@@ -11,7 +11,10 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from edofsim.core.images import write_png
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -21,7 +24,7 @@ PAGES = sorted(
     if not {"_build", "gallery"} & set(path.parts)
 )
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.py"))
-SLOW = {"01", "02", "08", "09", "11", "12"}
+SLOW = {"09", "12"}
 """Those that take more than about ten seconds, or start processes."""
 
 
@@ -43,9 +46,19 @@ def named(paths: list[Path], slow: set[str] = frozenset()) -> list:
 
 @pytest.mark.parametrize("path", named([path for path in PAGES if blocks(path, "python")]))
 def test_the_python_on_a_page_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """In a folder with the reader's own picture and its depth map."""
     monkeypatch.chdir(tmp_path)
+    write_png(tmp_path / "photo.png", np.random.default_rng(0).random((3, 96, 128)))
+    np.save(tmp_path / "depth.npy", np.linspace(0.6, 3.0, 128) * np.ones((96, 1)))
     monkeypatch.setenv("MPLBACKEND", "agg")
     exec(compile(blocks(path, "python"), str(path), "exec"), {"__name__": path.stem})
+
+
+@pytest.mark.parametrize("path", named(PAGES))
+def test_no_line_begins_with_a_remark_that_nobody_sees(path: Path):
+    """On the site such a line ends its paragraph, and what follows in it is shown as it was typed."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert not [line for line in lines if line.lstrip().startswith("<!--")]
 
 
 @pytest.mark.parametrize("path", named([path for path in PAGES if blocks(path, "toml")]))

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import skimage.io
 
+from edofsim.core.images import write_png
 from edofsim.recipe import load_camera, load_scene, shipped, shipped_folder
 from edofsim.recipe.kinds import MASKS, NETWORKS, OBJECTS
 from edofsim.recipe.load import load_train
 from edofsim.recipe.new import new_recipe
+from edofsim.render.readers import picture_view
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 
 Run = Callable[..., tuple[int, str]]
@@ -36,6 +40,38 @@ def test_a_new_camera_has_a_lens_and_a_new_training_names_what_there_is(tmp_path
     training = load_train(new_recipe("train", tmp_path / "t.toml")).recipe
     assert training.name == "t"
     assert load_camera(training.camera).recipe.name == training.camera
+
+
+@pytest.mark.parametrize(("name", "unit"), [("depth.npy", 1.0), ("depth.png", 1e-3)])
+def test_a_new_scene_of_a_picture_has_its_size_and_depths(
+    edofsim: Run, tmp_path: Path, name: str, unit: float
+):
+    depth = np.linspace(0.6, 3.0, 40) * np.ones((30, 1))
+    write_png(tmp_path / "photo.png", np.random.default_rng(0).random((3, 30, 40)))
+    if name.endswith(".png"):
+        skimage.io.imsave(tmp_path / name, (1000 * depth).astype(np.uint16), check_contrast=False)
+    else:
+        np.save(tmp_path / name, depth)
+    (tmp_path / "recipes").mkdir()
+    given = ("--image", tmp_path / "photo.png", "--depth", tmp_path / name)
+    assert edofsim("new", "scene", tmp_path / "recipes" / "mine", *given)[0] == 0
+    loaded = load_scene(tmp_path / "recipes" / "mine.toml")
+    assert (loaded.recipe.frame.width_px, loaded.recipe.frame.height_px) == (40, 30)
+    assert loaded.recipe.source.depth.unit == unit
+    frame = loaded.recipe.frame.model_copy(update={"pixel_angle_mrad": 0.16})
+    view = picture_view(loaded.recipe.model_copy(update={"frame": frame}), loaded.base)
+    inside = view.crop_margin(view.mean_inverse_depth())
+    assert np.allclose(inside, 1 / depth, rtol=2e-3)
+
+
+def test_a_picture_without_its_depths_makes_no_scene(edofsim: Run, tmp_path: Path):
+    write_png(tmp_path / "photo.png", np.zeros((3, 30, 40)))
+    np.save(tmp_path / "depth.npy", np.ones((3, 4)))
+    status, said = edofsim("new", "scene", tmp_path / "mine", "--image", tmp_path / "photo.png")
+    assert status == 2 and "go together" in said
+    given = ("--image", tmp_path / "photo.png", "--depth", tmp_path / "depth.npy")
+    status, said = edofsim("new", "scene", tmp_path / "mine", *given)
+    assert status == 2 and "[3, 4]" in said and not (tmp_path / "mine.toml").exists()
 
 
 def test_a_recipe_that_is_there_is_not_written_over(edofsim: Run, tmp_path: Path):
