@@ -138,6 +138,8 @@ def _measured(
             done += 1
         return (effect.differences or of_psfs)(facts, levels[:-1])
 
+    if todo:
+        facts.spectra.prepare()
     return in_threads(measure, todo, torch.device("cpu"))
 
 
