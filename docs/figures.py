@@ -35,7 +35,7 @@ KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "fi
 PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
 """Options that change no figure."""
 FLAGS = {"--quiet"}
-ONE_OF = {"": min, "median": statistics.median, "least": min, "most": max}
+ONE_OF = {"median": statistics.median, "least": min, "most": max}
 """Of figures that a name fits, by what stands before it."""
 NUMBER = r"-?\d+(?:\.\d+)?"
 MARK = re.compile(rf"<!-- (\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
@@ -152,7 +152,7 @@ def _values(root: Path, mark: re.Match[str]) -> list[float] | str:
         return f"there is no {RESULTS / name}.json"
     which, _, plain = key.rpartition(":")
     found = [float(value) * factor for each, value in figures.items() if fnmatchcase(each, plain)]
-    if not found or which not in ONE_OF:
+    if not found or (which and which not in ONE_OF):
         return f"{name}.json has no figure {key}"
     if which:
         found = [ONE_OF[which](found)]

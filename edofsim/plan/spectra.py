@@ -46,7 +46,7 @@ BANDS = 16
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FOUND_DB = 45.0
-"""Spectra of light are told apart by as many components as leave less than this of them: 3 to 10 on most
+"""Spectra of light are told apart by as many components as leave less than this of them: 1 to 10 on most
 shipped scenes, nearly every band where each has noise of its own."""
 SOME = 20_000
 """Fragments that stand for all where only the mean of their light counts."""
