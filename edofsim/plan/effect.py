@@ -54,7 +54,7 @@ class Effect:
     added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
     or `bias` (the worst case: linearly). within: an effect without which this one does not matter; beside:
     whether that one is measured without this, so that both errors are made where it is left out. stage:
-    render, psf, expose or sensor.
+    render, psf, expose or sensor. at_once: whether one look shows what all levels change.
     """
 
     name: str
@@ -67,6 +67,7 @@ class Effect:
     within: str = ""
     beside: bool = False
     stage: str = "expose"
+    at_once: bool = False
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,14 +13,17 @@ from torch import Tensor
 
 from ..core.progress import Progress
 from ..optics.threads import in_threads
-from .effect import Effect, Errors, Level
+from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
+
+LITTLE = 0.2
+"""Share of the error that a photo may have; what errs by less leaves nearly all of it to others."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full;
-    errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none; asked:
+    """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full, those
+    that were looked at; errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none; asked:
     whether it was looked at, else full is its only level."""
 
     effect: Effect
@@ -94,15 +98,17 @@ def estimate(
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
     asked: Collection[str] | None = None,
+    most: float = math.inf,
     progress: Progress | None = None,
 ) -> Estimates:
-    """Measure every level of effects that scene and camera have.
+    """Measure levels of the effects that scene and camera have.
 
     more: by effect, one more level, which the user insists on; asked: names of the effects that are looked
-    at, None for all of them.
+    at, None for all of them; most: root mean square error that the photo may have: levels that err by more,
+    or so little that coarser ones do, are not looked at but for the coarsest. All levels for infinite.
     """
     rows: list[Estimate] = []
-    todo: dict[int, tuple[Effect, tuple[Level, ...]]] = {}
+    todo: dict[int, tuple[Effect, tuple[Level, ...], float]] = {}
     for effect in effects:
         absent, levels = levels_of(facts, effect, more)
         if asked is not None and effect.name not in asked and len(levels) > 1:
@@ -111,36 +117,66 @@ def estimate(
         measured = effect.error if len(levels) > 1 else None
         errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
         if len(levels) > 1 and effect.error is None:
-            todo[len(rows)] = (effect, levels)
+            all_levels = effect.at_once or effect.name in (more or {})
+            todo[len(rows)] = (effect, levels, math.inf if all_levels else most)
         rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
     differences: list[Tensor] = []
     for row, found in zip(todo, _measured(facts, list(todo.values()), progress), strict=True):
         images = range(len(differences), len(differences) + len(found))
-        differences.extend(found)
-        errors = (*map(rms, found), _nothing(facts))
-        rows[row] = replace(rows[row], errors=errors, images=(*images, -1))
+        differences.extend(found.values())
+        errors = (*map(rms, found.values()), _nothing(facts))
+        levels = tuple(rows[row].levels[level] for level in found)
+        rows[row] = replace(
+            rows[row], levels=(*levels, rows[row].levels[-1]), errors=errors, images=(*images, -1)
+        )
     rows = _add_nested_effects(rows, differences)
     return Estimates(tuple(rows), _products(differences), tuple(differences))
 
 
 def _measured(
-    facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level]]], progress: Progress | None
-) -> list[Sequence[Tensor]]:
-    """What the levels of effects change, several effects at a time."""
+    facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level], float]], progress: Progress | None
+) -> list[Mapping[int, Tensor]]:
+    """What levels of effects change, by their number, several effects at a time; each effect with the error
+    that the photo may have."""
     lock, done = threading.Lock(), 0
 
-    def measure(one: tuple[Effect, Sequence[Level]]) -> Sequence[Tensor]:
+    def measure(one: tuple[Effect, Sequence[Level], float]) -> Mapping[int, Tensor]:
         nonlocal done
-        effect, levels = one
+        effect, levels, most = one
+        differences = effect.differences or of_psfs
         with lock:
             if progress:
                 progress(done / len(todo), f"estimating {effect.name}")
             done += 1
-        return (effect.differences or of_psfs)(facts, levels[:-1])
+        if math.isinf(most):
+            return dict(enumerate(differences(facts, levels[:-1])))
+        return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, most)
 
     if todo:
         facts.spectra.prepare()
     return in_threads(measure, todo, torch.device("cpu"))
+
+
+def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:
+    """What some of `count` levels change, from coarse to fine: the coarsest, and where one errs by no more
+    than `most`, those from the coarsest that does to one that hardly errs. Finer ones err by less."""
+    found: dict[int, Tensor] = {}
+
+    def error(level: int) -> float:
+        if level not in found:
+            found[level] = measure(level)
+        return overall(rms(found[level]))
+
+    if error(0) > most and error(count - 1) <= most:
+        coarse, level = 0, count - 1
+        while level - coarse > 1:
+            middle = (coarse + level) // 2
+            coarse, level = (middle, level) if error(middle) > most else (coarse, middle)
+    else:
+        level = 0 if error(0) <= most else count - 1
+    while error(level) > LITTLE * most and level < count - 1:
+        level += 1
+    return dict(sorted(found.items()))
 
 
 def _products(differences: Sequence[Tensor]) -> Tensor:

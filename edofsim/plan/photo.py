@@ -89,8 +89,7 @@ class Planner:
                     f"{shift:.2g} dB with everything else in full, and this is it"
                 )
         else:
-            safety = SAFETY_DB + (OCCLUSION_DB if self.facts.full.occlusion != "none" else 0.0)
-            budget = 10 ** (-(asked + safety) / 20)
+            budget = allowed_error(target, self.facts)
             chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
             note = note or self._insisted(asked, chosen, fixed)
@@ -197,6 +196,15 @@ class Planner:
         )
 
 
+def allowed_error(target: Target, facts: Facts) -> float:
+    """Root mean square error that a plan for a target stays within by its estimates; infinite where the
+    target is no error of the photo."""
+    if target.kind not in ("noise", "db"):
+        return math.inf
+    safety = SAFETY_DB + (OCCLUSION_DB if facts.full.occlusion != "none" else 0.0)
+    return 10 ** (-(target.asked_db(facts) + safety) / 20)
+
+
 @one_thread_an_operation()
 def planner_of(
     view: View,
@@ -219,7 +227,7 @@ def planner_of(
     costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
     # what is remembered of estimates is too little to restore
     ask = estimate if restore else remembered
-    found = ask(facts, effects or all_effects(), more, None, progress)
+    found = ask(facts, effects or all_effects(), more, progress=progress)
     return Planner(facts, costs, found, disk_mib, restore)
 
 
@@ -241,7 +249,8 @@ def plan_photo(
 
     overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `without` and `with_` (names
     of effects); None values are left to the plan. target: None for the default. every_effect: False looks
-    only at effects that the choice can save time by; the others are simulated without asking what they do.
+    only at effects that the choice can save time by, and at levels that it can take; other effects are
+    simulated without asking what they do.
     restore: what restores the photo, which a target of the restored image needs.
     Raises InputError for an effect that is not known.
     """
@@ -250,15 +259,16 @@ def plan_photo(
     facts = replace(facts or facts_of(view, camera), closely=target.kind == "score")
     effects = all_effects()
     costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
-    asked = None
+    asked, allowed = None, math.inf
     if not every_effect:
+        allowed = allowed_error(target, facts)
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
             least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
             most = target.left if target.kind == "time" else 0.0
             asked |= set(costs.worth_asking(effects, most, least))
     ask = estimate if target.kind == "score" else remembered
-    found = ask(facts, effects, more, asked, progress)
+    found = ask(facts, effects, more, asked, allowed, progress)
     planner = Planner(facts, costs, found, disk_mib, restore)
     plan = planner.plan(target, fixed_levels(found, given, more))
     # how light becomes images errs by nothing of its own: no effect weighs it

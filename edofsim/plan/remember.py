@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -12,12 +13,12 @@ import torch
 from ..capture.photo import PHOTO_MODEL_VERSION
 from ..core.progress import Progress
 from ..core.store import Store, user_folder
-from .effect import Effect, Level
+from .effect import Effect, Level, decibels
 from .effects import EFFECTS
 from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
-VERSION = 34
+VERSION = 35
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""
@@ -28,17 +29,18 @@ def remembered(
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
     asked: Collection[str] | None = None,
+    most: float = math.inf,
     progress: Progress | None = None,
 ) -> Estimates:
     """`estimate`, or what it found before. Where nothing can be written, it is estimated each time."""
     if asked is not None and not asked:
         return estimate(facts, effects, more, asked)
-    key = _key(facts, effects, more or {}, asked)
-    kept = Store("{}.json", lambda path: _read(path, facts, effects, more, asked), _write, most_files=KEPT)
+    key = _key(facts, effects, more or {}, asked, most)
+    kept = Store("{}.json", lambda path: _read(path, facts, effects, more), _write, most_files=KEPT)
     known = kept.find(key, _folder())
     if known is not None:
         return known
-    found = estimate(facts, effects, more, asked, progress)
+    found = estimate(facts, effects, more, asked, most, progress)
     kept.keep(key, found, _folder())
     return found
 
@@ -50,6 +52,7 @@ def _write(found: Estimates, path: Path) -> None:
             "errors": row.errors,
             "images": row.images,
             "absent": row.absent,
+            "asked": row.asked,
         }
         for row in found.rows
     ]
@@ -61,18 +64,17 @@ def _read(
     facts: Facts,
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None,
-    asked: Collection[str] | None,
 ) -> Estimates:
     content = json.loads(path.read_text(encoding="utf-8"))
     rows = []
     for effect, row in zip(effects, content["rows"], strict=True):
         absent, levels = levels_of(facts, effect, more)
-        looked_at = asked is None or effect.name in asked or len(levels) == 1
-        levels = levels if looked_at else levels[-1:]
-        if absent != row["absent"] or [level.label for level in levels] != row["labels"]:
+        by_label = {level.label: level for level in levels}
+        if absent != row["absent"] or not by_label.keys() >= set(row["labels"]):
             raise ValueError("of other levels")
+        levels = tuple(by_label[label] for label in row["labels"])
         errors = tuple(tuple(float(e) for e in level) for level in row["errors"])
-        rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"]), looked_at))
+        rows.append(Estimate(effect, absent, levels, errors, tuple(row["images"]), row["asked"]))
     size = len(content["products"])
     products = torch.tensor(content["products"], dtype=torch.float64).reshape(size, size)
     return Estimates(tuple(rows), products)
@@ -83,7 +85,11 @@ def _folder() -> Path:
 
 
 def _key(
-    facts: Facts, effects: Sequence[Effect], more: Mapping[str, Level], asked: Collection[str] | None
+    facts: Facts,
+    effects: Sequence[Effect],
+    more: Mapping[str, Level],
+    asked: Collection[str] | None,
+    most: float,
 ) -> str:
     said = {
         "version": [VERSION, PHOTO_MODEL_VERSION],
@@ -91,6 +97,7 @@ def _key(
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "asked": None if asked is None else sorted(asked),
+        "most_db": round(decibels(most), 3),
         "rendering": [facts.shorter, facts.plain_glass, facts.view.noise, facts.noisier],
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }

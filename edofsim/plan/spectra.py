@@ -124,14 +124,18 @@ class Spectra:
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
-        fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
-        nodes = self.nodes(layers)
-        gathering = self._gathering(2, fine)
-        exact = self._otfs.at(self.full, gathering, fine)
-        between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
-        coarse = self._otfs.at(self.full, gathering, nodes, fine)
-        change = _mixed(between, coarse[None])[0] - exact
-        return self._by_channel(gathering, fine, change, shared=True)
+
+        def changed() -> Tensor:
+            fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
+            nodes = self.nodes(layers)
+            gathering = self._gathering(2, fine)
+            exact = self._otfs.at(self.full, gathering, fine)
+            between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
+            coarse = self._otfs.at(self.full, gathering, nodes, fine)
+            change = _mixed(between, coarse[None])[0] - exact
+            return self._by_channel(gathering, fine, change, shared=True)
+
+        return self._known.get(("layers", layers), changed)
 
     def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
         """What other PSFs change: those of a fidelity against those of another, in every band; or at one

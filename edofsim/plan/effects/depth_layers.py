@@ -43,23 +43,16 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    known: dict[int, Tensor] = {}
-    return [_difference(facts, int(level.change["layers"]), known) for level in levels]
+    return [_difference(facts, int(level.change["layers"])) for level in levels]
 
 
-def _difference(facts: Facts, layers: int, known: dict[int, Tensor]) -> Tensor:
-    """known: what was found for other numbers of layers."""
-    if layers not in known:
-        if facts.depths is not None or layers <= MEASURED:
-            missed = 0.0 if facts.depths is not None else ((layers - 1) / (FINE_NODES - 1)) ** 2
-            known[layers] = facts.spectra.by_layers(layers) / (1 - missed)
-        else:
-            some = [coarser for coarser in LAYERS if coarser <= MEASURED][-2:]
-            expected = [
-                _difference(facts, coarser, known) * ((coarser - 1) / (layers - 1)) ** 2 for coarser in some
-            ]
-            known[layers] = max(expected, key=lambda found: float(found.square().sum()))
-    return known[layers]
+def _difference(facts: Facts, layers: int) -> Tensor:
+    if facts.depths is not None or layers <= MEASURED:
+        missed = 0.0 if facts.depths is not None else ((layers - 1) / (FINE_NODES - 1)) ** 2
+        return facts.spectra.by_layers(layers) / (1 - missed)
+    some = [coarser for coarser in LAYERS if coarser <= MEASURED][-2:]
+    expected = [_difference(facts, coarser) * ((coarser - 1) / (layers - 1)) ** 2 for coarser in some]
+    return max(expected, key=lambda found: float(found.square().sum()))
 
 
 EFFECT = Effect("depth layers", levels, why, absent, differences)

@@ -102,4 +102,6 @@ def _size(change: Tensor) -> float:
     return float(torch.linalg.vector_norm(change))
 
 
-EFFECT = Effect("sub-apertures", levels, why, absent, differences, within="hidden surfaces", beside=True)
+EFFECT = Effect(
+    "sub-apertures", levels, why, absent, differences, within="hidden surfaces", beside=True, at_once=True
+)
