@@ -17,7 +17,7 @@ from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 
 LITTLE = 0.2
-"""Share of the error that a photo may have; what errs by less leaves nearly all of it to others."""
+"""Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,9 @@ def estimate(
     """Measure levels of the effects that scene and camera have.
 
     more: by effect, one more level, which the user insists on; asked: names of the effects that are looked
-    at, None for all of them; most: root mean square error that the photo may have: levels that err by more,
-    or so little that coarser ones do, are not looked at but for the coarsest. All levels for infinite.
+    at, None for all of them; most: root mean square error that the photo may have: of levels that err by more
+    only the coarsest and the finest are looked at, and none of finer ones where the coarsest hardly errs. All
+    levels for infinite.
     """
     rows: list[Estimate] = []
     todo: dict[int, tuple[Effect, tuple[Level, ...], float]] = {}
@@ -152,30 +153,22 @@ def _measured(
             return dict(enumerate(differences(facts, levels[:-1])))
         return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, most)
 
-    if todo:
-        facts.spectra.prepare()
-    return in_threads(measure, todo, torch.device("cpu"))
+    # what takes longest and needs no spectra goes on beside the making of them, which others wait for
+    order = sorted(range(len(todo)), key=lambda number: not todo[number][0].at_once)
+    found = dict(zip(order, in_threads(measure, [todo[k] for k in order], torch.device("cpu")), strict=True))
+    return [found[number] for number in range(len(todo))]
 
 
 def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:
-    """What some of `count` levels change, from coarse to fine: the coarsest, and where one errs by no more
-    than `most`, those from the coarsest that does to one that hardly errs. Finer ones err by less."""
-    found: dict[int, Tensor] = {}
-
-    def error(level: int) -> float:
-        if level not in found:
-            found[level] = measure(level)
-        return overall(rms(found[level]))
-
-    if error(0) > most and error(count - 1) <= most:
-        coarse, level = 0, count - 1
-        while level - coarse > 1:
-            middle = (coarse + level) // 2
-            coarse, level = (middle, level) if error(middle) > most else (coarse, middle)
-    else:
-        level = 0 if error(0) <= most else count - 1
-    while error(level) > LITTLE * most and level < count - 1:
-        level += 1
+    """What some of `count` levels change, from coarse to fine: the coarsest, and, where it errs by more than
+    little of `most`, from the finest on those that err by no more, and the first that does."""
+    found = {0: measure(0)}
+    level = count if overall(rms(found[0])) > LITTLE * most else 1
+    while level > 1:
+        level -= 1
+        found[level] = measure(level)
+        if overall(rms(found[level])) > most:
+            break
     return dict(sorted(found.items()))
 
 

@@ -23,7 +23,6 @@ from ..capture.occlusion.slabs import Hides, cuts, hides
 from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
-from ..optics.threads import one_thread_an_operation
 from ..render.view import View
 from .fragments import Fragments, at_nodes, hat, in_tiles, nearest, together
 from .otfs import Otfs
@@ -99,11 +98,6 @@ class Spectra:
         middles = (torch.arange(count, dtype=torch.float64) + 0.5) / count * below[-1]
         found = torch.searchsorted(below, middles).clamp_max(CELLS - 1).unique()
         return low + (found + 0.5) / CELLS * (high - low)
-
-    def prepare(self) -> None:
-        """Make what all estimates need first. On all threads: they would wait for the one that makes it."""
-        with one_thread_an_operation():
-            _ = self._radiance
 
     def by_bands(self, fidelity: Fidelity) -> Tensor:
         """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
