@@ -23,8 +23,8 @@ LITTLE = 0.2
 @dataclass(frozen=True)
 class Estimate:
     """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full, those
-    that were looked at; errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1 for none; asked:
-    whether it was looked at, else full is its only level."""
+    that were looked at; errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1
+    for none; asked: whether it was looked at, else full is its only level."""
 
     effect: Effect
     absent: str

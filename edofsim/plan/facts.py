@@ -187,9 +187,9 @@ def facts_of(
 
 def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
     """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`. rest:
-    how else the rest is simulated than in one group of bands a channel and 5 layers, with the pupil as a
+    how else the rest is simulated than in one group of bands a channel and 4 layers, with the pupil as a
     whole."""
-    few = {"band_groups": 1, "group_wavelengths": 1, "layers": 5}
+    few = {"band_groups": 1, "group_wavelengths": 1, "layers": 4}
     few |= {"sub_apertures": 1, "sub_aperture_pixel": 2}
     if facts.full.occlusion == "normalised":  # whose layers lie at the nodes: it takes many of them
         rest["layers"] = NORMALISED_LAYERS

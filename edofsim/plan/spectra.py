@@ -40,7 +40,7 @@ EVENLY = 0.3
 on small versions of `clutter`, `foliage`, `night`, `stilllife` and `hallway`."""
 CELLS = 2000
 """Of the view's inverse depths, to find that."""
-BANDS = 16
+BANDS = 11
 """Wavelengths at which these are looked at, evenly over the view's bands."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""

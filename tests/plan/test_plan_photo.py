@@ -28,6 +28,8 @@ from edofsim.plan import (
     remember,
     thumbnail,
 )
+from edofsim.plan.estimate import estimate
+from edofsim.plan.photo import allowed_error
 from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
@@ -118,6 +120,25 @@ def test_a_slanted_surface_has_layers_and_no_edges_and_a_step_has():
     step = planner("step").plan()
     assert row(step, "occlusion").called_for and row(step, "hidden surfaces").error is not None
     assert row(plan_photo(scene(STEP), CAMERA), "hidden surfaces").error is None  # nothing is known there
+
+
+@pytest.mark.parametrize("kind", ["slanted", "step"])
+@pytest.mark.parametrize("asked", [20, 35, 50])
+def test_levels_that_cannot_be_taken_are_not_looked_at(kind: str, asked: int):
+    """And the choice among those that are left is that among all."""
+    whole, target = planner(kind), Target("db", asked)
+    most = allowed_error(target, whole.facts)
+    found = estimate(whole.facts, all_effects(), most=most)
+    assert replace(whole, estimates=found).plan(target).fidelity == whole.plan(target).fidelity
+    known = whole.estimates.by_name()
+    for row in found.rows:
+        assert row.levels[0] == known[row.effect.name].levels[0]  # what leaving it out costs is always told
+        assert row.levels[-1] == known[row.effect.name].levels[-1]
+        errors = [overall(level) for level in row.errors]
+        if not row.effect.at_once and errors[0] > most:
+            assert sum(error > most for error in errors) <= 2
+    levels = [sum(len(row.levels) for row in rows) for rows in (found.rows, whole.estimates.rows)]
+    assert levels[0] < levels[1]
 
 
 def test_bands_that_say_the_same_are_gathered():
@@ -287,9 +308,9 @@ def test_every_knob_of_a_fidelity_belongs_to_an_effect_that_sets_it():
     found: dict[str, set[str]] = {}
     known = [planner(name) for name in ("slanted", "step")]
     for each in known:
-        for estimate in each.estimates.rows:
-            for level in estimate.levels:
-                found.setdefault(estimate.effect.name, set()).update(level.change)
+        for looked in each.estimates.rows:
+            for level in looked.levels:
+                found.setdefault(looked.effect.name, set()).update(level.change)
     for name, changed in found.items():  # or to the effect that it is a part of, or that is a part of it
         near = {name, EFFECTS[name].within, *(n for n, effect in EFFECTS.items() if effect.within == name)}
         assert {knobs[field].effect for field in changed} <= near
