@@ -4,12 +4,16 @@ A figure on a page stands behind a remark that nobody sees, which names a file o
 figure in it: `<!-- table psnr_db.paper-dcnn.random -->30.46 dB`. It is rounded to as many decimals as are
 there. `x100` behind the name multiplies it, for a percentage; a name with `*` stands for all figures that it
 fits, from the least to the most: `<!-- predictions times_faster.desk.* -->6.0 to 23`; with `median:`,
-`least:` or `most:` before it, for that one of them. What others measured is marked `<!-- quoted -->`. On the
-pages of `COVERED` every figure is marked, and the command that wrote a figure stands on its page.
+`least:` or `most:` before it, for that one of them. On the pages of `COVERED` every figure is marked. What
+is of no file says what it is: `<!-- quoted -->` what others measured, `<!-- given -->` what was asked for,
+`<!-- of c774ccd -->` what code of that commit printed, which the page says too. The command that wrote a
+figure stands on its page.
 
     python docs/figures.py                     # what does not agree, status 1 if anything
     python docs/figures.py --write             # the pages get the figures of the files
-    python docs/figures.py --keep FILE NAME    # what --json wrote becomes docs/results/json/NAME.json
+    python docs/figures.py --keep FILE NAME [FIGURE...]
+                                               # what --json wrote becomes docs/results/json/NAME.json, all
+                                               # figures or those that such names with * fit
 """
 
 from __future__ import annotations
@@ -21,15 +25,20 @@ import shlex
 import statistics
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("docs/results/json")
-COVERED = ("README.md",)
-AWAITED: tuple[str, ...] = ()
+RUNS = "docs/results/runs.md"
+"""The page that lists the files; all of it is made of them."""
+COVERED = (
+    "README.md",
+    *(f"docs/results/{page}.md" for page in ("paper", "photos", "restoration", "stability")),
+)
+AWAITED: tuple[str, ...] = ("table-kodak", "table-kodak-others", "table-bsds-dcnn", "noise", "mutants")
 """Files that pages name and that are yet to be brought in: their figures are told, and fail no test."""
 KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "figures")
 PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
@@ -38,12 +47,13 @@ FLAGS = {"--quiet"}
 ONE_OF = {"median": statistics.median, "least": min, "most": max}
 """Of figures that a name fits, by what stands before it."""
 NUMBER = r"-?\d+(?:\.\d+)?"
-MARK = re.compile(rf"<!-- (\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
-QUOTED = re.compile(rf"<!-- quoted -->{NUMBER}(?: to {NUMBER})?")
+MARK = re.compile(rf"<!-- (?!of )(\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
+OTHER = re.compile(rf"<!-- (?:quoted|given|of ([0-9a-f]{{7}})) -->{NUMBER}(?: to {NUMBER})?")
 UNIT = r"\s?(?:dB|%|s|ms|min|h|MiB|GiB)(?!\w)|\s(?:times|seconds|minutes|hours)\b"
 BARE = re.compile(rf"(?<![\w.-])(?:{NUMBER} to )?{NUMBER}(?:(?:{UNIT})|(?=\s*\|))")
-TYPED = re.compile(r"`edofsim [^`]*`|\$ edofsim [^#\n]*")
-CODE = re.compile(r"```.*?```|`[^`]*`", re.DOTALL)
+TYPED = re.compile(r"`(?:edofsim|python -m) [^`]*`|\$ edofsim [^#\n]*")
+CODE = re.compile(r"```.*?```|`[^`]*`|^[^\n]*\n(?=\| ?:?---)", re.DOTALL | re.MULTILINE)
+"""Code, and the heads of tables."""
 
 
 class Wrong(NamedTuple):
@@ -65,7 +75,11 @@ def pages(root: Path) -> list[Path]:
 
 def check(root: Path = ROOT, passed_over: tuple[str, ...] = ()) -> list[Wrong]:
     """All that does not agree, on all pages; but for figures of files that are not there and passed over."""
-    return [wrong for page in pages(root) for wrong in _of_page(page, root, passed_over)]
+    found = [wrong for page in pages(root) for wrong in _of_page(page, root, passed_over)]
+    runs = root / RUNS
+    if not runs.is_file() or runs.read_text(encoding="utf-8") != runs_page(root):
+        found.append(Wrong(RUNS, 1, "is not what the files say; python docs/figures.py --write"))
+    return found
 
 
 def write(root: Path = ROOT) -> None:
@@ -83,11 +97,33 @@ def write(root: Path = ROOT) -> None:
         new = MARK.sub(figure, text)
         if new != text:
             page.write_text(new, encoding="utf-8")
+    (root / RUNS).write_text(runs_page(root), encoding="utf-8")
 
 
-def keep(path: Path, name: str, root: Path = ROOT) -> Path:
-    """What a command wrote, without what is long or of one machine's folders. Raises ValueError for what was
-    written by code that is in no commit of this branch."""
+def runs_page(root: Path = ROOT) -> str:
+    """The page that lists the files: the command of each, its commit, day and machine."""
+    rows = []
+    for path in sorted((root / RESULTS).glob("*.json")):
+        run = _record(root, path.stem)
+        machine = run["machine"]
+        cores = machine.get("cores", 1)
+        on = f"{machine.get('processor', 'unknown')}, {cores} core{'s' * (cores > 1)}"
+        about = f"`{run['typed']}` | {run['commit']} | {run['date'][:10]} | {on}"
+        rows.append(f"| [{path.stem}](json/{path.name}) | {about} |")
+    head = (
+        "# Runs that figures are of\n\n"
+        "Each file is what a command wrote by `--json`: its figures, with the versions of what it ran on.\n"
+        "This page is made of them by `python docs/figures.py --write`, as are the marked figures of README\n"
+        "and results.\n\n"
+        "| file | command | commit | day | machine |\n|---|---|---|---|---|\n"
+    )
+    return head + "\n".join(rows) + "\n"
+
+
+def keep(path: Path, name: str, root: Path = ROOT, wanted: Sequence[str] = ("*",)) -> Path:
+    """What a command wrote, without what is long or of one machine's folders: all figures, or those that one
+    of the names `wanted` fits. Raises ValueError for what was written by code that is in no commit of this
+    branch."""
     record = json.loads(path.read_text(encoding="utf-8"))
     if record["commit"] == "unknown" or record["commit"].endswith("-dirty"):
         raise ValueError(f"{path}: made by code that is in no commit; commit it, then {record['typed']}")
@@ -96,13 +132,27 @@ def keep(path: Path, name: str, root: Path = ROOT) -> Path:
             f"{path}: made by {record['commit']}, which is not in this branch; {record['typed']}"
         )
     small = {key: record[key] for key in KEPT}
-    small["typed"] = shlex.join(_words(record["typed"]))
-    values = record["figures"].items()
+    small["typed"] = " ".join(_words(_folded(record["typed"], root)))
+    values = [
+        item for item in record["figures"].items() if any(fnmatchcase(item[0], each) for each in wanted)
+    ]
     small["figures"] = {each: v if isinstance(v, str) else float(f"{v:.6g}") for each, v in values}
     place = root / RESULTS / f"{name}.json"
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_text(json.dumps(small, indent=1) + "\n", encoding="utf-8")
     return place
+
+
+def _folded(typed: str, root: Path) -> str:
+    """A command whose `scenes/families/*.toml` the shell has expanded, as it was typed."""
+    families = {path.name for path in root.glob("scenes/families/*.toml")}
+    words = shlex.split(typed)
+    named = [word for word in words if Path(word).name in families]
+    if not families or {Path(word).name for word in named} != families:
+        return typed
+    first = words.index(named[0])
+    rest = [word for word in words[first:] if word not in named]
+    return shlex.join([*words[:first], "scenes/families/*.toml", *rest])
 
 
 def _is_before_head(commit: str, root: Path) -> bool:
@@ -132,7 +182,13 @@ def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[W
             yield Wrong(name, line, f"{shown} is of `{typed}`, which does not stand on the page")
     if name in COVERED:
         plain = text
-        for known in (MARK, QUOTED, CODE):
+        for other in OTHER.finditer(text):
+            line = text.count("\n", 0, other.start()) + 1
+            if other[1] and other[1] not in re.sub(r"<!--.*?-->", "", text):
+                yield Wrong(name, line, f"{other[0]}: the page does not say that it is of commit {other[1]}")
+            if other[1] and not _is_before_head(other[1], root):
+                yield Wrong(name, line, f"{other[1]} is no commit of this branch")
+        for known in (MARK, OTHER, CODE):
             plain = known.sub(lambda match: re.sub(r"[^\n]", "~", match[0]), plain)
         for bare in BARE.finditer(plain):
             line = plain.count("\n", 0, bare.start()) + 1
@@ -175,17 +231,20 @@ def _words(command: str) -> list[str]:
             if word not in FLAGS:
                 next(given, None)
             continue
-        words.append(Path(word).name if "/" in word else word)
+        words.append(Path(word).name if "/" in word and "*" not in word else word)
     return words
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description="Compare the figures on the pages with what commands wrote.")
     parser.add_argument("--write", action="store_true", help="put the figures of the files on the pages")
-    parser.add_argument("--keep", nargs=2, metavar=("FILE", "NAME"), help="take over what a command wrote")
+    parser.add_argument(
+        "--keep", nargs="+", metavar="FILE NAME [FIGURE...]", help="take over what a command wrote"
+    )
     given = parser.parse_args()
     if given.keep:
-        print(keep(Path(given.keep[0]), given.keep[1]))
+        file, name, *wanted = given.keep
+        print(keep(Path(file), name, wanted=wanted or ("*",)))
         return 0
     if given.write:
         write()

@@ -25,6 +25,7 @@ PAGE = """# Page
 | in the middle | <!-- table median:times.* -->14.32, at most <!-- table most:times.* -->22.6 |
 | of them | <!-- table share.b x100 -->85.2 % |
 | elsewhere | <!-- quoted -->26.26 dB |
+| of code of commit abc1234, at <!-- given -->50 dB | <!-- of abc1234 -->3.5 to 4 s |
 
 A line of 20 dioptres, `--accuracy 45dB`, and 160 x 128 pixels.
 """
@@ -48,6 +49,7 @@ def checkout(tmp_path: Path) -> Path:
     written = tmp_path / "written.json"
     written.write_text(json.dumps(RECORD))
     figures.keep(written, "table", tmp_path)
+    figures.write(tmp_path)
     return tmp_path
 
 
@@ -85,13 +87,41 @@ def test_a_page_that_agrees(checkout: Path):
         ("--data kodak", "--data bsds", "does not stand on the page"),
         ("<!-- quoted -->", "", "'26.26 dB' names no file"),
         ("<!-- table times.* -->", "", "'6.0 to 23' names no file"),
-        ("A line", "It took 3.5 s. A line", "README.md:13: '3.5 s' names no file"),
+        ("A line", "It took 3.5 s. A line", "README.md:14: '3.5 s' names no file"),
+        ("<!-- given -->", "", "'50 dB' names no file"),
+        ("of code of commit abc1234", "of code of before", "does not say that it is of commit abc1234"),
+        ("abc1234 -->", "abc123 -->", "'3.5 to 4 s' names no file"),
     ],
 )
 def test_what_does_not_agree_is_named(checkout: Path, right: str, wrong: str, said: str):
     (checkout / "README.md").write_text(PAGE.replace(right, wrong, 1))
     found = figures.check(checkout)
     assert found and any(said in str(each) for each in found), found
+
+
+def test_the_page_of_runs_is_made_of_the_files(checkout: Path):
+    page = checkout / figures.RUNS
+    row = "| [table](json/table.json) | `edofsim evaluate table --data kodak` | abc1234 | 2026-01-01 |"
+    assert row in page.read_text()
+    page.write_text(page.read_text().replace("abc1234", "abc1235"))
+    assert "runs.md" in str(figures.check(checkout)[0])
+
+
+def test_patterns_that_a_shell_expanded_are_kept_as_they_were_typed(checkout: Path):
+    (checkout / "scenes" / "families").mkdir(parents=True)
+    for name in ("alley", "blocks"):
+        (checkout / "scenes" / "families" / f"{name}.toml").touch()
+    folder = "/some/where/scenes/families"
+    for named, kept in (
+        (f"{folder}/alley.toml {folder}/blocks.toml", "scenes/families/*.toml"),
+        (f"{folder}/alley.toml", "alley.toml"),
+    ):
+        record = {**RECORD, "typed": f"edofsim evaluate predictions {named} --members 1"}
+        (checkout / "written.json").write_text(json.dumps(record))
+        file = figures.keep(checkout / "written.json", "of-families", checkout, ("times.*",))
+        record = json.loads(file.read_text())
+        assert record["typed"] == f"edofsim evaluate predictions {kept} --members 1"
+        assert set(record["figures"]) == {"times.x", "times.y"}
 
 
 def test_figures_are_written_to_the_pages(checkout: Path):
