@@ -12,5 +12,5 @@ class CustomMetadataHook(MetadataHookInterface):
     def update(self, metadata: dict) -> None:
         """Set the README of the package."""
         text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
-        text = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n*", "", text)
+        text = re.sub(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n*(\*[^\n]*\*\n\n)?", "", text)  # a caption as well
         metadata["readme"] = {"content-type": "text/markdown", "text": text}

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -15,21 +18,27 @@ from ..report.plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, P
 from . import cost, cost_stages
 from .cost import Measured, pareto
 
+BESIDE = (
+    (7, 0, "left", "center"), (-7, 0, "right", "center"), (0, 6, "center", "bottom"),
+    (0, -6, "center", "top"), (5, 4, "left", "bottom"), (5, -4, "left", "top"),
+    (-5, 4, "right", "bottom"), (-5, -4, "right", "top"),
+)  # fmt: skip
+"""Where the name of a point may stand: across and up in points, and which side of it is there."""
 SHIFTS = (
     "How far the PSNR of the restored photo, and its gain over the lens alone, lie from those of everything "
     "in full with the same noise; beside it, the standard deviation of the score itself over seeds of noise."
 )
 
 
-def cost_plot(rows: Sequence[Measured], scene: str) -> Plot:
-    """The chart of `edofsim cost`: seconds of a photo across, accuracy upwards."""
+def cost_plot(rows: Sequence[Measured], scene: str, width: float = WIDE_IN) -> Plot:
+    """The chart of `edofsim cost`, `width` inches wide: seconds of a photo across, accuracy upwards."""
     rows = [row for row in rows if math.isfinite(row.measured_db) and row.seconds > 0]
     targets = [row for row in rows if row.case.kind == "target"]
     without = sorted((row for row in rows if row.case.kind == "without"), key=lambda row: row.measured_db)
     chosen = [row for row in rows if row.case.kind == "chosen"]
     front = pareto([*targets, *chosen])
 
-    def paint(inches: float = WIDE_IN) -> Figure:
+    def paint(inches: float = width) -> Figure:
         figure = new_figure(inches, 4.2)
         axes = figure.add_subplot()
         axes.plot(
@@ -45,11 +54,6 @@ def cost_plot(rows: Sequence[Measured], scene: str) -> Plot:
             [row.seconds for row in without], [row.measured_db for row in without],
             color=ORANGE, linestyle="", marker="x", label="an effect left out",
         )  # fmt: skip
-        for index, row in enumerate(without):
-            axes.annotate(
-                row.case.name, (row.seconds, row.measured_db), xytext=(6, 3 if index % 2 else -9),
-                textcoords="offset points", fontsize=7.5, color=INK,
-            )  # fmt: skip
         axes.plot(
             [row.seconds for row in chosen], [row.measured_db for row in chosen],
             color=GREEN, linestyle="", marker="*", markersize=14, label="chosen by default",
@@ -60,6 +64,7 @@ def cost_plot(rows: Sequence[Measured], scene: str) -> Plot:
         axes.set_xlabel("seconds of a photo")
         axes.set_ylabel("PSNR against the full simulation (dB)")
         axes.legend(loc="best")
+        name_points(axes, [(row.seconds, row.measured_db, row.case.name) for row in without])
         return figure
 
     best = f"{chosen[0].measured_db:.1f} dB in {chosen[0].seconds:.2g} s" if chosen else "none"
@@ -70,6 +75,36 @@ def cost_plot(rows: Sequence[Measured], scene: str) -> Plot:
         "Crosses: one effect left out of a plan for 60 dB.",
         paint_narrow=lambda: paint(NARROW_IN),
     )
+
+
+def name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None:
+    """Write the name of each point (x, y, name) beside it, where it covers the least of the lines and markers
+    of these axes and of other names. Limits, scales and the legend must be there already."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()
+    lines = [axes.transData.transform(np.asarray(line.get_xydata())) for line in axes.lines]
+    ways = [np.linspace(a, b, 24) for xy, line in zip(lines, axes.lines, strict=True)
+            if line.get_linestyle() not in ("None", "") for a, b in pairwise(xy)]  # fmt: skip
+    drawn = np.concatenate([np.zeros((0, 2)), *lines, *ways])
+    legend = axes.get_legend()
+    taken = [legend.get_window_extent()] if legend else []
+    for x, y, name in points:
+        tried = []
+        for dx, dy, side, level in BESIDE:
+            text = axes.annotate(
+                name, (x, y), xytext=(dx, dy), textcoords="offset points", ha=side, va=level,
+                fontsize=7.5, color=INK,
+            )  # fmt: skip
+            box = text.get_window_extent()
+            inside = axes.bbox.contains(*box.min) and axes.bbox.contains(*box.max)
+            covers = box.count_contains(drawn) + 10 * box.count_overlaps(taken) + 5 * (not inside)
+            tried.append((covers, text, box))
+        _, kept, room = min(tried, key=lambda each: each[0])
+        taken.append(room)
+        for _, text, _ in tried:
+            if text is not kept:
+                text.remove()
 
 
 def few_ticks(axis: Axis, values: Sequence[float]) -> None:
@@ -100,11 +135,6 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
                     [p.seconds for p in some], [p.value * scale for p in some], label=label,
                     color=colour, linestyle=line, marker=marker, markersize=size,
                 )  # fmt: skip
-        for index, point in enumerate(points):
-            axes.annotate(
-                point.name, (point.seconds, point.value * scale), xytext=(7, 4 if index % 2 else -11),
-                textcoords="offset points", fontsize=7.5, color=INK,
-            )  # fmt: skip
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter("{x:g}")
         few_ticks(axes.xaxis, [p.seconds for p in points])
@@ -116,6 +146,7 @@ def stage_plot(points: Sequence[cost_stages.Point]) -> Plot:
         axes.set_xlabel("seconds of rendering" if rendering else "seconds of restoring")
         axes.set_ylabel("noise of a pixel (%)" if rendering else "PSNR against the ideal image (dB)")
         axes.legend(loc="best")
+        name_points(axes, [(p.seconds, p.value * scale, p.name) for p in points])
         return figure
 
     what = "Noise of rendering" if rendering else "Quality of restoration"
