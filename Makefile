@@ -13,11 +13,11 @@ OUT ?= out
 # processes that share the tests; slow ones are run by themselves, since some measure seconds and memory
 WORKERS ?= $(shell nproc 2>/dev/null || getconf _NPROCESSORS_ONLN)
 
-.PHONY: help setup run check lint types test test-all results-check bench paper docs clean
+.PHONY: help setup run check lint types test test-all results-check results bench paper docs docs-same clean
 .DEFAULT_GOAL := help
 
 help:
-	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all results-check bench paper docs clean"
+	@sed -n 's/^#  *//p' Makefile | head -5; echo "targets: setup run check lint types test test-all results-check results bench paper docs docs-same clean"
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
@@ -67,6 +67,11 @@ test-all: test
 results-check:
 	@$(or $(wildcard $(BIN)/python),$(PYTHON)) docs/figures.py
 
+# the pages of results, the README's figures and its chart from those JSON files
+results: $(VENV)/.installed
+	$(BIN)/python docs/figures.py --write
+	$(BIN)/python docs/chart.py
+
 bench: setup $(VENV)/.installed-tools
 	$(BIN)/edofsim evaluate bench --json $(OUT)/bench.json
 
@@ -78,7 +83,18 @@ paper: setup
 # without a network once the tools are there; a warning is a failure
 docs: setup $(VENV)/.installed-docs
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -d docs/_build/doctrees docs docs/_build/html
+	@$(BIN)/python docs/built.py links docs/_build/html
+	@cat docs/_build/html/gallery/times.txt
 	@echo docs/_build/html/index.html
+
+# builds the site twice from nothing, and compares all its files
+docs-same:
+	rm -rf docs/_build docs/gallery
+	$(MAKE) docs
+	mv docs/_build/html docs/_build/before
+	rm -rf docs/_build/doctrees docs/gallery
+	$(MAKE) docs
+	@$(BIN)/python docs/built.py same docs/_build/before docs/_build/html
 
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info docs/_build docs/gallery docs/sg_execution_times.rst

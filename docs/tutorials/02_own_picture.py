@@ -6,6 +6,7 @@ Any picture with a depth for each pixel can be photographed through any camera.
 """
 
 import numpy as np
+from matplotlib import pyplot
 from skimage.data import stereo_motorcycle
 
 import edofsim
@@ -28,9 +29,11 @@ view
 # %%
 # The lens alone is sharp at 1.5 m only; the cubic mask trades that for one blur at all depths.
 
-for name in ("paper-clear", "paper-cubic"):
+figure, axes = pyplot.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
+edofsim.show(view.picture(), "all in focus", axes[0])
+for name, ax in (("paper-clear", axes[1]), ("paper-cubic", axes[2])):
     photo = edofsim.photograph(view, edofsim.camera(name))
-    photo.show()
+    edofsim.show(photo.image, name, ax)
 
 # %%
 # One pixel of the picture becomes one pixel of the photo, whatever angle it saw when it was taken. With a
@@ -43,4 +46,5 @@ for name in ("paper-clear", "paper-cubic"):
 # A picture holds no light from behind its edges, and its colours become smooth spectra. Both are guesses,
 # and a plan says what they leave out.
 
-print(f"{np.isinf(disparity[200:392, 300:556]).mean():.1%} of the depths were holes")
+holes = np.isinf(disparity[200:392, 300:556]).mean()
+print(f"{holes:.1%} of the depths were holes")

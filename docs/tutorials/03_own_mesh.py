@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 import trimesh
+from matplotlib import pyplot
 
 import edofsim
 
@@ -16,7 +17,8 @@ import edofsim
 # Any OBJ, PLY, STL or GLB file will do. Here it is a ring that trimesh makes.
 
 folder = Path(tempfile.mkdtemp())
-trimesh.creation.torus(major_radius=1.0, minor_radius=0.35).export(folder / "ring.glb")
+ring = trimesh.creation.torus(major_radius=1.0, minor_radius=0.35)
+ring.export(folder / "ring.glb")
 
 # %%
 # ``edofsim new scene NAME`` writes a commented recipe to start from. The shortest that has a mesh in it:
@@ -39,7 +41,9 @@ radiance = 1.0
 [[objects]]
 kind = "wall"
 depth_m = 3.0
-surface = { kind = "matt", texture = { kind = "wood", light = "#d3a06a", dark = "#94602f" } }
+[objects.surface]
+kind = "matt"
+texture = { kind = "wood", light = "#d3a06a", dark = "#94602f" }
 
 [[objects]]
 kind = "mesh"
@@ -61,4 +65,6 @@ view
 # Rendered views know what is behind an edge: the wall goes on behind the ring, and a blur uncovers it.
 
 photo = edofsim.photograph(view, edofsim.camera("paper-clear"))
-axes = photo.show()
+figure, axes = pyplot.subplots(1, 2, figsize=(8, 3.1), layout="constrained")
+edofsim.show(view.picture(), "all in focus", axes[0])
+axes = edofsim.show(photo.image, "photographed", axes[1])

@@ -25,7 +25,8 @@ rgb = astronaut()[64:256, 160:352] / 255.0
 for band, nm in enumerate(np.linspace(420, 720, 31)):
     weights = np.exp(-(((nm - np.array([610, 540, 460])) / 50) ** 2))
     image = (rgb**2.2) @ (weights / weights.sum())
-    imsave(folder / "cube" / f"band_{band:02d}.png", (65535 * image).astype(np.uint16), check_contrast=False)
+    file = folder / "cube" / f"band_{band:02d}.png"
+    imsave(file, (65535 * image).astype(np.uint16), check_contrast=False)
 
 # %%
 # A recipe says which wavelengths these are, and how far away the plane is. CAVE's cubes are read the same

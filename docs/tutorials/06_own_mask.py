@@ -40,8 +40,8 @@ for row, camera, name in ((axes[0], clear, "lens alone"), (axes[1], axicon, "axi
 # Light that lands outside of the window is told, and comes back in photos as veiling glare:
 
 for name, camera in (("lens alone", clear), ("axicon", axicon)):
-    truncated = edofsim.psfs(camera, [0.5], [543e-9]).truncated
-    print(f"{name}: {float(truncated.mean()):.2%} of the light of 0.5 m outside of the window")
+    outside = edofsim.psfs(camera, [0.5], [543e-9]).truncated.mean()
+    print(f"{name}: {float(outside):.2%} of the light of 0.5 m outside")
 
 # %%
 # A mask of one of the known families needs no array: ``edofsim list masks`` names them, and a camera's

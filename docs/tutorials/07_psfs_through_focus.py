@@ -21,7 +21,8 @@ names = ["paper-clear", "paper-cubic", "paper-rings", "paper-learned"]
 figure, axes = pyplot.subplots(len(names), len(depths), figsize=(9, 6.4), layout="constrained")
 banks = {}
 for row, name in zip(axes, names, strict=True):
-    banks[name] = edofsim.psfs(edofsim.camera(name), depths, colours, window=64).values
+    camera = edofsim.camera(name, window=64)
+    banks[name] = edofsim.psfs(camera, depths, colours).values
     for ax, psf, z in zip(row, banks[name], depths, strict=True):
         ax.imshow((psf / psf.amax()).sqrt().permute(1, 2, 0))
         ax.set(xticks=[], yticks=[], title=f"{z:g} m")

@@ -97,8 +97,22 @@ for way, (psnr, _) in found.items():
     print(f"{way}: {psnr:.1f} dB against rays")
 
 # %%
+photos = {
+    f"{way}: {psnr:.1f} dB": edofsim.read_image(out / "photo.exr")[:, 12:36, 12:36]
+    for way, (psnr, out) in found.items()
+}
+photos["rays"] = edofsim.read_image(found["hidden"][1] / "reference.exr")
 figure, axes = pyplot.subplots(1, 4, figsize=(9, 2.6), layout="constrained")
-for ax, (way, (psnr, out)) in zip(axes, found.items(), strict=False):
-    photo = edofsim.read_image(out / "photo.exr")[:, 12:36, 12:36]
-    edofsim.show(photo, f"{way}: {psnr:.1f} dB", ax)
-edofsim.show(edofsim.read_image(found["hidden"][1] / "reference.exr"), "rays", axes[3])
+for ax, (title, photo) in zip(axes, photos.items(), strict=True):
+    edofsim.show(photo, title, ax)
+
+# %%
+# Across the edge, from the bright page to the dark card: light from behind the card reaches into its picture,
+# which only ``hidden`` knows of.
+
+# sphinx_gallery_thumbnail_number = 2
+figure, axes = pyplot.subplots(figsize=(6, 3.2), layout="constrained")
+for (title, photo), line in zip(photos.items(), (":", "--", "-", "k."), strict=True):
+    axes.plot(photo[0].mean(0), line, label=title)
+axes.set(xlabel="column / pixels", ylabel="mean of the column")
+axes.legend()

@@ -34,15 +34,16 @@ lens = edofsim.camera(window=48)
 
 
 def psfs_of(weights: torch.Tensor) -> torch.Tensor:
-    """PSFs [depth, y, x] in green of the lens with a mask of these weights, in micrometres."""
+    """PSFs [depth, y, x] in green, for a mask of these weights in micrometres."""
     height = (weights[:, None, None] * terms).sum(0) * 1e-6
     return edofsim.psfs(lens.with_height(height), depths, [543e-9]).values[:, 0]
 
 
 def unlike(psf: torch.Tensor) -> torch.Tensor:
-    """How much transfer functions differ over depth, against their mean: 0 for PSFs that are all the same."""
+    """How much transfer functions differ over depth: 0 for PSFs that are all alike."""
     transfer = torch.fft.rfft2(psf)
-    return (transfer - transfer.mean(0)).abs().square().sum() / transfer.abs().square().sum()
+    differences = (transfer - transfer.mean(0)).abs().square()
+    return differences.sum() / transfer.abs().square().sum()
 
 
 # %%

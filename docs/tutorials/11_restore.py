@@ -7,6 +7,7 @@ A network where one was trained for the mask, Wiener deconvolution for any camer
 
 import math
 
+from matplotlib import pyplot
 from skimage.data import stereo_motorcycle
 
 import edofsim
@@ -19,8 +20,7 @@ depth = 0.3 * 0.193001 * 994.978 / (disparity[200:328, 320:480] + 31.086)
 view = edofsim.View.from_image(left[200:328, 320:480], depth)
 camera = edofsim.camera("paper-learned")
 photo = edofsim.photograph(view, camera)
-photo.show()
-
+photo
 
 # %%
 # PSNR against the all-in-focus image, both clipped to full scale:
@@ -35,15 +35,16 @@ def psnr(image) -> float:
 # ``paper-dcnn`` is the network that learned together with this mask; ``paper-bank`` restores photos through
 # the same mask, and tells how far each place is; Wiener deconvolution knows the PSFs alone.
 
-ways = {
+far = (0.6, 1.5)
+images = {
+    "photo": photo.image,
     "paper-dcnn": edofsim.restored(photo, camera),
     "paper-bank": edofsim.restored(photo, camera, network="paper-bank"),
-    "Wiener": edofsim.restored(photo, camera, network="wiener", depths=(0.6, 1.5)),
+    "Wiener": edofsim.restored(photo, camera, network="wiener", depths=far),
 }
-print(f"photo: {psnr(photo.image):.2f} dB")
-for name, image in ways.items():
-    edofsim.show(image, f"{name}: {psnr(image):.2f} dB")
-    print(f"{name}: {psnr(image):.2f} dB")
+figure, axes = pyplot.subplots(2, 2, figsize=(8, 6.8), layout="constrained")
+for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
+    edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax)
 
 # %%
 # Any camera, with any mask, can be restored by Wiener deconvolution, and that is what happens where no
@@ -51,4 +52,5 @@ for name, image in ways.items():
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")
-axes = edofsim.show(edofsim.restored(of_own, own, depths=(0.6, 1.5)), "the cubic mask, Wiener")
+sharp = edofsim.restored(of_own, own, depths=far)
+axes = edofsim.show(sharp, "the cubic mask, Wiener")

@@ -59,10 +59,10 @@ vary = [
 
 if __name__ == "__main__":
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        command = ["render", "balls.toml", "--members", "3", "--cluster", cluster.scheduler_address]
-        run = [sys.executable, "-m", "edofsim", *command, "--cache", str(folder), "--quiet"]
-        done = subprocess.run(run, check=True, cwd=folder, capture_output=True, text=True)
-    print(done.stdout.replace(f"{folder}/", ""))
+        command = ["render", "balls.toml", "--members", "3", "--cache", str(folder)]
+        where = ["--cluster", cluster.scheduler_address, "--quiet"]
+        run = [sys.executable, "-m", "edofsim", *command, *where]
+        subprocess.run(run, check=True, cwd=folder, stdout=subprocess.DEVNULL)
 
 # %%
 # What is finished is in the cache: the same command renders only what is missing, after an interrupt too,
@@ -72,10 +72,14 @@ if __name__ == "__main__":  # a worker reads this file too
     print(len(list(folder.glob("*.exr"))), "views")
 
 # %%
-# The manifest says of each view where it was rendered, with how much noise, and how long it took.
+# The manifest says of each view where it was rendered, with how many samples and how much noise, and how
+# long it took.
 
 if __name__ == "__main__":
-    rendered = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+    lines = (folder / "manifest.jsonl").read_text().splitlines()
+    rendered = sorted(map(json.loads, lines), key=lambda each: each["name"])
+    names, noise = zip(*((each["name"], 100 * each["noise"]) for each in rendered), strict=True)
+    print(*rendered[0])
     figure, axes = pyplot.subplots(figsize=(5, 2), layout="constrained")
-    axes.barh([each["name"] for each in rendered], [each["seconds"] for each in rendered])
-    axes.set_xlabel("seconds of rendering")
+    axes.barh(names, noise)
+    axes.set_xlabel("noise of a pixel / %")

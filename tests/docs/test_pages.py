@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skimage.io import imread
 
 from edofsim.core.images import write_png
 
@@ -116,6 +117,15 @@ def test_commands_on_pages_and_their_options_exist():
             assert {word for word in words if word.startswith("--")} <= options, f"{path.name}: {line}"
 
 
+def test_the_chart_is_that_of_the_kept_run(tmp_path: Path):
+    """Drawn again by this version of Matplotlib it is the picture that README shows."""
+    chart = runpy.run_path(str(DOCS / "chart.py"))
+    kept, drawn = chart["CHART"], chart["chart"]().save(tmp_path / "cost.png")
+    pixels = [np.asarray(imread(path)).astype(int) for path in (kept, drawn)]
+    assert pixels[0].shape == pixels[1].shape
+    assert (abs(pixels[0] - pixels[1]) > 8).mean() < 1e-3
+
+
 def test_the_site_builds_without_a_warning(tmp_path: Path):
     """Without running the tutorials, which other tests do."""
     pytest.importorskip("sphinx_gallery")
@@ -131,5 +141,8 @@ def test_the_site_builds_without_a_warning(tmp_path: Path):
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "<math" in (tmp_path / "html" / "ideas" / "psfs.html").read_text()
+    links = [sys.executable, DOCS / "built.py", "links", tmp_path / "html"]
+    checked = subprocess.run(links, capture_output=True, text=True, check=False)
+    assert checked.returncode == 0, checked.stdout
     pages = "".join(path.read_text() for path in (tmp_path / "html").rglob("*.html"))
     assert not re.findall(r'<(?:script|link)[^>]*(?:src|href)="https?://', pages), "a page needs a network"
