@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from . import completion
 from .errors import InputError
 
 LARGEST_SEED = 2**64 - 1
@@ -22,15 +23,28 @@ class Device(StrEnum):
 
 
 Scenes = Annotated[
-    list[str], typer.Argument(metavar="SCENE...", help="Scene recipes (TOML), or names of shipped ones.")
+    list[str],
+    typer.Argument(
+        metavar="SCENE...",
+        help="Scene recipes (TOML), or names of shipped ones.",
+        autocompletion=completion.scenes,
+    ),
 ]
 Scene = Annotated[
-    str, typer.Argument(metavar="SCENE", help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.")
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="Scene recipe (TOML), or the name of a shipped one, e.g. desk.",
+        autocompletion=completion.scenes,
+    ),
 ]
 CameraOption = Annotated[
     str | None,
     typer.Option(
-        "--camera", metavar="CAMERA", help="Camera recipe or shipped name; default: what the scene names."
+        "--camera",
+        metavar="CAMERA",
+        help="Camera recipe or shipped name; default: what the scene names.",
+        autocompletion=completion.cameras,
     ),
 ]
 ResampleOption = Annotated[
@@ -132,6 +146,7 @@ NetworkOption = Annotated[
         metavar="CHECKPOINT",
         help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
         "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
+        autocompletion=completion.networks,
     ),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
@@ -141,6 +156,7 @@ NetworksOption = Annotated[
         "--network",
         metavar="CHECKPOINT",
         help="Checkpoint or shipped name; the camera has its mask; repeatable; default: all that ship.",
+        autocompletion=completion.networks,
     ),
 ]
 PicturesOption = Annotated[
@@ -153,6 +169,7 @@ SystemsOption = Annotated[
         "--network",
         metavar="SYSTEM",
         help="Checkpoint or shipped camera, repeatable; default: all that ship, paper-clear, paper-cubic.",
+        autocompletion=completion.systems,
     ),
 ]
 ShowOption = Annotated[

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from .. import completion
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, OutOption, QuietOption, numbers
 from ..record import writable_folder
@@ -16,7 +17,10 @@ from .shared import Done, begun, figures_table, finish
 
 def psf(
     camera: Annotated[
-        str, typer.Argument(metavar="CAMERA", help="Camera recipe or shipped name.")
+        str,
+        typer.Argument(
+            metavar="CAMERA", help="Camera recipe or shipped name.", autocompletion=completion.cameras
+        ),
     ] = "paper-cubic",
     depths: Annotated[
         str, typer.Option("--depths", metavar="M,M,...", help="Depths in metres; inf is legal.")

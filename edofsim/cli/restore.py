@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from .. import completion
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, NetworkOption, OutOption, QuietOption
 from ..record import peak_memory_mib, writable_folder
@@ -19,7 +20,13 @@ def restore(
         Path, typer.Argument(metavar="PHOTO", help="Photo from `expose` (EXR, linear), or PNG/JPEG (sRGB).")
     ],
     camera: Annotated[
-        str, typer.Option("--camera", metavar="CAMERA", help="The camera that took it.")
+        str,
+        typer.Option(
+            "--camera",
+            metavar="CAMERA",
+            help="The camera that took it.",
+            autocompletion=completion.cameras,
+        ),
     ] = "paper-learned",
     network: NetworkOption = None,
     near_m: Annotated[

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from .. import completion
 from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
 from ..record import writable_folder
 from .shared import Done, begun, finish
@@ -14,7 +15,12 @@ from .shared import Done, begun, finish
 
 def train(
     recipe: Annotated[
-        str, typer.Argument(metavar="RECIPE", help="Training recipe, or the name of a shipped one.")
+        str,
+        typer.Argument(
+            metavar="RECIPE",
+            help="Training recipe, or the name of a shipped one.",
+            autocompletion=completion.trainings,
+        ),
     ],
     data: Annotated[
         Path | None, typer.Option("--data", metavar="DIR", help="Photographs for sources that name none.")

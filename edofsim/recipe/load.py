@@ -9,11 +9,14 @@ from typing import Generic, TypeVar
 
 from pydantic import BaseModel
 
+from ..core.shipped import shipped, shipped_folder
 from ..errors import InputError
 from .camera import CameraRecipe
 from .scene import SceneRecipe
 from .toml import read_toml, validate
 from .train import TrainRecipe
+
+__all__ = ["Loaded", "load_camera", "load_scene", "load_train", "shipped", "shipped_folder"]
 
 Recipe = TypeVar("Recipe", bound=BaseModel)
 
@@ -29,18 +32,6 @@ class Loaded(Generic[Recipe]):
     @property
     def base(self) -> Path:
         return self.path.parent
-
-
-def shipped_folder(name: str) -> Path:
-    """`scenes` or `train`: in the checkout, or inside an installed package."""
-    package = Path(__file__).resolve().parent.parent
-    installed = package / "shipped" / name
-    return installed if installed.is_dir() else package.parent / name
-
-
-def shipped(folder: Path) -> dict[str, Path]:
-    """Recipes in a shipped folder by name."""
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def load_scene(source: str | Path) -> Loaded[SceneRecipe]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.bands import merged_bands
+from ..core.shipped import typed_as
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
@@ -80,7 +82,10 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         seconds=result.seconds,
         peak_memory_mib=result.peak_memory_mib,
         recipes={item.path.name: item.text for item in (result.scene, result.camera)},
-        command=f"edofsim run {result.scene.path} --camera {result.camera.path} --seed {result.seed}",
+        command=shlex.join(
+            ["edofsim", "run", typed_as(result.scene.path), "--camera", typed_as(result.camera.path)]
+            + ["--seed", str(result.seed)]
+        ),
         facts=_facts(result),
         versions=versions(),
         machine=machine(),

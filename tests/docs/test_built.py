@@ -16,7 +16,8 @@ spec.loader.exec_module(built)
 
 PAGE = """<html><head><link rel="stylesheet" href="_static/site.css?v=1"></head><body><p id="top-of-it">
 <a href="#top-of-it">up</a> <a href="sub/other.html#there">other</a> <a href="https://a.org/no">away</a>
-<img src="sub/a%20picture.png"> <a href="#">top</a> <a href="mailto:a@example.org">mail</a></p></body></html>"""
+<img src="sub/a%20picture.png"> <a href="#">top</a> <a href="mailto:a@example.org">mail</a>
+</p></body></html>"""
 
 
 @pytest.fixture

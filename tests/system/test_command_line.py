@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 Run = Callable[..., tuple[int, str]]
-SMALL = Path(__file__).parents[1] / "small"
+ROOT = Path(__file__).parents[2]
+SMALL = ROOT / "tests" / "small"
 """A scene and a camera that take a second."""
 
 
@@ -87,13 +88,38 @@ def test_the_help_lists_experiments_without_importing_them():
         assert f"  {name}  " in done.stdout and " ".join(about[:3]) in done.stdout, name
 
 
-def test_shells_complete_commands_and_experiments():
+@pytest.mark.parametrize(
+    "typed, offered",
+    [
+        ("evaluate ban", ["bandwidth"]),
+        ("run mot", ["motorcycle"]),
+        ("run my", ["mystery.toml"]),
+        ("run ./my", ["./mystery.toml"]),
+        ("run kept/", ["kept/another.toml"]),
+        ("run no-such-folder/", []),
+        ("expose desk --camera paper-le", ["paper-learned", "paper-levin"]),
+        ("psf pho", ["phone-5mm-f2"]),
+        ("restore photo.exr --network wi", ["wiener"]),
+        ("run desk --network my", ["mynet.safetensors"]),
+        ("train paper-u", ["paper-unet"]),
+        ("evaluate table --network levin", ["levin-dcnn"]),
+    ],
+)
+def test_shells_complete_commands_names_and_files(tmp_path: Path, typed: str, offered: list[str]):
+    (tmp_path / "kept").mkdir()
+    for name in ("mystery.toml", "mynet.safetensors", "kept/another.toml", "kept/another.txt"):
+        (tmp_path / name).touch()
     code = "import sys; sys.argv = ['edofsim']; from edofsim.cli import main; main()"
-    asked = {"_EDOFSIM_COMPLETE": "complete_bash", "COMP_WORDS": "edofsim evaluate ban", "COMP_CWORD": "2"}
+    words = f"edofsim {typed}"
+    asked = {"_EDOFSIM_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        env=os.environ | asked | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
     )
-    assert done.stdout.split() == ["bandwidth"], done.stderr
+    assert done.stdout.split() == offered, done.stderr
     assert done.returncode == 0
 
 

@@ -1,0 +1,51 @@
+"""What the shell completes where a name or a file is asked for. Nothing is imported or read for it: names are
+those of files that ship, and files lie in the folder that was begun to be typed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from .core.shipped import shipped, shipped_folder
+
+CHECKPOINT = ".safetensors"
+
+
+def scenes(incomplete: str) -> list[str]:
+    """Shipped scenes, and recipes in a folder."""
+    return _fitting(incomplete, shipped(shipped_folder("scenes")), ".toml")
+
+
+def cameras(incomplete: str) -> list[str]:
+    """Shipped cameras, and recipes in a folder."""
+    return _fitting(incomplete, shipped(shipped_folder("scenes") / "cameras"), ".toml")
+
+
+def trainings(incomplete: str) -> list[str]:
+    """Shipped training recipes, and recipes in a folder."""
+    return _fitting(incomplete, shipped(shipped_folder("train")), ".toml")
+
+
+def networks(incomplete: str) -> list[str]:
+    """Shipped checkpoints, `wiener`, and checkpoints in a folder."""
+    return _fitting(incomplete, ["wiener", *_checkpoints()], CHECKPOINT)
+
+
+def systems(incomplete: str) -> list[str]:
+    """Shipped checkpoints and cameras, and checkpoints in a folder."""
+    known = [*_checkpoints(), *shipped(shipped_folder("scenes") / "cameras")]
+    return _fitting(incomplete, known, CHECKPOINT)
+
+
+def _checkpoints() -> list[str]:
+    folder = shipped_folder("train") / "checkpoints"
+    return [*shipped(folder, CHECKPOINT), *shipped(folder / "comparisons", CHECKPOINT)]
+
+
+def _fitting(incomplete: str, names: Iterable[str], suffix: str) -> list[str]:
+    """Names that begin so, and files of that ending. No folders: a shell that is told nothing completes those
+    by itself."""
+    begun, slash, _ = incomplete.rpartition("/")
+    folder = begun + slash
+    there = sorted(path.name for path in Path(folder or ".").glob("*" + suffix))
+    return [each for each in (*names, *(folder + name for name in there)) if each.startswith(incomplete)]

@@ -1,0 +1,27 @@
+"""Recipes and checkpoints that come with the package, by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def shipped_folder(name: str) -> Path:
+    """`scenes` or `train`: in the checkout, or inside an installed package."""
+    package = Path(__file__).resolve().parent.parent
+    installed = package / "shipped" / name
+    return installed if installed.is_dir() else package.parent / name
+
+
+def shipped(folder: Path, suffix: str = ".toml") -> dict[str, Path]:
+    """Files of a shipped folder by name, without their ending; recipes unless another is given."""
+    return {path.name.removesuffix(suffix): path for path in sorted(folder.glob("*" + suffix))}
+
+
+def typed_as(path: Path) -> str:
+    """What a recipe is called on a command line: its name where it is shipped, else its path from the folder
+    of now, if it is inside."""
+    scenes = shipped_folder("scenes")
+    if path.resolve().parent in (scenes, scenes / "cameras", shipped_folder("train")):
+        return path.stem
+    here = Path.cwd()
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
