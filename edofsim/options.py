@@ -144,9 +144,9 @@ NetworkOption = Annotated[
     typer.Option(
         "--network",
         metavar="CHECKPOINT",
+        autocompletion=completion.networks,
         help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
         "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
-        autocompletion=completion.networks,
     ),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
