@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[1]
 RESULTS = Path("docs/results/json")
 RUNS = "docs/results/runs.md"
 """The page that lists the files; all of it is made of them."""
-RESULTS_PAGES = ("paper", "photos", "restoration", "stability")
+RESULTS_PAGES = ("paper", "photos", "planning", "restoration", "stability")
 COVERED = (
     "README.md",
     *(f"docs/results/{page}.md" for page in RESULTS_PAGES),

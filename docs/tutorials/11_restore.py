@@ -47,10 +47,10 @@ for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
     edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax)
 
 # %%
-# Any camera, with any mask, can be restored by Wiener deconvolution, and that is what happens where no
-# network was trained with the mask. A network for a camera of your own is trained by ``edofsim train``.
+# Any camera, with any mask, can be restored by Wiener deconvolution. A network for a camera of your own is
+# trained by ``edofsim train``.
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")
-sharp = edofsim.restored(of_own, own, depths=far)
+sharp = edofsim.restored(of_own, own, network="wiener", depths=far)
 axes = edofsim.show(sharp, "the cubic mask, Wiener")

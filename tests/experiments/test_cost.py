@@ -84,6 +84,25 @@ def test_cost_is_measured_gone_on_from_and_drawn(view: View, monkeypatch: pytest
     assert cost_plot(rows, "test").save(tmp_path / "cost.png").stat().st_size > 10_000
 
 
+def test_names_in_the_chart_cover_no_other_name_and_no_marker():
+    """Where points crowd; right of each point, as the first choice is, they would."""
+    names = ["dispersion of the lens", "spherical aberration", "hidden surfaces", "occlusion"]
+    left_out = [
+        cost.Measured(cost.Case(name, "without", Fidelity()), 42.0 + 0.3 * i, 2.0 + 0.3 * i)
+        for i, name in enumerate(names)
+    ]
+    targets = [cost.Measured(cost.Case(f"{db} dB", "target", Fidelity()), db, db / 20) for db in (30, 50, 60)]
+    figure = cost_plot([*targets, *left_out], "test", 7.6).paint()
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    boxes = {text.get_text(): text.get_window_extent() for text in axes.texts}
+    assert sorted(boxes) == sorted(names)
+    points = axes.transData.transform([(row.seconds, row.measured_db) for row in (*targets, *left_out)])
+    for name, box in boxes.items():
+        others = [other for known, other in boxes.items() if known != name]
+        assert box.count_overlaps(others) == 0 and box.count_contains(points) == 0, name
+
+
 def test_effects_that_edges_do_not_need_are_measured_without_parts_of_the_pupil(view: View, tmp_path):
     """Against the full simulation without them too: a difference of parts would drown other effects."""
     side = SIDE + 2 * MARGIN
