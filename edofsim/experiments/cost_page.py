@@ -21,7 +21,9 @@ from .cost import Measured, pareto
 BESIDE = (
     (7, 0, "left", "center"), (-7, 0, "right", "center"), (0, 6, "center", "bottom"),
     (0, -6, "center", "top"), (5, 4, "left", "bottom"), (5, -4, "left", "top"),
-    (-5, 4, "right", "bottom"), (-5, -4, "right", "top"),
+    (-5, 4, "right", "bottom"), (-5, -4, "right", "top"), (8, 13, "left", "bottom"),
+    (8, -13, "left", "top"), (-8, 13, "right", "bottom"), (-8, -13, "right", "top"),
+    (0, 18, "center", "bottom"), (0, -18, "center", "top"),
 )  # fmt: skip
 """Where the name of a point may stand: across and up in points, and which side of it is there."""
 SHIFTS = (

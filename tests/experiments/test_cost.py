@@ -88,7 +88,7 @@ def test_names_in_the_chart_cover_no_other_name_and_no_marker():
     """Where points crowd; right of each point, as the first choice is, they would."""
     names = ["dispersion of the lens", "spherical aberration", "hidden surfaces", "occlusion"]
     left_out = [
-        cost.Measured(cost.Case(name, "without", Fidelity()), 42.0 + 0.3 * i, 2.0 + 0.3 * i)
+        cost.Measured(cost.Case(name, "without", Fidelity()), 42.0 + 0.2 * i, 2.0 + 0.05 * i)
         for i, name in enumerate(names)
     ]
     targets = [cost.Measured(cost.Case(f"{db} dB", "target", Fidelity()), db, db / 20) for db in (30, 50, 60)]
