@@ -188,8 +188,6 @@ def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[W
             line = text.count("\n", 0, other.start()) + 1
             if other[1] and other[1] not in re.sub(r"<!--.*?-->", "", text):
                 yield Wrong(name, line, f"{other[0]}: the page does not say that it is of commit {other[1]}")
-            if other[1] and not _is_before_head(other[1], root):
-                yield Wrong(name, line, f"{other[1]} is no commit of this branch")
         for known in (MARK, OTHER, CODE):
             plain = known.sub(lambda match: re.sub(r"[^\n]", "~", match[0]), plain)
         for bare in BARE.finditer(plain):
