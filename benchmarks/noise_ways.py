@@ -17,7 +17,9 @@ without it the rest runs. Scenes that only Mitsuba's own spectral variant carrie
 from __future__ import annotations
 
 import argparse
+import shlex
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +36,7 @@ from edofsim.capture.prepare import channel_weights
 from edofsim.capture.sensor import automatic_exposure
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera, load_scene
-from edofsim.record import commit_of, machine, versions, write_record
+from edofsim.record import record, write_record
 from edofsim.render.depths import unparted
 from edofsim.render.engine import use_engine
 from edofsim.render.passes import Sums, groups_of
@@ -332,9 +334,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(INSTALL)
     if asked.json:
         flat = {f"{scene}.{name}": value for scene, each in found.items() for name, value in each.items()}
-        about = {"commit": commit_of(Path(__file__).parent), "versions": versions(), "machine": machine()}
         figures = {name: value for name, value in flat.items() if np.isfinite(value)}
-        write_record(asked.json, {**about, "truth_samples": asked.truth, "figures": figures})
+        typed = shlex.join(["python", "-m", "benchmarks.noise_ways", *(arguments or sys.argv[1:])])
+        about = record("noise_ways", figures=figures, typed=typed, truth_samples=asked.truth)
+        write_record(asked.json, about)
 
 
 if __name__ == "__main__":
