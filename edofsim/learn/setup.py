@@ -24,6 +24,7 @@ from ..restore.checkpoint import history_of, load_checkpoint
 from ..restore.losses import LossWeights
 from ..restore.network import build_network, network_class
 from ..restore.restorer import Restorer
+from .camera_pool import CameraPool, camera_pool
 from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
 from .system import Optics, System
 from .training_data import TrainingData, gather
@@ -37,7 +38,7 @@ MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
     relief; history: of the checkpoint that the network starts from; start: its weights, where some of them
-    are kept."""
+    are kept; pool: cameras in place of one."""
 
     recipe: TrainRecipe
     camera: CameraRecipe
@@ -47,6 +48,7 @@ class Setup:
     device: torch.device
     history: tuple[Json, ...] = ()
     start: Mapping[str, Tensor] = field(default_factory=dict)
+    pool: CameraPool | None = None
 
     def height(self) -> Tensor | None:
         """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
@@ -86,7 +88,8 @@ def prepare(
     # pyrefly: ignore[no-matching-overload] - torch's stubs leave this one out
     system.network.to(memory_format=torch.channels_last)
     start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
-    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, start)
+    pool = camera_pool(recipe, network, workers.device, progress)
+    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, start, pool)
 
 
 def trained(network: nn.Module) -> Iterator[tuple[str, Tensor]]:
@@ -164,10 +167,13 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
     table = recipe.network
     if table.start is not None:
         checkpoint = load_checkpoint(table.start, camera)
-        if checkpoint.network.kind != table.kind:
-            kind = checkpoint.network.kind
-            raise InputError(f"network.start = {table.start!r} is a {kind!r}, not a {table.kind!r}")
-        return checkpoint.network, tuple(history_of(checkpoint))
+        network = checkpoint.network
+        if network.kind != table.kind:
+            try:
+                network = network_class(table.kind).grown(network)
+            except InputError as error:
+                raise InputError(f"network.start = {table.start!r}: {error}") from None
+        return network, tuple(history_of(checkpoint))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(recipe.seed)
         settings = network_class(table.kind).settings_for(table.settings, camera.psf.window_px)

@@ -60,11 +60,7 @@ class Optics:
         shift: of these wavelengths, as a part of their distance, 0 to 1. Raises InputError for a sensor
         whose response is not tabulated.
         """
-        curves = response_curves(self.camera)
-        if curves is None:
-            raise InputError("sensor.response: three lines have no other light; name a tabulated response")
-        first, last = curves[0][0], curves[0][-1]
-        wavelengths = first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
+        wavelengths = self._response_wavelengths(shift)
         camera = self._sampled(wavelengths, inverse_depths)
         weights = response(camera, wavelengths)
         psf = mean_psfs(
@@ -76,6 +72,23 @@ class Optics:
             device=self.device,
         )
         return torch.einsum("cb,dbyx->dcyx", weights.to(psf), psf)
+
+    def response_psfs(self, inverse_depths: Tensor) -> Tensor:
+        """`psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window]. Raises
+        InputError as `mean_response_psfs`."""
+        wavelengths = self._response_wavelengths(0.5)
+        bank = psf_bank(
+            self.camera, wavelengths, inverse_depths, window_px=self.window, device=self.device
+        ).values
+        weights = response(self.camera, wavelengths)
+        return torch.einsum("cb,dbyx->dcyx", weights.to(bank), bank)
+
+    def _response_wavelengths(self, shift: float) -> Tensor:
+        curves = response_curves(self.camera)
+        if curves is None:
+            raise InputError("sensor.response: three lines have no other light; name a tabulated response")
+        first, last = curves[0][0], curves[0][-1]
+        return first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
 
     def _sampled(self, wavelengths: Tensor, inverse_depths: Tensor) -> Camera:
         """The camera with its pupil sampled as finely as the shortest of wavelengths asks for."""
@@ -146,14 +159,26 @@ class Planes:
         return replace(self, psf=psf)
 
 
+class PooledCamera(Protocol):
+    """One of many cameras that a network is trained over."""
+
+    @property
+    def optics(self) -> Optics: ...
+
+    def tell(self, network: Restorer) -> None:
+        """Condition the network on it."""
+
+
 @dataclass(frozen=True)
 class Draw:
     """All that is random in a step. read_noise: [batch], standard deviations relative to full scale;
-    generator: for the noise itself, on the device of the photo."""
+    generator: for the noise itself, on the device of the photo; camera: that takes the photo in place of the
+    system's."""
 
     scenes: Scenes
     read_noise: Tensor
     generator: torch.Generator
+    camera: PooledCamera | None = None
 
 
 @dataclass(frozen=True)
@@ -197,7 +222,11 @@ class System(nn.Module):
     def forward(self, draw: Draw) -> JudgedPhotos:
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
-        captured = self.capture(draw, height)
+        if draw.camera is None:
+            captured = self.capture(draw, height)
+        else:
+            captured = draw.scenes.photograph(draw.camera.optics)
+            draw.camera.tell(self.network)
         photo = _noisy(captured.clean, draw)
         restored = self.restore(photo, height)
         # what is shown ends at full scale, as the truth does
@@ -235,7 +264,7 @@ class System(nn.Module):
     def prime(self) -> None:
         """Give a network that is conditioned on the optics the PSFs of the mask as it is, made with the mean
         error of fabrication."""
-        if self.network.psfs == "mean":
+        if self.network.psfs == "mean" and not self.network.any_camera:
             depths = self.network.psf_depths(self.depth_range)
             with torch.no_grad():
                 height = self.mask()

@@ -210,7 +210,7 @@ def _step(loop: _Loop, fraction: float) -> JudgedPhotos:
     first = _update(loop, draw_batch(loop.setup, loop.position.step, loop.workers), frozen)
     for part in range(1, settings.network_steps):
         draw = draw_batch(loop.setup, loop.position.step, loop.workers, part)
-        if first.psf is not None:
+        if first.psf is not None and loop.setup.pool is None:
             draw = replace(draw, scenes=draw.scenes.reusing(first.psf))
         _update(loop, draw, frozen)
     return first
@@ -257,9 +257,13 @@ def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw
     generator = generator_of(recipe.seed, DRAWS, step, where)
     count = workers.share(recipe.optimiser.batch)
     scenes = setup.data.draw(count, generator)
+    noise = generator_of(recipe.seed, NOISE, step, where, setup.device)
+    if setup.pool is not None:
+        camera = setup.pool.camera(recipe.seed, step)
+        return Draw(scenes, torch.full((count,), camera.read_noise), noise, camera)
     low, high = recipe.capture.read_noise
     read_noise = low + (high - low) * torch.rand(count, generator=generator)
-    return Draw(scenes, read_noise, generator_of(recipe.seed, NOISE, step, where, setup.device))
+    return Draw(scenes, read_noise, noise)
 
 
 @torch.no_grad()
@@ -296,7 +300,11 @@ def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, floa
     photos: list[Tensor] = []
     for index, (source, scenes) in enumerate(setup.data.validation):
         generator = generator_of(setup.recipe.seed, VALIDATION, index, 0, setup.device)
-        outcome = system(Draw(scenes, torch.tensor([TEST_NOISE]), generator))
+        noise, camera = TEST_NOISE, None
+        if setup.pool is not None:
+            camera = setup.pool.validation[index % len(setup.pool.validation)]
+            noise = camera.read_noise
+        outcome = system(Draw(scenes, torch.tensor([noise]), generator, camera))
         scores.setdefault(source, []).append(_psnr(outcome.restored, outcome.ideal))
         photos.append(_psnr(outcome.photo, outcome.ideal))
         losses.append(outcome.loss)

@@ -119,6 +119,7 @@ NETWORKS: Registry[type[object]] = Registry(
         "dcnn": "edofsim.restore.dcnn:DCnn",
         "local-unet": "edofsim.restore.local_unet:LocalUNet",
         "filter-bank": "edofsim.restore.filter_bank:FilterBank",
+        "camera-bank": "edofsim.restore.camera_bank:CameraBank",
         "wiener": "edofsim.restore.wiener_network:WienerNetwork",
     },
 )

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationInfo, model_validator
 from ..core.json_values import Json
 from .base import Fraction, NotNegative, Positive, RecipeModel, renamed
 from .camera import PsfSettings
-from .kinds import NETWORKS, TRAINING_DATA, AnyMask, KindModel, NameOf, OfKind, named
+from .kinds import LENSES, MASKS, NETWORKS, TRAINING_DATA, AnyMask, KindModel, NameOf, OfKind, named
 
 Range = tuple[NotNegative, NotNegative]
 Count = Annotated[int, Field(ge=1)]
@@ -111,6 +111,30 @@ class CaptureTable(RecipeModel):
         return self
 
 
+class CamerasTable(RecipeModel):
+    """Random cameras in place of one: `count` to train with, `validation` others to validate with, drawn from
+    these ranges by the recipe's seed. Focal lengths, f-numbers, pixels, strengths of masks and the read noise
+    of `capture` are drawn evenly in their logarithm, the focus in inverse distance. nearest_per_m: inverse
+    distance of the nearest thing, from less than half of the first to the second. blur_px: cameras whose
+    widest blur over their depth range, without mask, is not within it are drawn anew. broadband: the share of
+    sensors that see all wavelengths in place of three. masks: kinds, in turn. window_px: of the PSFs. steps:
+    so many draws of photos follow with one camera."""
+
+    count: Count = 64
+    validation: Count = 8
+    lenses: Annotated[tuple[Annotated[str, NameOf(LENSES)], ...], Field(min_length=1)] = ("ideal",)
+    focal_length_mm: tuple[Positive, Positive] = (5.0, 50.0)
+    f_number: tuple[Positive, Positive] = (2.0, 9.0)
+    pixel_um: tuple[Positive, Positive] = (1.4, 8.0)
+    focus_distance_m: tuple[Positive, Positive] = (0.7, 3.0)
+    nearest_per_m: tuple[Positive, Positive] = (0.5, 2.0)
+    blur_px: tuple[Positive, Positive] = (3.0, 120.0)
+    masks: Annotated[tuple[Annotated[str, NameOf(MASKS)], ...], Field(min_length=1)] = ("clear",)
+    strength_rad: tuple[Positive, Positive] = (8.0, 40.0)
+    broadband: Annotated[float, Field(ge=0, le=1)] = 0.5
+    window_px: Annotated[int, Field(ge=8, le=512)] = 96
+
+
 class OptimiserTable(RecipeModel):
     """Adam as in the paper, for `steps` steps of `batch` patches. decay: the rate of network and mask falls
     along half a cosine to `final_rate` of itself, or stays, as in the paper. warmup: this share of the steps
@@ -159,5 +183,6 @@ class TrainRecipe(RecipeModel):
     loss: LossTable = LossTable()
     data: DataTable = Field(default_factory=DataTable)
     capture: CaptureTable = CaptureTable()
+    cameras: CamerasTable | None = None
     optimiser: OptimiserTable = OptimiserTable()
     journal: JournalTable = JournalTable()

@@ -121,12 +121,15 @@ class FilterBank(Restorer):
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
     def _restored(self, photo: Tensor) -> Tensor:
-        photo = photo.clamp(-BRIGHTEST, BRIGHTEST)
+        photo = self._within(photo)
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
         seen = compressed(torch.cat([photo, chosen], 1)).contiguous(memory_format=torch.channels_last)
         return chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
+
+    def _within(self, photo: Tensor) -> Tensor:
+        return photo.clamp(-BRIGHTEST, BRIGHTEST)
 
     def filtered(self, photo: Tensor) -> Tensor:
         """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it."""
@@ -134,7 +137,7 @@ class FilterBank(Restorer):
         padded = functional.pad(photo, (reach,) * 4, mode="replicate")
         size = tuple(-(-n // 16) * 16 for n in padded.shape[-2:])  # quick to transform
         # a convolution of torch does not turn its kernel round: neither does the conjugate
-        transfer = torch.fft.rfft2(self.filters, s=size).conj().unflatten(0, (self.groups, 3))
+        transfer = torch.fft.rfft2(self.filters, s=size).conj().unflatten(0, (-1, 3))
         spectrum = torch.einsum("byxc,gocyx->bgoyx", torch.fft.rfft2(padded, s=size).movedim(1, -1), transfer)
         return torch.fft.irfft2(spectrum, s=size)[..., :rows, :columns]
 

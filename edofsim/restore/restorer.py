@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 from torch import Tensor, nn
 
+from ..errors import InputError
 from .linear import local_error
 
 
@@ -22,10 +23,13 @@ class Restorer(nn.Module):
     the mean error of its making, and again for a camera whose response is another. "designed": in each step
     of a training, those of the mask as it is then, so that gradients reach the mask through them; the
     last ones are kept.
+
+    any_camera: it was trained over many cameras, and is told each new one (`set_camera`).
     """
 
     kind: ClassVar[str]
     psfs: ClassVar[Literal["none", "mean", "designed"]] = "none"
+    any_camera: ClassVar[bool] = False
     radius: int | None = None
     multiple: int = 1
     border: int = 0
@@ -47,6 +51,16 @@ class Restorer(nn.Module):
     def set_psfs(self, psf: Tensor) -> None:
         """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
         raise NotImplementedError
+
+    def set_camera(self, psf: Tensor, noise: float) -> None:
+        """Tell it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its
+        noise relative to full scale, where `any_camera`."""
+        raise NotImplementedError
+
+    @classmethod
+    def grown(cls, network: Restorer) -> Restorer:
+        """One that starts from the weights of a network of another kind. Raises InputError where it cannot."""
+        raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may

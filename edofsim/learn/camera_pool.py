@@ -1,0 +1,124 @@
+"""The cameras of a training over many: each with the PSFs of its depth range and what a network is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..core.progress import Progress
+from ..errors import InputError
+from ..optics import PAPER_COLOURS, psf_bank
+from ..optics.sampling import plan_sampling
+from ..recipe.train import CamerasTable, TrainRecipe
+from ..restore.camera_bank import CameraBank, Conditioning
+from ..restore.restorer import Restorer
+from .random_cameras import RandomCamera, random_camera
+from .schedule import generator_of
+from .system import Optics
+
+DRAWN = 8  # purpose of random numbers
+BETWEEN = 3  # depths of photos for each that the network is told, odd
+LARGEST_PUPIL = 1400  # samples across: larger ones take too long
+TRUNCATED = 0.6  # cameras that throw more of the light out of the window are not trained with
+VALIDATION = 100_000  # number of the first camera for validation
+
+
+@dataclass(frozen=True)
+class PooledOptics(Optics):
+    """PSFs that are looked up. stored: float16 [n, 3, window, window], at the middles of n equal parts of a
+    camera's range, which stands for the inverse depths `drawn` (least, largest) of the scenes."""
+
+    stored: Tensor
+    drawn: tuple[float, float]
+
+    def with_height(self, height: Tensor | None) -> PooledOptics:
+        return self
+
+    def psfs(self, inverse_depths: Tensor) -> Tensor:
+        low, high = self.drawn
+        part = (inverse_depths - low) / (high - low) * len(self.stored)
+        return self.stored[part.long().clamp(0, len(self.stored) - 1)].to(torch.float32)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """A camera; known: what the network is told of it."""
+
+    name: str
+    optics: PooledOptics
+    read_noise: float
+    known: Conditioning
+
+    def tell(self, network: Restorer) -> None:
+        assert isinstance(network, CameraBank)
+        network.use(self.known)
+
+
+@dataclass(frozen=True)
+class CameraPool:
+    """Those to train with, and others to validate with."""
+
+    training: tuple[Pooled, ...]
+    validation: tuple[Pooled, ...]
+
+    def camera(self, seed: int, step: int) -> Pooled:
+        """That of a step, the same for all workers."""
+        generator = generator_of(seed, DRAWN, step, 0)
+        return self.training[int(torch.randint(len(self.training), (), generator=generator))]
+
+
+def camera_pool(
+    recipe: TrainRecipe, network: Restorer, device: torch.device, progress: Progress | None
+) -> CameraPool | None:
+    """The cameras of a recipe's table, the same each time; None where it has none. Raises InputError for a
+    network that cannot be trained over cameras, and for ranges that hold none."""
+    table = recipe.cameras
+    if (table is None) == isinstance(network, CameraBank):
+        raise InputError(
+            "network.kind = 'camera-bank' and a table [cameras] go together: that network is for any camera"
+        )
+    if table is None or not isinstance(network, CameraBank):
+        return None
+    pools: list[list[Pooled]] = []
+    for first, count in ((0, table.count), (VALIDATION, table.validation)):
+        pool: list[Pooled] = []
+        for number in range(first, first + count):
+            if progress:
+                progress(0.0, f"camera {number - first + 1} of {count}")
+            pool.append(_pooled(table, recipe, number, network, device))
+        pools.append(pool)
+    return CameraPool(tuple(pools[0]), tuple(pools[1]))
+
+
+def _pooled(
+    table: CamerasTable, recipe: TrainRecipe, number: int, network: CameraBank, device: torch.device
+) -> Pooled:
+    for attempt in range(100):
+        drawn = random_camera(table, recipe.seed, number, attempt, recipe.capture.read_noise)
+        psf = _psfs(drawn, table.window_px, BETWEEN * network.depths)
+        if psf is not None and float(1 - psf.sum((-1, -2)).mean()) <= TRUNCATED:
+            break
+    else:
+        raise InputError("cameras: hardly a camera within these ranges keeps its light in window_px; widen it")
+    known = network.condition(psf[BETWEEN // 2 :: BETWEEN], drawn.read_noise)
+    optics = PooledOptics(
+        drawn.camera, table.window_px, device, psf.to(torch.float16).to(device), recipe.capture.inverse_depth_per_m
+    )
+    return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known)
+
+
+def _psfs(drawn: RandomCamera, window: int, depths: int) -> Tensor | None:
+    """[depth, 3, window, window] at the middles of so many parts of the camera's range; None for one whose
+    pupil would have to be sampled too finely."""
+    low, high = drawn.depths
+    inverse = low + (high - low) * (torch.arange(depths, dtype=torch.float64) + 0.5) / depths
+    try:
+        if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).grid.samples > LARGEST_PUPIL:
+            return None
+        if drawn.broadband:
+            return Optics(drawn.camera, window, torch.device("cpu")).response_psfs(inverse)
+        return psf_bank(drawn.camera, PAPER_COLOURS, inverse, window_px=window).values
+    except InputError:
+        return None

@@ -1,0 +1,151 @@
+"""A bank of filters for any camera: its network was trained over many, and each new one is told in closed form.
+
+The filters for the parts of a depth range, how likely each part is at a place, and how well each can be
+restored at all follow from the PSFs and the sensor's noise (`condition`). What was trained knows none of the
+cameras: it sees the photo, what the likely filters make of it, what one filter for the whole range makes of
+it, and how much error each of these is expected to leave.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from .blur_likelihood import BLOCK, block_transfer, explain
+from .filter_bank import BEYOND, FilterBank, compressed
+from .linear import NOISE, colour_error, local_filters
+from .local_unet import Trunk
+from .photograph_statistics import transfer_functions
+
+if TYPE_CHECKING:
+    from .restorer import Restorer
+
+LEAST_NOISE = 5e-4  # a filter that takes a sensor for less makes patterns of rounding
+MIDDLE_PSNR, PSNR_SCALE = 27.0, 10.0  # in dB: expected errors come to the network as numbers around 0
+MIDDLE_NOISE = -2.3  # its logarithm to base 10
+EXPECTED_PX = 48  # expected errors are of the middles of PSFs: what is farther out is lost
+MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """What a bank knows of a camera. filters: [(groups + 1) * 3 out, 3 in, support, support], the last for
+    the whole range; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1], PSNRs that
+    filters without bounds leave, and noise, all as the network takes them."""
+
+    filters: Tensor
+    matrix: Tensor
+    constant: Tensor
+    expected: Tensor
+    noise: float
+
+
+class CameraBank(FilterBank):
+    """A `FilterBank` whose network fits any camera. Until it is told one, it takes photos for sharp ones.
+
+    groups, support, distances, width, blocks, kernel: see `FilterBank`.
+    """
+
+    kind = "camera-bank"
+    any_camera = True
+
+    def __init__(
+        self,
+        groups: int = 16,
+        support: int = 27,
+        distances: int = 2,
+        width: int = 24,
+        blocks: tuple[int, ...] = (1, 2, 2),
+        kernel: int = 5,
+    ) -> None:
+        super().__init__(groups, support, distances, width, blocks, kernel)
+        self.trunk = Trunk(9, 3, width, blocks, kernel, side=groups + MORE_MAPS)
+        # filters of a camera are no part of what was trained
+        for name in ("filters", "transfer"):
+            value = getattr(self, name)
+            delattr(self, name)
+            self.register_buffer(name, value, persistent=False)
+        self.register_buffer("expected", torch.zeros(groups + 1), persistent=False)
+        self.noise = NOISE
+        point = torch.zeros(3, 3, support, support)
+        point[range(3), range(3), support // 2, support // 2] = 1
+        self.filters = torch.cat([self.filters, point])
+
+    @classmethod
+    def grown(cls, network: Restorer) -> CameraBank:
+        """One with the weights of a `FilterBank`, which at first ignores what that was not given. Raises
+        InputError for another network."""
+        if not isinstance(network, FilterBank) or isinstance(network, CameraBank):
+            raise InputError(f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}")
+        found = cls(**network.settings())  # pyrefly: ignore[bad-argument-type] - those of its own class
+        weights = network.trunk.state_dict()
+        first = weights["first.weight"]
+        # unshuffled pixels of photo and chosen, then the maps of the groups
+        images = 4 * 6
+        wider = first.new_zeros(found.trunk.first.weight.shape)
+        wider[:, :images] = first[:, :images]
+        wider[:, images + 12 : images + 12 + network.groups] = first[:, images:]
+        found.trunk.load_state_dict({**weights, "first.weight": wider})
+        found.belief.data.copy_(network.belief)
+        return found
+
+    def set_psfs(self, psf: Tensor) -> None:
+        self.use(self.condition(psf, NOISE))
+
+    def set_camera(self, psf: Tensor, noise: float) -> None:
+        self.use(self.condition(psf, noise))
+
+    @torch.no_grad()
+    def condition(self, psf: Tensor, noise: float) -> Conditioning:
+        """What follows from the PSFs [depth, 3, y, x] at the `psf_depths` of a range, and the standard
+        deviation of the noise, relative to full scale."""
+        noise = max(noise, LEAST_NOISE)
+        size = BLOCK * -(-psf.shape[-1] // BLOCK)
+        transfer = block_transfer(transfer_functions(psf, size))
+        matrix, constant = explain(transfer.to(torch.complex64))
+        filters = torch.cat(
+            [
+                local_filters(psf, self.support, self.groups, noise),
+                local_filters(psf, self.support, 1, noise),
+            ]
+        )
+        middle = psf[..., *(_middle(n) for n in psf.shape[-2:])]
+        known = colour_error(middle, noise, self.groups).mean(1).unflatten(0, (self.groups, -1)).mean(1)
+        blind = colour_error(middle, noise).mean()
+        psnr = -10 * torch.cat([known, blind[None]]).clamp_min(1e-6).log10()
+        expected = ((psnr - MIDDLE_PSNR) / PSNR_SCALE).to(torch.float32)
+        return Conditioning(filters.flatten(0, 1).to(torch.float32), matrix, constant, expected, noise)
+
+    def use(self, known: Conditioning) -> None:
+        """Restore photos of that camera from now on."""
+        where = self.belief.device
+        self.filters, self.expected = known.filters.to(where), known.expected.to(where)
+        self._matrix, self._constant = known.matrix.to(where), known.constant.to(where)
+        self.noise = known.noise
+
+    def _restored(self, photo: Tensor) -> Tensor:
+        photo = self._within(photo)
+        with torch.autocast(photo.device.type, enabled=False):
+            weights = self.weights(photo)
+            filtered = self.filtered(photo)
+            chosen, blind = (filtered[:, :-1] * weights[:, :, None]).sum(1), filtered[:, -1]
+        seen = compressed(torch.cat([photo, chosen, blind], 1)).contiguous(memory_format=torch.channels_last)
+        restored = self.trunk(seen, torch.cat([weights, self._maps(weights)], 1))
+        return chosen.clamp(-BEYOND, 1 + BEYOND) + restored.to(photo.dtype)
+
+    def _maps(self, weights: Tensor) -> Tensor:
+        """[batch, 3, y, x], see `MORE_MAPS`."""
+        likely = torch.einsum("bgyx,g->byx", weights, self.expected[:-1].to(weights))
+        noise = torch.tensor(self.noise).log10() - MIDDLE_NOISE
+        constants = torch.stack([self.expected[-1], noise.to(self.expected)]).to(weights)
+        return torch.cat([likely[:, None], constants[:, None, None].expand(len(weights), 2, *likely.shape[1:])], 1)
+
+
+def _middle(size: int) -> slice:
+    """The middle EXPECTED_PX of so many pixels, with the centre at half of them."""
+    first = max(0, size // 2 - EXPECTED_PX // 2)
+    return slice(first, first + min(size, EXPECTED_PX))
