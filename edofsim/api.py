@@ -27,7 +27,7 @@ from .recipe.scene import Bands
 from .render import View, render
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
-from .restore.choice import WIENER, choose_network, depths_between, restoring
+from .restore.choice import any_camera_network, choose_network, depths_between, restoring
 
 NEAREST = 0.5
 """Metres: depths of a photo that is restored without being told any, from here to infinity."""
@@ -220,10 +220,10 @@ def restored(
     """The sharp image [channel, y, x] of a photo, or of any linear image with full scale 1.
 
     network: checkpoint (file or shipped name) that restores; `wiener` for Wiener deconvolution; None for the
-    network that was trained with the camera's mask, or Wiener deconvolution where there is none. depths:
-    nearest and farthest [m] that the photo may hold, wavelengths: [band] in metres that it was taken in, None
-    for 31 from 420 to 720 nm; both for Wiener deconvolution. The camera is taken as it is: a network that was
-    trained with another mask restores badly.
+    network that was trained with the camera's mask, or the one for any camera where there is none. depths:
+    nearest and farthest [m] that the photo may hold, for Wiener deconvolution and the network for any camera;
+    wavelengths: [band] in metres that it was taken in, None for 31 from 420 to 720 nm. The camera is taken as
+    it is: a network that was trained with another mask restores badly.
     Raises InputError for depths that are none, and a checkpoint that is damaged or of another camera.
     """
     near, far = depths
@@ -241,5 +241,5 @@ def restored(
 def _checkpoint(camera: Camera, network: str | Path | None) -> Checkpoint | None:
     """What restores photos of a camera, see `restored`; None for Wiener deconvolution."""
     if network is None and camera.height_map is not None:
-        network = WIENER  # the recipe's network knows the recipe's mask
+        return any_camera_network()  # the recipe's own knows the recipe's mask
     return choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))[0]

@@ -108,8 +108,7 @@ def measured(
     from ..optics import Camera
     from ..plan import planner_of
     from ..render import render
-    from ..restore.checkpoint import network_of
-    from ..restore.choice import restoring
+    from ..restore.choice import restoring, usual_network
 
     scene, taker, folder = scene_and_place
     recipe, base, compute = scene.recipe, scene.base, torch_device(device)
@@ -118,7 +117,7 @@ def measured(
         optics, recipe, render(recipe, base, cache=cache, device=device, progress=progress)
     )
     about = (optics, view.wavelengths, view.inverse_depth)
-    network = network_of(taker)
+    network = usual_network(taker)
     ways = [network, None] if network else [None]
     restorers = {way.name if way else "Wiener": restoring(*about, way) for way in ways}
     restore = restoring(*about, network)

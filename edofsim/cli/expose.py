@@ -154,7 +154,7 @@ def photographed(
     from ..plan import learn_rates, plan_figures
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
-    from ..restore.checkpoint import network_of
+    from ..restore.choice import usual_network
     from ..restore.scores import psnr
 
     scene, taker, folder = part
@@ -167,7 +167,7 @@ def photographed(
         resample=resample,
         overrule=overrule,
         target=target,
-        checkpoint=network_of(taker),
+        checkpoint=usual_network(taker),
         cache=cache,
         device=device,
     )

@@ -151,9 +151,14 @@ def _kinds(registry: Registry[type[T]]) -> dict[str, str]:
 
 
 def _checkpoints() -> dict[str, str]:
-    from ..restore.checkpoint import comparison_checkpoints, purpose_of, shipped_checkpoints
+    from ..restore.checkpoint import (
+        any_camera_checkpoints,
+        comparison_checkpoints,
+        purpose_of,
+        shipped_checkpoints,
+    )
 
-    known = shipped_checkpoints() | comparison_checkpoints()
+    known = shipped_checkpoints() | any_camera_checkpoints() | comparison_checkpoints()
     return {name: first_sentence(purpose_of(path)) for name, path in known.items()}
 
 

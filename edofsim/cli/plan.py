@@ -44,8 +44,7 @@ def plan(
     with begun("plan", json, quiet=quiet) as progress:
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
-        from ..restore.checkpoint import network_of
-        from ..restore.choice import restoring
+        from ..restore.choice import restoring, usual_network
 
         target = parse_target(accuracy, time)
         overrule = checked_overrule({"with_": with_, "without": without})
@@ -58,7 +57,7 @@ def plan(
             optics,
             overrule=overrule,
             target=target,
-            restore=restoring(optics, view.wavelengths, view.inverse_depth, network_of(camera_recipe)),
+            restore=restoring(optics, view.wavelengths, view.inverse_depth, usual_network(camera_recipe)),
             progress=progress,
         )
         inputs = inputs_of(scene_recipe, camera_recipe)

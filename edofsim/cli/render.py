@@ -150,14 +150,13 @@ def _as_planned(
     from ..plan import look, plan_scene, simpler_recipe
     from ..recipe import load_camera
     from ..render.jobs import Task
-    from ..restore.checkpoint import network_of
-    from ..restore.choice import restoring
+    from ..restore.choice import restoring, usual_network
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
     looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
     view = looked.facts.view
-    restore = restoring(optics, view.wavelengths, view.inverse_depth, network_of(camera))
+    restore = restoring(optics, view.wavelengths, view.inverse_depth, usual_network(camera))
     plan = plan_scene(looked, optics, target=target, restore=restore, progress=progress)
     if not quiet:
         console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)

@@ -57,7 +57,7 @@ def restore(
         from ..capture.device import torch_device
         from ..recipe.scene import Bands
         from ..restore import restore
-        from ..restore.choice import choose_network, depths_between
+        from ..restore.choice import choose_network, depths_between, said_of
 
         checkpoint, optics = choose_network(network, loaded)
         image = read_image(photo).to(torch_device(device.value))
@@ -73,5 +73,6 @@ def restore(
             "restored (PNG, sRGB)": save_image(folder / "restored.png", restored),
         }
         lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
+        lines += [said] if (said := said_of(checkpoint, by)) else []
         inputs = {"photo": str(photo), "camera": camera, "network": network}
         return finish("restore", lines, numbers, outputs, json, inputs=inputs)

@@ -80,6 +80,7 @@ def run(
         from ..capture import save_image, write_photo
         from ..plan import parse_target
         from ..report import write_run_report
+        from ..restore.choice import said_of
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
@@ -109,6 +110,7 @@ def run(
         lines = [
             *plan_lines(result.plan, result.seconds["plan"]),
             _score_table(result),
+            *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
             f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
             f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
         ]

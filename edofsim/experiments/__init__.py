@@ -21,6 +21,7 @@ EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper[...]]" = Registry(
         "bandwidth": "edofsim.experiments.bandwidth:run",
         "mtf": "edofsim.experiments.mtf:run",
         "table": "edofsim.experiments.table:run",
+        "cameras": "edofsim.experiments.cameras:run",
         "noise": "edofsim.experiments.noise:run",
         "fabrication": "edofsim.experiments.fabrication:run",
         "broadband": "edofsim.experiments.broadband:run",

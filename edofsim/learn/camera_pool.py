@@ -1,4 +1,4 @@
-"""The cameras of a training over many: each with the PSFs of its depth range and what a network is told of it."""
+"""The cameras of a training over many, each with the PSFs of its depth range and what a network is told."""
 
 from __future__ import annotations
 
@@ -101,10 +101,14 @@ def _pooled(
         if psf is not None and float(1 - psf.sum((-1, -2)).mean()) <= TRUNCATED:
             break
     else:
-        raise InputError("cameras: hardly a camera within these ranges keeps its light in window_px; widen it")
+        raise InputError("cameras: hardly one within these ranges keeps its light in window_px; widen it")
     known = network.condition(psf[BETWEEN // 2 :: BETWEEN], drawn.read_noise)
     optics = PooledOptics(
-        drawn.camera, table.window_px, device, psf.to(torch.float16).to(device), recipe.capture.inverse_depth_per_m
+        drawn.camera,
+        table.window_px,
+        device,
+        psf.to(torch.float16).to(device),
+        recipe.capture.inverse_depth_per_m,
     )
     return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known)
 

@@ -6,7 +6,6 @@ ranges of the recipe's table `cameras`. The same seed and number give the same c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,8 +14,7 @@ from torch import Tensor
 
 from ..errors import EdofsimError, InputError
 from ..optics import Camera
-from ..optics.height import natural_samples
-from ..optics.masks import PhaseMask
+from ..optics.height import designed_map
 from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import load_camera
@@ -45,8 +43,8 @@ class RandomCamera:
 def random_camera(
     table: CamerasTable, seed: int, number: int, attempt: int, noise: tuple[float, float]
 ) -> RandomCamera:
-    """The camera of that number, or another in its place. noise: range of its read noise. Raises InputError for ranges that hold none
-    that can be."""
+    """The camera of that number, or another in its place. noise: range of its read noise. Raises InputError
+    for ranges that hold none that can be."""
     generator = generator_of(seed, CAMERAS, number, attempt)
 
     def even(low: float, high: float) -> float:
@@ -139,13 +137,14 @@ def _mask(kind: str, strength: float, even: Callable[[float, float], float]) -> 
 
 
 def _with_relief(
-    drawn: RandomCamera, table: CamerasTable, even: Callable[[float, float], float], generator: torch.Generator
+    drawn: RandomCamera,
+    table: CamerasTable,
+    even: Callable[[float, float], float],
+    generator: torch.Generator,
 ) -> RandomCamera:
-    """With a height map: half of them the designed one, turned and stretched, the others smooth and random."""
+    """With a height map: half of the maps are the designed one, turned and stretched, the others random."""
     camera = drawn.camera
     if even(0, 1) < 0.5:
-        from ..optics.height import designed_map
-
         shipped = load_camera(DESIGNED)
         found = designed_map(Camera.from_recipe(shipped.recipe, shipped.base))
         assert found is not None

@@ -1,4 +1,4 @@
-"""A bank of filters for any camera: its network was trained over many, and each new one is told in closed form.
+"""A bank of filters for any camera: its network was trained over many, and is told each new one.
 
 The filters for the parts of a depth range, how likely each part is at a place, and how well each can be
 restored at all follow from the PSFs and the sensor's noise (`condition`). What was trained knows none of the
@@ -142,7 +142,9 @@ class CameraBank(FilterBank):
         likely = torch.einsum("bgyx,g->byx", weights, self.expected[:-1].to(weights))
         noise = torch.tensor(self.noise).log10() - MIDDLE_NOISE
         constants = torch.stack([self.expected[-1], noise.to(self.expected)]).to(weights)
-        return torch.cat([likely[:, None], constants[:, None, None].expand(len(weights), 2, *likely.shape[1:])], 1)
+        return torch.cat(
+            [likely[:, None], constants[:, None, None].expand(len(weights), 2, *likely.shape[1:])], 1
+        )
 
 
 def _middle(size: int) -> slice:

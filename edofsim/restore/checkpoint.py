@@ -39,6 +39,8 @@ from .restorer import Restorer
 FORMAT = 1
 SUFFIX = ".safetensors"
 MAX_BYTES = 1 << 30
+ANY_CAMERA = "any-bank"
+"""The shipped checkpoint for cameras that no network was trained with."""
 # what the optics of a photo depend on; noise, exposure and the window of the PSFs may differ
 CAMERA_FIELDS = ("lens", "focus", "sensor.pixel_um")
 
@@ -63,8 +65,15 @@ class Checkpoint:
 
 
 def shipped_checkpoints() -> dict[str, Path]:
-    """Checkpoints that came with the package, by name."""
-    return _checkpoints_in(shipped_folder("train") / "checkpoints")
+    """Checkpoints that came with the package, each with its camera's mask, by name."""
+    found = _checkpoints_in(shipped_folder("train") / "checkpoints")
+    return {name: path for name, path in found.items() if name != ANY_CAMERA}
+
+
+def any_camera_checkpoints() -> dict[str, Path]:
+    """That for cameras which no network was trained with, by name; empty where it is missing."""
+    found = _checkpoints_in(shipped_folder("train") / "checkpoints")
+    return {name: path for name, path in found.items() if name == ANY_CAMERA}
 
 
 def comparison_checkpoints() -> dict[str, Path]:
@@ -91,7 +100,7 @@ def find_checkpoint(source: str | Path) -> Path:
     path = Path(source)
     if path.is_file():
         return path
-    known = shipped_checkpoints() | comparison_checkpoints()
+    known = shipped_checkpoints() | any_camera_checkpoints() | comparison_checkpoints()
     if str(source) in known:
         return known[str(source)]
     names = ", ".join(known) or "none"
@@ -144,10 +153,10 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
         raise InputError(
             f"{path}: checkpoint format {card['format']!r}, this version reads {FORMAT}; update edofsim"
         )
-    if camera_recipe is not None:
+    network = build_network(kind, settings)
+    if camera_recipe is not None and not network.any_camera:
         trained = in_new_names(CameraRecipe, card.get("camera", {}))
         _check_camera(path, trained, camera_recipe.model_dump(mode="json"))
-    network = build_network(kind, settings)
     prefix = "network."
     weights = {
         name.removeprefix(prefix): without_denormals(value)
@@ -197,11 +206,14 @@ def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint, base: Path | 
 
 
 def recipe_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraRecipe:
-    """The recipe of a camera that the height map of a checkpoint, if it has one, can be given to.
+    """The recipe of a camera that the height map of a checkpoint, if it has one, can be given to; as it is
+    for a network that is for any camera.
 
     A height map means little without the material and the pitch that it was made for: given to a camera with
     another mask, it would be taken for that mask's material and stretched over the pupil.
     """
+    if checkpoint.network.any_camera:
+        return recipe
     mask = trained_camera(checkpoint).mask
     if checkpoint.height is not None:
         assert isinstance(mask, PhaseMask) and checkpoint.sampling is not None  # as a training writes them

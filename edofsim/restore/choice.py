@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 
 import torch
@@ -10,7 +11,14 @@ from torch import Tensor
 
 from ..optics import Camera
 from ..recipe import CameraRecipe, Loaded
-from .checkpoint import Checkpoint, camera_with_mask, load_checkpoint, network_of
+from .checkpoint import (
+    ANY_CAMERA,
+    Checkpoint,
+    any_camera_checkpoints,
+    camera_with_mask,
+    load_checkpoint,
+    network_of,
+)
 from .restore import restore
 
 WIENER = "wiener"
@@ -22,18 +30,47 @@ def choose_network(
 ) -> tuple[Checkpoint | None, Camera]:
     """What restores (None: Wiener deconvolution), and the camera with the mask that it was trained with.
 
-    network: checkpoint (file or shipped name); `wiener` for Wiener deconvolution; None for the network that
-    was trained with the camera's mask, or Wiener deconvolution where there is none. Raises InputError for a
-    checkpoint that is damaged or of another camera.
+    network: checkpoint (file or shipped name); `wiener` for Wiener deconvolution; None for `usual_network`.
+    Raises InputError for a checkpoint that is damaged or of another camera.
     """
     checkpoint = None
     if network is None:
-        checkpoint = network_of(camera)
+        checkpoint = usual_network(camera)
     elif network != WIENER:
         checkpoint = load_checkpoint(network, camera.recipe)
     if checkpoint is None:
         return None, Camera.from_recipe(camera.recipe, camera.base)
     return checkpoint, camera_with_mask(camera.recipe, checkpoint, camera.base)
+
+
+def usual_network(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
+    """The network that was trained with the camera's mask, or where there is none the one that ships for any
+    camera; None where that is missing. Raises InputError for a damaged checkpoint."""
+    return network_of(camera) or any_camera_network()
+
+
+def any_camera_network() -> Checkpoint | None:
+    """The network that ships for any camera, read once; None where it is missing."""
+    path = any_camera_checkpoints().get(ANY_CAMERA)
+    return None if path is None else _read_once(path)
+
+
+@lru_cache(maxsize=1)
+def _read_once(path: Path) -> Checkpoint:
+    return load_checkpoint(path)
+
+
+def said_of(checkpoint: Checkpoint | None, by: str) -> str | None:
+    """A sentence on what restored a photo where that was not trained for its camera, for a person. by: as
+    `restore` names it; None where there is nothing to say."""
+    if checkpoint is None or not checkpoint.network.any_camera:
+        return None
+    if by == checkpoint.name:
+        return (
+            f"No network was trained for this camera's mask: {by}, which knows any camera by its PSFs, "
+            "restored the photo."
+        )
+    return f"Wiener deconvolution restored the photo: {by.removeprefix('Wiener, as ')}."
 
 
 def restoring(

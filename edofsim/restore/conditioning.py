@@ -17,6 +17,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
+from ..optics import cache as bank_cache
 from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
@@ -27,8 +28,13 @@ from .restorer import Restorer
 _CONDITIONED: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
 
 
-def conditioned_on(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) -> Restorer:
+def conditioned_on(
+    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor | None = None
+) -> Restorer:
     """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
+
+    A network for any camera is told this one: its PSFs between the least and the largest of inverse_depths
+    [depth] in 1/m, by the mask as it is made, and its read noise.
 
     A network that was conditioned on mean PSFs gets those of the response; other networks, and all for a
     sensor whose colours are a wavelength each, come back as they are. The mask is the checkpoint's as
@@ -36,6 +42,9 @@ def conditioned_on(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) 
     where PSFs or response cannot be computed.
     """
     network = checkpoint.network
+    if network.any_camera:
+        assert inverse_depths is not None
+        return _told(network, camera, wavelengths, inverse_depths)
     if network.psfs != "mean" or response_curves(camera) is None:
         return network
     weights = response(camera, wavelengths)
@@ -47,6 +56,26 @@ def conditioned_on(checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor) 
         psf = _channel_psfs(checkpoint, camera, wavelengths, weights, depths)
         known[key] = copy.deepcopy(network).cpu()
         known[key].set_psfs(psf)
+    return known[key]
+
+
+def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Restorer:
+    """A network for any camera, for this one."""
+    wavelengths, inverse_depths = wavelengths.double().cpu(), inverse_depths.double().cpu()
+    low, high = (float(end) for end in inverse_depths.aminmax())
+    depths, window = network.psf_depths((low, high)), camera.recipe.psf.window_px
+    known = _CONDITIONED.setdefault(network, {})
+    weights = response(camera, wavelengths)
+    bank = bank_cache.key(camera, wavelengths, depths, window, None, torch.float32)
+    key = (bank, *weights.flatten().tolist(), camera.read_noise)
+    if key not in known:
+        # band by band: of all together wide windows would fill the memory
+        psf = torch.zeros(len(depths), len(weights), window, window)
+        for band, share in enumerate(weights.T):
+            values = psf_bank(camera, wavelengths[band : band + 1], depths).values
+            psf += share.to(values)[:, None, None] * values
+        known[key] = copy.deepcopy(network).cpu()
+        known[key].set_camera(psf, camera.read_noise)
     return known[key]
 
 

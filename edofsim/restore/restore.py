@@ -34,7 +34,7 @@ def restore(
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     if checkpoint is not None:
-        network = conditioned_on(checkpoint, camera, wavelengths)
+        network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
         if truncated is None:
             lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
             truncated = 1 - lens.sum((-1, -2))[0]

@@ -59,7 +59,7 @@ class Restorer(nn.Module):
 
     @classmethod
     def grown(cls, network: Restorer) -> Restorer:
-        """One that starts from the weights of a network of another kind. Raises InputError where it cannot."""
+        """One with the weights of a network of another kind. Raises InputError where that cannot be."""
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
     def unclamped(self, photo: Tensor) -> Tensor:

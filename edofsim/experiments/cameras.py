@@ -1,0 +1,226 @@
+"""Cameras that no network was trained for: the network for any camera beside Wiener deconvolution.
+
+Six cameras, none of which a training drew: two with ordinary lenses, a cubic mask, rings, a height map of
+another training, and the paper's with its mask at another focus. Each photographs pictures as planes at
+random depths (see `planes`), and the shipped scenes with depth as `scene3d` does, whose views are resampled
+for its pixels. Both are told the camera, as designed, and the range of depths; neither is told more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import torch
+import typer
+
+from ..capture.framing import seen_through
+from ..core.progress import Progress, part
+from ..errors import InputError
+from ..optics import PAPER_COLOURS, Camera
+from ..options import CacheOption, LimitOption, PicturesOption, SeedOption
+from ..recipe import CameraRecipe, load_camera, load_scene
+from ..render import render
+from ..report import Column, Page, Section, Table, Text
+from ..report.page import Cell
+from ..restore.checkpoint import (
+    ANY_CAMERA,
+    Checkpoint,
+    camera_with_mask,
+    find_checkpoint,
+    load_checkpoint,
+)
+from ..restore.conditioning import conditioned_on
+from ..restore.network import apply_network
+from ..restore.scores import psnr, within_scale
+from .experiment import Findings
+from .kept import Kept, key_of
+from .photographs import Photographs, photographs
+from .planes import RANDOM, Condition, PictureScore, averages, measure, write_rows
+from .protocols import OURS, WAYS, System, of_three_lines, saturating, take
+from .scene3d import scored_version
+from .systems import READ_NOISE, Contestant, colour_psfs, filter_depths, filtered, paper_test
+
+SCENES = ("desk", "clutter")
+OWN_MAP = "fourier-wiener"
+"""The training whose height map stands for one of somebody's own."""
+REFOCUSED_M = 0.8
+PHOTO, WIENER, ANY = "photo", "wiener", "any"
+WHAT = {PHOTO: "photo", WIENER: "Wiener", ANY: "for any camera"}
+
+
+@dataclass(frozen=True)
+class Taker:
+    """A camera with its mask as designed, as text."""
+
+    name: str
+    said: str
+    camera: Camera
+
+
+def takers() -> list[Taker]:
+    """The six."""
+    shipped = {name: load_camera(name) for name in ("lens-50mm-f2", "paper-cubic", "paper-rings")}
+    found = {name: Camera.from_recipe(known.recipe, known.base) for name, known in shipped.items()}
+    short = load_camera("lens-25mm-f5").recipe
+    lens = {"kind": "ideal", "focal_length_mm": 25, "f_number": 2.8}
+    short = CameraRecipe.model_validate({**short.model_dump(), "name": "lens-25mm-f2.8", "lens": lens})
+    learned = load_camera("paper-learned")
+    focus = learned.recipe.focus.model_copy(update={"distance_m": REFOCUSED_M})
+    moved = learned.recipe.model_copy(update={"focus": focus})
+    own = load_checkpoint(OWN_MAP)
+    return [
+        Taker("50mm-f2", "50 mm, f/2, pixels of 3.45 um", found["lens-50mm-f2"]),
+        Taker("25mm-f2.8", "25 mm, f/2.8, pixels of 3.45 um", Camera.from_recipe(short)),
+        Taker("cubic", "the cubic mask", found["paper-cubic"]),
+        Taker("rings", "phase rings", found["paper-rings"]),
+        Taker("height-map", "another height map", camera_with_mask(load_camera("paper-clear").recipe, own)),
+        Taker("refocused", f"the paper's, focus at {REFOCUSED_M} m", Camera.from_recipe(moved, learned.base)),
+    ]
+
+
+def run(
+    folder: Path,
+    progress: Progress,
+    data: PicturesOption = None,
+    limit: LimitOption = None,
+    scenes: Annotated[
+        list[str] | None, typer.Option("--scene", help="Deep scenes; repeatable; default desk, clutter.")
+    ] = None,
+    network: Annotated[
+        str, typer.Option("--network", metavar="NETWORK", help="A checkpoint for any camera.")
+    ] = ANY_CAMERA,
+    seed: SeedOption = 0,
+    cache: CacheOption = None,
+) -> Findings:
+    """Six cameras that no network was trained for: pictures at random depths and deep scenes, restored by the
+    network for any camera and by Wiener deconvolution. Interrupt it at any time: the same command goes on.
+
+    Figures: psnr_db.CAMERA.{random,SCENE}.{photo,wiener,any}, gain_db.CAMERA.{random,SCENE} (above Wiener
+    deconvolution), gain_db.{mean,least}, gain_db.mean.{random,deep}, pictures, left_out.
+    """
+    found = photographs(data, limit)
+    checkpoint = load_checkpoint(network)
+    if not checkpoint.network.any_camera:
+        raise InputError(f"--network {network}: this was trained for one camera; name one for any camera")
+    digest = hashlib.sha256(find_checkpoint(network).read_bytes()).hexdigest()
+    every, deep = takers(), list(scenes or SCENES)
+    scores: dict[str, dict[str, dict[str, float]]] = {}
+    rows: list[PictureScore] = []
+    for number, taker in enumerate(every):
+        tell = part(progress, number / len(every), (number + 1) / len(every), taker.name)
+        own, planes = _planes(taker, checkpoint, digest, found, folder, seed, part(tell, 0.0, 0.6))
+        rows += planes
+        scores[taker.name] = {RANDOM: own}
+        for index, scene in enumerate(deep):
+            tell(0.6 + 0.4 * index / len(deep), scene)
+            scores[taker.name][scene] = _deep(taker, checkpoint, digest, scene, folder, seed, cache)
+    figures = figures_of(scores)
+    figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
+    table = _table(scores, every)
+    page = Page(
+        "Cameras that no network was trained for",
+        "The network for any camera beside Wiener deconvolution.",
+        (Section("Scores", (table,)),),
+        (Text("PSNR of photos and restorations. Both are told the camera and the range of depths."),),
+    )
+    outputs = {"planes": write_rows(folder / "cameras.csv", rows, "depth")}
+    inputs = {"data": found.source, "network": str(network), "scenes": deep}
+    return Findings(figures, page, [table], outputs, found.problems, inputs)
+
+
+def figures_of(scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, float]:
+    """Flat, from PSNRs by camera, condition and what was judged."""
+    figures: dict[str, float] = {}
+    gains: dict[str, list[float]] = {RANDOM: [], "deep": []}
+    for camera, conditions in scores.items():
+        for condition, values in conditions.items():
+            figures |= {f"psnr_db.{camera}.{condition}.{what}": value for what, value in values.items()}
+            gain = figures[f"gain_db.{camera}.{condition}"] = values[ANY] - values[WIENER]
+            gains[RANDOM if condition == RANDOM else "deep"].append(gain)
+    for name, values in gains.items():
+        if values:
+            figures[f"gain_db.mean.{name}"] = sum(values) / len(values)
+    together = [value for values in gains.values() for value in values]
+    return {**figures, "gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
+
+
+def _planes(
+    taker: Taker,
+    checkpoint: Checkpoint,
+    digest: str,
+    data: Photographs,
+    folder: Path,
+    seed: int,
+    progress: Progress,
+) -> tuple[dict[str, float], list[PictureScore]]:
+    """Means over the pictures at random depths, by three lines of light, and the rows."""
+    camera = of_three_lines(taker.camera)
+    stack = colour_psfs(camera)
+    known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
+    network = conditioned_on(checkpoint, _as_noisy(camera), PAPER_COLOURS, filter_depths())
+    contestants = [
+        Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),
+        Contestant(
+            ANY, camera, lambda photo, glare: apply_network(network, photo, glare=glare), known + digest
+        ),
+    ]
+    condition = Condition(RANDOM, None, READ_NOISE, paper_test(seed))
+    rows: list[PictureScore] = []
+    values: dict[str, float] = {}
+    for index, contestant in enumerate(contestants):
+        place = folder / taker.name
+        place.mkdir(parents=True, exist_ok=True)
+        tell = part(progress, index / 2, (index + 1) / 2)
+        measured = measure(contestant, data.pictures, [condition], place, seed=seed, progress=tell)
+        means = averages(measured)
+        values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
+        values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
+        rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
+    return {what: values[what] for what in (PHOTO, WIENER, ANY)}, rows
+
+
+def _as_noisy(camera: Camera) -> Camera:
+    return replace(camera, read_noise=READ_NOISE)
+
+
+def _deep(
+    taker: Taker, checkpoint: Checkpoint, digest: str, name: str, folder: Path, seed: int, cache: Path | None
+) -> dict[str, float]:
+    """A scene with depth, the middle of its frame, as a sensor that saturates sees it."""
+    loaded = load_scene(name)
+    recipe = scored_version(loaded.recipe, quick=True)
+    kept = Kept(folder / "finished.jsonl")
+    described = taker.camera.recipe.model_dump(mode="json")
+    key = key_of(camera=described, network=digest, scene=recipe.model_dump(mode="json"), seed=seed)
+    known = kept.get(key)
+    if known is not None:
+        return known
+    view = render(recipe, loaded.base, cache=cache)
+    camera = replace(taker.camera, recipe=saturating(taker.camera.recipe))
+    _, view = seen_through(camera, recipe, view)
+    way = next(way for way in WAYS if way.name == OURS)
+    with torch.inference_mode():
+        taken = take(view, way, System(ANY, camera, checkpoint), seed)
+    images = {PHOTO: taken.images["photo"], WIENER: taken.images["wiener"], ANY: taken.images["restored"]}
+    found = {what: psnr(within_scale(image), taken.truth) for what, image in images.items()}
+    kept.put(key, found)
+    return found
+
+
+def _table(scores: Mapping[str, Mapping[str, Mapping[str, float]]], every: Sequence[Taker]) -> Table:
+    conditions = list(next(iter(scores.values())))
+    columns = [Column("Camera")]
+    for condition in conditions:
+        said = "random depths" if condition == RANDOM else condition
+        columns += [Column(f"{said}: {text}", "dB", 2) for text in WHAT.values()]
+    rows: list[tuple[Cell, ...]] = []
+    for taker in every:
+        cells: list[Cell] = [f"{taker.name}\n{taker.said}"]
+        for condition in conditions:
+            cells += [scores[taker.name][condition][what] for what in WHAT]
+        rows.append(tuple(cells))
+    return Table(tuple(columns), tuple(rows))
