@@ -146,7 +146,8 @@ NetworkOption = Annotated[
         metavar="CHECKPOINT",
         autocompletion=completion.networks,
         help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
-        "deconvolution; default: the network that was trained with the camera's mask, if there is one.",
+        "deconvolution; default: the network that was trained with the camera's mask, or where there is none "
+        "the one for any camera.",
     ),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]

@@ -2,8 +2,8 @@
 
 Six cameras, none of which a training drew: two with ordinary lenses, a cubic mask, rings, a height map of
 another training, and the paper's with its mask at another focus. Each photographs pictures as planes at
-random depths (see `planes`), and the shipped scenes with depth as `scene3d` does, whose views are resampled
-for its pixels. Both are told the camera, as designed, and the range of depths; neither is told more.
+random depths (see `planes`), and the middle of shipped scenes with depth, rendered for its pixels, as
+`scene3d` does. Both are told the camera, as designed, and the range of depths; neither is told more.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Annotated
 import torch
 import typer
 
-from ..capture.framing import seen_through
+from ..capture.framing import framed
 from ..core.progress import Progress, part
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera
+from ..optics import PAPER_COLOURS, Camera, psf_bank
 from ..options import CacheOption, LimitOption, PicturesOption, SeedOption
-from ..recipe import CameraRecipe, load_camera, load_scene
+from ..recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
 from ..render import render
 from ..report import Column, Page, Section, Table, Text
 from ..report.page import Cell
@@ -42,9 +42,11 @@ from .photographs import Photographs, photographs
 from .planes import RANDOM, Condition, PictureScore, averages, measure, write_rows
 from .protocols import OURS, WAYS, System, of_three_lines, saturating, take
 from .scene3d import scored_version
-from .systems import READ_NOISE, Contestant, colour_psfs, filter_depths, filtered, paper_test
+from .systems import NEAREST_PER_M, READ_NOISE, Contestant, filter_depths, filtered, paper_test
 
 SCENES = ("desk", "clutter")
+FARTHER = ("hallway",)
+"""The scene for a lens whose blur of half a metre takes more samples of its pupil than are allowed."""
 OWN_MAP = "fourier-wiener"
 """The training whose height map stands for one of somebody's own."""
 REFOCUSED_M = 0.8
@@ -54,11 +56,14 @@ WHAT = {PHOTO: "photo", WIENER: "Wiener", ANY: "for any camera"}
 
 @dataclass(frozen=True)
 class Taker:
-    """A camera with its mask as designed, as text."""
+    """A camera with its mask as designed; said: in words; nearest_per_m: inverse depth up to which its
+    pictures stand; scenes: that it photographs."""
 
     name: str
     said: str
     camera: Camera
+    nearest_per_m: float = NEAREST_PER_M
+    scenes: tuple[str, ...] = SCENES
 
 
 def takers() -> list[Taker]:
@@ -67,14 +72,14 @@ def takers() -> list[Taker]:
     found = {name: Camera.from_recipe(known.recipe, known.base) for name, known in shipped.items()}
     short = load_camera("lens-25mm-f5").recipe
     lens = {"kind": "ideal", "focal_length_mm": 25, "f_number": 2.8}
-    short = CameraRecipe.model_validate({**short.model_dump(), "name": "lens-25mm-f2.8", "lens": lens})
+    short = CameraRecipe.model_validate({**short.model_dump(), "name": "lens-25mm-f2", "lens": lens})
     learned = load_camera("paper-learned")
     focus = learned.recipe.focus.model_copy(update={"distance_m": REFOCUSED_M})
     moved = learned.recipe.model_copy(update={"focus": focus})
     own = load_checkpoint(OWN_MAP)
     return [
-        Taker("50mm-f2", "50 mm, f/2, pixels of 3.45 um", found["lens-50mm-f2"]),
-        Taker("25mm-f2.8", "25 mm, f/2.8, pixels of 3.45 um", Camera.from_recipe(short)),
+        Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], 1.0, FARTHER),
+        Taker("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
         Taker("cubic", "the cubic mask", found["paper-cubic"]),
         Taker("rings", "phase rings", found["paper-rings"]),
         Taker("height-map", "another height map", camera_with_mask(load_camera("paper-clear").recipe, own)),
@@ -87,9 +92,6 @@ def run(
     progress: Progress,
     data: PicturesOption = None,
     limit: LimitOption = None,
-    scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="Deep scenes; repeatable; default desk, clutter.")
-    ] = None,
     network: Annotated[
         str, typer.Option("--network", metavar="NETWORK", help="A checkpoint for any camera.")
     ] = ANY_CAMERA,
@@ -107,7 +109,7 @@ def run(
     if not checkpoint.network.any_camera:
         raise InputError(f"--network {network}: this was trained for one camera; name one for any camera")
     digest = hashlib.sha256(find_checkpoint(network).read_bytes()).hexdigest()
-    every, deep = takers(), list(scenes or SCENES)
+    every = takers()
     scores: dict[str, dict[str, dict[str, float]]] = {}
     rows: list[PictureScore] = []
     for number, taker in enumerate(every):
@@ -115,8 +117,8 @@ def run(
         own, planes = _planes(taker, checkpoint, digest, found, folder, seed, part(tell, 0.0, 0.6))
         rows += planes
         scores[taker.name] = {RANDOM: own}
-        for index, scene in enumerate(deep):
-            tell(0.6 + 0.4 * index / len(deep), scene)
+        for index, scene in enumerate(taker.scenes):
+            tell(0.6 + 0.4 * index / len(taker.scenes), scene)
             scores[taker.name][scene] = _deep(taker, checkpoint, digest, scene, folder, seed, cache)
     figures = figures_of(scores)
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
@@ -128,7 +130,7 @@ def run(
         (Text("PSNR of photos and restorations. Both are told the camera and the range of depths."),),
     )
     outputs = {"planes": write_rows(folder / "cameras.csv", rows, "depth")}
-    inputs = {"data": found.source, "network": str(network), "scenes": deep}
+    inputs = {"data": found.source, "network": str(network)}
     return Findings(figures, page, [table], outputs, found.problems, inputs)
 
 
@@ -159,9 +161,10 @@ def _planes(
 ) -> tuple[dict[str, float], list[PictureScore]]:
     """Means over the pictures at random depths, by three lines of light, and the rows."""
     camera = of_three_lines(taker.camera)
-    stack = colour_psfs(camera)
+    between = filter_depths() * (taker.nearest_per_m / NEAREST_PER_M)
+    stack = psf_bank(camera, PAPER_COLOURS, between).values
     known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
-    network = conditioned_on(checkpoint, _as_noisy(camera), PAPER_COLOURS, filter_depths())
+    network = conditioned_on(checkpoint, _as_noisy(camera), PAPER_COLOURS, between)
     contestants = [
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),
         Contestant(
@@ -175,7 +178,15 @@ def _planes(
         place = folder / taker.name
         place.mkdir(parents=True, exist_ok=True)
         tell = part(progress, index / 2, (index + 1) / 2)
-        measured = measure(contestant, data.pictures, [condition], place, seed=seed, progress=tell)
+        measured = measure(
+            contestant,
+            data.pictures,
+            [condition],
+            place,
+            seed=seed,
+            nearest_per_m=taker.nearest_per_m,
+            progress=tell,
+        )
         means = averages(measured)
         values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
         values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
@@ -192,7 +203,7 @@ def _deep(
 ) -> dict[str, float]:
     """A scene with depth, the middle of its frame, as a sensor that saturates sees it."""
     loaded = load_scene(name)
-    recipe = scored_version(loaded.recipe, quick=True)
+    recipe = _with_pixels(scored_version(loaded.recipe, quick=True), taker.camera)
     kept = Kept(folder / "finished.jsonl")
     described = taker.camera.recipe.model_dump(mode="json")
     key = key_of(camera=described, network=digest, scene=recipe.model_dump(mode="json"), seed=seed)
@@ -201,7 +212,6 @@ def _deep(
         return known
     view = render(recipe, loaded.base, cache=cache)
     camera = replace(taker.camera, recipe=saturating(taker.camera.recipe))
-    _, view = seen_through(camera, recipe, view)
     way = next(way for way in WAYS if way.name == OURS)
     with torch.inference_mode():
         taken = take(view, way, System(ANY, camera, checkpoint), seed)
@@ -211,16 +221,22 @@ def _deep(
     return found
 
 
+def _with_pixels(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
+    """A scene whose pixels see what the camera's do."""
+    frame = recipe.frame.model_copy(update={"pixel_angle_mrad": "auto"})
+    return framed(recipe.model_copy(update={"frame": frame}), camera)
+
+
 def _table(scores: Mapping[str, Mapping[str, Mapping[str, float]]], every: Sequence[Taker]) -> Table:
-    conditions = list(next(iter(scores.values())))
-    columns = [Column("Camera")]
-    for condition in conditions:
-        said = "random depths" if condition == RANDOM else condition
-        columns += [Column(f"{said}: {text}", "dB", 2) for text in WHAT.values()]
+    columns = (
+        Column("Camera"),
+        Column("What it photographs"),
+        *(Column(said, "dB", 2) for said in WHAT.values()),
+        Column("Gain", "dB", 2),
+    )
     rows: list[tuple[Cell, ...]] = []
     for taker in every:
-        cells: list[Cell] = [f"{taker.name}\n{taker.said}"]
-        for condition in conditions:
-            cells += [scores[taker.name][condition][what] for what in WHAT]
-        rows.append(tuple(cells))
-    return Table(tuple(columns), tuple(rows))
+        for condition, values in scores[taker.name].items():
+            said = "pictures, random depths" if condition == RANDOM else condition
+            rows.append((taker.said, said, *(values[what] for what in WHAT), values[ANY] - values[WIENER]))
+    return Table(columns, tuple(rows))

@@ -109,13 +109,14 @@ def measure(
     seed: int,
     show: Sequence[str] = (),
     told: bool = False,
+    nearest_per_m: float = NEAREST_PER_M,
     progress: Progress | None = None,
 ) -> list[PictureScore]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
     errors; show: names of pictures whose middles are written, too; told: whether `told_depth` restores the
-    photos, too."""
+    photos, too; nearest_per_m: inverse depth up to which random ones go."""
     kept = Kept(out / "finished.jsonl")
-    depths = random_depths(pictures, seed)
+    depths = random_depths(pictures, seed, nearest_per_m)
     jobs = []
     for condition in conditions:
         for picture, depth in zip(pictures, depths, strict=True):
@@ -148,12 +149,14 @@ def measure(
     return [rows[job.key] for job in jobs]
 
 
-def random_depths(pictures: Sequence[Photograph], seed: int) -> list[float]:
+def random_depths(
+    pictures: Sequence[Photograph], seed: int, nearest_per_m: float = NEAREST_PER_M
+) -> list[float]:
     """An inverse depth in 1/m for each picture, decided by the seed and its place in the folder: one that is
     left out changes no other's."""
     last = max(picture.place for picture in pictures)
     generator = torch.Generator().manual_seed(seed * 1_000_003 % 2**64)
-    drawn = NEAREST_PER_M * torch.rand(last + 1, generator=generator)
+    drawn = nearest_per_m * torch.rand(last + 1, generator=generator)
     return [float(drawn[picture.place]) for picture in pictures]
 
 

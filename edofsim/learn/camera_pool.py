@@ -19,7 +19,7 @@ from .schedule import generator_of
 from .system import Optics
 
 DRAWN = 8  # purpose of random numbers
-BETWEEN = 3  # depths of photos for each that the network is told, odd
+BETWEEN = 3  # depths of photos for each distance that the network tells apart
 LARGEST_PUPIL = 1400  # samples across: larger ones take too long
 TRUNCATED = 0.6  # cameras that throw more of the light out of the window are not trained with
 VALIDATION = 100_000  # number of the first camera for validation
@@ -102,7 +102,7 @@ def _pooled(
             break
     else:
         raise InputError("cameras: hardly one within these ranges keeps its light in window_px; widen it")
-    known = network.condition(psf[BETWEEN // 2 :: BETWEEN], drawn.read_noise)
+    known = network.condition(psf, drawn.read_noise)
     optics = PooledOptics(
         drawn.camera,
         table.window_px,

@@ -29,10 +29,11 @@ def block_transfer(transfer: Tensor) -> Tensor:
     return transfer[..., ::step, ::step]
 
 
-def explain(transfer: Tensor) -> tuple[Tensor, Tensor]:
+def explain(transfer: Tensor, between: int = 1) -> tuple[Tensor, Tensor]:
     """(matrix [contrast * depth, feature], constant [contrast, depth]) that `log_likelihood` needs.
 
-    transfer: complex [depth, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`. The likelihood's exponent is a
+    transfer: complex [depth * between, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`; so many neighbours
+    stand for one distance, and their covariance is the mean. The likelihood's exponent is a
     sum over frequencies of the inverse covariance times the cross-spectra of the colours: a product of
     a matrix with the features of a block.
     """
@@ -40,6 +41,7 @@ def explain(transfer: Tensor) -> tuple[Tensor, Tensor]:
     alike = torch.tensor(COLOUR_CORRELATION, dtype=torch.float64, device=transfer.device)
     seen = transfer[..., used].to(torch.complex128)
     signal = torch.einsum("daf,dbf->dfab", seen, seen.conj()) * alike
+    signal = signal.unflatten(0, (-1, between)).mean(1)
     signal = signal * power_spectrum(BLOCK, alike)[used][:, None, None]
     noise = torch.eye(3, dtype=torch.float64, device=transfer.device)
     covariance = torch.stack([contrast * signal + noise for contrast in CONTRASTS])

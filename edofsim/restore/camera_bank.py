@@ -28,13 +28,14 @@ LEAST_NOISE = 5e-4  # a filter that takes a sensor for less makes patterns of ro
 MIDDLE_PSNR, PSNR_SCALE = 27.0, 10.0  # in dB: expected errors come to the network as numbers around 0
 MIDDLE_NOISE = -2.3  # its logarithm to base 10
 EXPECTED_PX = 48  # expected errors are of the middles of PSFs: what is farther out is lost
+BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
 
 @dataclass(frozen=True)
 class Conditioning:
-    """What a bank knows of a camera. filters: [(groups + 1) * 3 out, 3 in, support, support], the last for
-    the whole range; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1], PSNRs that
+    """What a bank knows of a camera. filters: [(groups + blind) * 3 out, 3 in, support, support], the last
+    for the whole range, see `BLIND`; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1], PSNRs that
     filters without bounds leave, and noise, all as the network takes them."""
 
     filters: Tensor
@@ -63,7 +64,7 @@ class CameraBank(FilterBank):
         kernel: int = 5,
     ) -> None:
         super().__init__(groups, support, distances, width, blocks, kernel)
-        self.trunk = Trunk(9, 3, width, blocks, kernel, side=groups + MORE_MAPS)
+        self.trunk = Trunk(6 + 3 * len(BLIND), 3, width, blocks, kernel, side=groups + MORE_MAPS)
         # filters of a camera are no part of what was trained
         for name in ("filters", "transfer"):
             value = getattr(self, name)
@@ -73,7 +74,7 @@ class CameraBank(FilterBank):
         self.noise = NOISE
         point = torch.zeros(3, 3, support, support)
         point[range(3), range(3), support // 2, support // 2] = 1
-        self.filters = torch.cat([self.filters, point])
+        self.filters = torch.cat([self.filters, *[point] * len(BLIND)])
 
     @classmethod
     def grown(cls, network: Restorer) -> CameraBank:
@@ -85,10 +86,10 @@ class CameraBank(FilterBank):
         weights = network.trunk.state_dict()
         first = weights["first.weight"]
         # unshuffled pixels of photo and chosen, then the maps of the groups
-        images = 4 * 6
+        images, maps = 4 * 6, 4 * (6 + 3 * len(BLIND))
         wider = first.new_zeros(found.trunk.first.weight.shape)
         wider[:, :images] = first[:, :images]
-        wider[:, images + 12 : images + 12 + network.groups] = first[:, images:]
+        wider[:, maps : maps + network.groups] = first[:, images:]
         found.trunk.load_state_dict({**weights, "first.weight": wider})
         found.belief.data.copy_(network.belief)
         return found
@@ -101,16 +102,18 @@ class CameraBank(FilterBank):
 
     @torch.no_grad()
     def condition(self, psf: Tensor, noise: float) -> Conditioning:
-        """What follows from the PSFs [depth, 3, y, x] at the `psf_depths` of a range, and the standard
-        deviation of the noise, relative to full scale."""
+        """What follows from PSFs and the standard deviation of the noise, relative to full scale.
+
+        psf: [depths * n, 3, y, x], n to each of the `psf_depths` of a range, at the middles of equal parts: a
+        filter is for all that lies within its part, where the blur may change by many pixels."""
         noise = max(noise, LEAST_NOISE)
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
-        matrix, constant = explain(transfer.to(torch.complex64))
+        matrix, constant = explain(transfer.to(torch.complex64), len(psf) // self.depths)
         filters = torch.cat(
             [
                 local_filters(psf, self.support, self.groups, noise),
-                local_filters(psf, self.support, 1, noise),
+                *(local_filters(psf, self.support, 1, share * noise) for share in BLIND),
             ]
         )
         middle = psf[..., *(_middle(n) for n in psf.shape[-2:])]
@@ -132,7 +135,8 @@ class CameraBank(FilterBank):
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             filtered = self.filtered(photo)
-            chosen, blind = (filtered[:, :-1] * weights[:, :, None]).sum(1), filtered[:, -1]
+            chosen = (filtered[:, : self.groups] * weights[:, :, None]).sum(1)
+            blind = filtered[:, self.groups :].flatten(1, 2)
         seen = compressed(torch.cat([photo, chosen, blind], 1)).contiguous(memory_format=torch.channels_last)
         restored = self.trunk(seen, torch.cat([weights, self._maps(weights)], 1))
         return chosen.clamp(-BEYOND, 1 + BEYOND) + restored.to(photo.dtype)
