@@ -100,6 +100,8 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
         name = f"{source}+wiener"
         return Contestant(name, camera, lambda photo, glare: filtered(photo, stack, glare), digest)
     checkpoint = load_checkpoint(source)
+    if checkpoint.network.any_camera:
+        raise InputError(f"{source} is for any camera and has no mask; `edofsim evaluate cameras` judges it")
     recipe = trained_camera(checkpoint).model_copy(update={"psf": CameraRecipe(name="default").psf})
     camera = camera_with_mask(recipe, checkpoint)
     digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()

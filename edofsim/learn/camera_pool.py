@@ -19,7 +19,6 @@ from .schedule import generator_of
 from .system import Optics
 
 DRAWN = 8  # purpose of random numbers
-BETWEEN = 3  # depths of photos for each distance that the network tells apart
 LARGEST_PUPIL = 1400  # samples across: larger ones take too long
 TRUNCATED = 0.6  # cameras that throw more of the light out of the window are not trained with
 VALIDATION = 100_000  # number of the first camera for validation
@@ -97,7 +96,7 @@ def _pooled(
 ) -> Pooled:
     for attempt in range(100):
         drawn = random_camera(table, recipe.seed, number, attempt, recipe.capture.read_noise)
-        psf = _psfs(drawn, table.window_px, BETWEEN * network.depths)
+        psf = _psfs(drawn, table.window_px, network.psf_depths(drawn.depths))
         if psf is not None and float(1 - psf.sum((-1, -2)).mean()) <= TRUNCATED:
             break
     else:
@@ -113,11 +112,9 @@ def _pooled(
     return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known)
 
 
-def _psfs(drawn: RandomCamera, window: int, depths: int) -> Tensor | None:
-    """[depth, 3, window, window] at the middles of so many parts of the camera's range; None for one whose
-    pupil would have to be sampled too finely."""
-    low, high = drawn.depths
-    inverse = low + (high - low) * (torch.arange(depths, dtype=torch.float64) + 0.5) / depths
+def _psfs(drawn: RandomCamera, window: int, inverse: Tensor) -> Tensor | None:
+    """[depth, 3, window, window] at inverse depths in 1/m; None for a camera whose pupil would have to be
+    sampled too finely."""
     try:
         if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).grid.samples > LARGEST_PUPIL:
             return None

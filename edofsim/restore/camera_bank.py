@@ -28,6 +28,7 @@ LEAST_NOISE = 5e-4  # a filter that takes a sensor for less makes patterns of ro
 MIDDLE_PSNR, PSNR_SCALE = 27.0, 10.0  # in dB: expected errors come to the network as numbers around 0
 MIDDLE_NOISE = -2.3  # its logarithm to base 10
 EXPECTED_PX = 48  # expected errors are of the middles of PSFs: what is farther out is lost
+BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
@@ -94,6 +95,12 @@ class CameraBank(FilterBank):
         found.belief.data.copy_(network.belief)
         return found
 
+    def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
+        """`BETWEEN` for each distance that it tells apart: the middles of equal parts of the range."""
+        low, high = depth_range
+        count = BETWEEN * self.depths
+        return low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
+
     def set_psfs(self, psf: Tensor) -> None:
         self.use(self.condition(psf, NOISE))
 
@@ -104,12 +111,12 @@ class CameraBank(FilterBank):
     def condition(self, psf: Tensor, noise: float) -> Conditioning:
         """What follows from PSFs and the standard deviation of the noise, relative to full scale.
 
-        psf: [depths * n, 3, y, x], n to each of the `psf_depths` of a range, at the middles of equal parts: a
-        filter is for all that lies within its part, where the blur may change by many pixels."""
+        psf: [depth, 3, y, x] at `psf_depths`: a filter is for all that lies within its part of the range,
+        where the blur may change by pixels."""
         noise = max(noise, LEAST_NOISE)
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
-        matrix, constant = explain(transfer.to(torch.complex64), len(psf) // self.depths)
+        matrix, constant = explain(transfer.to(torch.complex64), BETWEEN)
         filters = torch.cat(
             [
                 local_filters(psf, self.support, self.groups, noise),

@@ -24,6 +24,9 @@ from ..recipe.train import TrainRecipe
 from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
 from .restorer import Restorer
 
+ENOUGH = 10
+"""Bands: of more, neighbours are taken together for the network for any camera."""
+
 # by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
 _CONDITIONED: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
 
@@ -71,9 +74,10 @@ def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths
     if key not in known:
         # band by band: of all together wide windows would fill the memory
         psf = torch.zeros(len(depths), len(weights), window, window)
-        for band, share in enumerate(weights.T):
-            values = psf_bank(camera, wavelengths[band : band + 1], depths).values
-            psf += share.to(values)[:, None, None] * values
+        for few in torch.arange(len(wavelengths)).split(max(1, len(wavelengths) // ENOUGH)):
+            middle = few[len(few) // 2]
+            values = psf_bank(camera, wavelengths[middle][None], depths).values
+            psf += weights[:, few].sum(1).to(values)[:, None, None] * values
         known[key] = copy.deepcopy(network).cpu()
         known[key].set_camera(psf, camera.read_noise)
     return known[key]

@@ -1,0 +1,157 @@
+"""Cameras drawn at random, and a training over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from edofsim.errors import InputError
+from edofsim.learn.camera_pool import PooledOptics, camera_pool
+from edofsim.learn.random_cameras import random_camera, widest_blur_px
+from edofsim.learn.setup import prepare
+from edofsim.learn.trainer import draw_batch, train
+from edofsim.learn.workers import Workers
+from edofsim.optics import PAPER_COLOURS, psf_bank
+from edofsim.recipe.kinds import MASKS
+from edofsim.recipe.load import Loaded, load_train
+from edofsim.recipe.train import CamerasTable, TrainRecipe
+from edofsim.restore.camera_bank import CameraBank
+from edofsim.restore.checkpoint import load_checkpoint
+from edofsim.restore.network import build_network
+
+WORKERS = Workers(0, 1, torch.device("cpu"))
+SMALL = {"groups": 2, "distances": 2, "support": 5, "width": 4, "blocks": [1, 1]}
+NOISE = (0.001, 0.02)
+EVERY = CamerasTable(masks=tuple(MASKS), lenses=("ideal", "achromat", "plano-convex"), blur_px=(3, 40))
+RANDOM = {
+    "count": 3,
+    "validation": 2,
+    "focal_length_mm": [5, 10],
+    "blur_px": [2, 10],
+    "masks": ["clear", "cubic", "height-map"],
+    "strength_rad": [3, 6],
+    "window_px": 16,
+}
+
+
+def _recipe(steps: int = 4, kind: str = "camera-bank", **more: object) -> Loaded[TrainRecipe]:
+    values = {
+        "name": "any",
+        "camera": "paper-clear",
+        "seed": 3,
+        "network": {"kind": kind, "settings": SMALL},
+        "cameras": RANDOM,
+        "doe": {"learn": False},
+        "data": {"patch_px": 48, "validation_patches": 8, "sources": [{"kind": "packaged", "edges": 0.5}]},
+        "optimiser": {"steps": steps, "batch": 2, "network_steps": 2, "precision": "float32"},
+        "journal": {"save_every": 2, "validate_every": 2},
+    }
+    return Loaded(TrainRecipe.model_validate({**values, **more}), Path("any.toml"), "")
+
+
+@pytest.mark.parametrize("number", range(len(MASKS)))
+def test_a_drawn_camera_is_within_the_ranges(number: int) -> None:
+    drawn = random_camera(EVERY, 1, number, 0, NOISE)
+    recipe = drawn.camera.recipe
+    assert recipe.mask.kind == list(MASKS)[number]
+    assert 3 <= widest_blur_px(drawn) <= 40
+    assert NOISE[0] <= drawn.read_noise <= NOISE[1]
+    assert EVERY.pixel_um[0] <= recipe.sensor.pixel_um <= EVERY.pixel_um[1]
+    far, near = drawn.depths
+    assert 0 <= far < near <= EVERY.nearest_per_m[1]
+    psf_bank(drawn.camera, PAPER_COLOURS, drawn.depths, window_px=32)
+
+
+def test_the_same_number_gives_the_same_camera_and_others_differ() -> None:
+    first, again, other = (random_camera(EVERY, 1, number, 0, NOISE) for number in (0, 0, 12))
+    assert first.camera.recipe == again.camera.recipe and first.depths == again.depths
+    assert first.camera.recipe != other.camera.recipe
+    relief = [random_camera(CamerasTable(masks=("height-map",)), 1, n, 0, NOISE).camera for n in (0, 0, 1)]
+    maps = [camera.height_map for camera in relief]
+    assert maps[0] is not None and torch.equal(maps[0], maps[1])
+    assert maps[0].shape != maps[2].shape or not torch.equal(maps[0], maps[2])
+
+
+def test_the_geometric_blur_is_that_of_the_lens() -> None:
+    """f^2 / N over the pixel, times the distance from focus in dioptres, for a far focus."""
+    drawn = random_camera(CamerasTable(), 1, 0, 0, NOISE)
+    recipe = drawn.camera.recipe
+    away = max(abs(depth - 1 / recipe.focus.distance_m) for depth in drawn.depths)
+    focal = float(drawn.camera.lens.focal_length(587.6e-9))
+    expected = 2 * drawn.camera.aperture_radius * focal / drawn.camera.pixel * away
+    assert widest_blur_px(drawn) == pytest.approx(expected, rel=0.1)
+
+
+def test_ranges_without_a_camera_are_refused() -> None:
+    with pytest.raises(InputError, match="blur_px"):
+        random_camera(CamerasTable(blur_px=(1e5, 2e5)), 1, 0, 0, NOISE)
+
+
+def test_cameras_for_validation_are_others() -> None:
+    recipe = _recipe().recipe
+    network = build_network("camera-bank", SMALL)
+    pool = camera_pool(recipe, network, torch.device("cpu"), None)
+    assert pool is not None
+    names = [camera.name for camera in (*pool.training, *pool.validation)]
+    assert len(set(names)) == 5
+    drawn = {pool.camera(3, step).name for step in range(40)}
+    assert drawn == {camera.name for camera in pool.training}
+
+
+def test_psfs_are_looked_up_where_the_scene_stands_in_its_range() -> None:
+    stored = torch.arange(4.0).reshape(4, 1, 1, 1).expand(4, 3, 2, 2).to(torch.float16)
+    camera = random_camera(EVERY, 1, 0, 0, NOISE).camera
+    optics = PooledOptics(camera, 2, torch.device("cpu"), stored, (0.0, 2.0))
+    found = optics.psfs(torch.tensor([0.0, 0.49, 0.51, 1.9, 2.0]))
+    assert found[:, 0, 0, 0].tolist() == [0, 0, 1, 3, 3]
+    assert found.dtype == torch.float32
+
+
+def test_each_step_has_a_camera_whose_noise_and_filters_are_used() -> None:
+    setup = prepare(_recipe(), None, WORKERS)
+    seen = set()
+    for step in range(6):
+        draw = draw_batch(setup, step, WORKERS)
+        assert draw.camera is not None
+        assert draw.read_noise.tolist() == pytest.approx([draw.camera.read_noise] * 2)
+        setup.system(draw)
+        assert isinstance(setup.system.network, CameraBank)
+        assert torch.equal(setup.system.network.filters, draw.camera.known.filters)
+        seen.add(draw.camera.name)
+    assert len(seen) > 1
+
+
+def test_a_training_goes_on_as_if_it_had_not_been_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from edofsim.learn import trainer
+
+    whole = train(_recipe(), tmp_path / "whole")
+    real = trainer._step
+
+    def stopping(loop: trainer._Loop, fraction: float) -> object:
+        if loop.position.step == 2:
+            raise KeyboardInterrupt
+        return real(loop, fraction)
+
+    with monkeypatch.context() as changed, pytest.raises(KeyboardInterrupt):
+        changed.setattr(trainer, "_step", stopping)
+        train(_recipe(), tmp_path / "parts")
+    resumed = train(_recipe(), tmp_path / "parts", resume=True)
+    first, second = (load_checkpoint(each.checkpoint).network.state_dict() for each in (whole, resumed))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    start = build_network("camera-bank", SMALL).state_dict()
+    assert any(not torch.equal(first[name], start[name]) for name in first if "last" in name)
+
+
+def test_network_and_table_go_together() -> None:
+    for wrong in (_recipe(cameras=None), _recipe(kind="filter-bank")):
+        with pytest.raises(InputError, match="go together"):
+            prepare(wrong, None, WORKERS)
+
+
+def test_the_shipped_recipe_draws_cameras_of_many_kinds() -> None:
+    table = load_train("any-bank").recipe.cameras
+    assert table is not None and len(set(table.masks)) >= 10

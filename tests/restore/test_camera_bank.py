@@ -1,0 +1,210 @@
+"""The bank for any camera: what it is told of one, when it is used, and that cameras are kept apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from edofsim.capture.planes import photograph, surroundings
+from edofsim.errors import InputError
+from edofsim.experiments.systems import contestant
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
+from edofsim.recipe import load_camera
+from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.load import Loaded
+from edofsim.restore import choice
+from edofsim.restore.camera_bank import BETWEEN, BLIND, CameraBank
+from edofsim.restore.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from edofsim.restore.choice import choose_network, said_of, usual_network
+from edofsim.restore.conditioning import conditioned_on
+from edofsim.restore.filter_bank import FilterBank
+from edofsim.restore.linear import local_filters
+from edofsim.restore.network import apply_network, build_network
+from edofsim.restore.restore import restore
+
+SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
+DEPTHS = torch.tensor([0.8, 1.2], dtype=torch.float64)
+
+
+def _camera(**changes: object) -> Camera:
+    values = {
+        "name": "own",
+        "lens": {"kind": "ideal", "focal_length_mm": 20, "f_number": 5},
+        "sensor": {"pixel_um": 4.0, "response": "lines", "read_noise": 0.005},
+        "psf": {"window_px": 24},
+    }
+    return Camera.from_recipe(CameraRecipe.model_validate({**values, **changes}))
+
+
+def _discs(diameters: list[float], window: int = 24) -> Tensor:
+    """Blurs of these diameters in pixels, [disc, 3, window, window]."""
+    place = torch.arange(window) - window // 2
+    distance = (place[:, None].square() + place.square()).sqrt()
+    discs = torch.stack([(0.5 + d / 2 - distance).clamp(0, 1) for d in diameters])
+    return (discs / discs.sum((-1, -2), keepdim=True))[:, None].expand(-1, 3, -1, -1).contiguous()
+
+
+@pytest.fixture(name="checkpoint")
+def _checkpoint(tmp_path: Path) -> Checkpoint:
+    torch.manual_seed(0)
+    recipe = load_camera("paper-clear").recipe.model_dump(mode="json", exclude={"schema_"})
+    network = build_network("camera-bank", SMALL)
+    path = save_checkpoint(tmp_path / "any.safetensors", network, {"name": "any", "camera": recipe})
+    return load_checkpoint(path)
+
+
+def test_grown_from_a_bank_it_restores_as_that_does() -> None:
+    """With the same filters and likelihoods: what it sees besides has no weight yet."""
+    torch.manual_seed(1)
+    bank = FilterBank(**SMALL)
+    with torch.no_grad():
+        for parameter in bank.parameters():
+            parameter.add_(0.05 * torch.randn(parameter.shape))
+    grown = CameraBank.grown(bank)
+    psf = _discs([1, 3, 5, 7])
+    bank.set_psfs(psf)
+    grown.set_psfs(psf.repeat_interleave(BETWEEN, 0))
+    bank.filters.copy_(grown.filters[: 3 * bank.groups])
+    bank._matrix, bank._constant = grown._matrix, grown._constant
+    photo = torch.rand(1, 3, 64, 64)
+    expected = bank.eval().unclamped(photo)
+    torch.testing.assert_close(grown.eval().unclamped(photo), expected, atol=1e-3, rtol=0)
+    assert (expected - photo).abs().max() > 0.1
+
+
+def test_it_grows_out_of_nothing_else() -> None:
+    with pytest.raises(InputError, match="'dcnn'"):
+        CameraBank.grown(build_network("dcnn"))
+
+
+def test_a_camera_that_it_is_told_is_no_part_of_its_weights() -> None:
+    network = CameraBank(**SMALL)
+    before = {name: value.clone() for name, value in network.state_dict().items()}
+    network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0), 0.01)
+    assert network.state_dict().keys() == before.keys()
+    assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
+
+
+def test_told_a_blur_it_takes_it_away_untrained() -> None:
+    """An untrained U-Net adds nothing: what is gained is the filters'."""
+    network = CameraBank(**SMALL).eval()
+    psf = _discs([4.0, 4.2, 4.4, 4.6])
+    network.set_camera(psf.repeat_interleave(BETWEEN, 0), 0.002)
+    generator = torch.Generator().manual_seed(0)
+    grey = torch.rand(1, 1, 20, 20, generator=generator).expand(1, 3, 20, 20)
+    world = torch.nn.functional.interpolate(grey, size=(120, 120))
+    photo = photograph(world, psf[1:2])
+    before, after = surroundings(24)
+    sharp = world[..., before:-after, before:-after]
+    inside = (..., slice(16, -16), slice(16, -16))
+    left = (network(photo)[inside] - sharp[inside]).square().mean()
+    assert left < 0.5 * (photo[inside] - sharp[inside]).square().mean()
+
+
+def test_filters_are_those_of_the_noise_and_of_the_whole_range() -> None:
+    network = CameraBank(**SMALL)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    known = network.condition(psf, 0.01)
+    blind = known.filters.unflatten(0, (-1, 3))[network.groups :]
+    for filters, share in zip(blind, BLIND, strict=True):
+        torch.testing.assert_close(filters, local_filters(psf, 9, 1, 0.01 * share)[0])
+    assert not torch.equal(known.filters, network.condition(psf, 0.02).filters)
+
+
+def test_expected_errors_are_in_order() -> None:
+    """One filter for all distances is no better than each one's own, on the mean error; noise costs."""
+    network = CameraBank(**SMALL)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    quiet, loud = (network.condition(psf, noise).expected for noise in (0.002, 0.02))
+    error = 10 ** (-quiet.double())
+    assert error[:-1].mean() < error[-1]
+    assert (loud < quiet).all()
+
+
+def test_it_is_told_each_camera_once_and_keeps_them_apart(checkpoint: Checkpoint) -> None:
+    def told(camera: Camera, depths: Tensor = DEPTHS) -> object:
+        return conditioned_on(checkpoint, camera, PAPER_COLOURS, depths)
+
+    first = told(_camera())
+    assert told(_camera()) is first
+    others = [
+        _camera(focus={"distance_m": 0.9}),
+        _camera(mask={"kind": "cubic", "alpha_rad": 5.0}),
+        _camera(sensor={"pixel_um": 4.0, "response": "lines", "read_noise": 0.02}),
+    ]
+    found = [first, *(told(camera) for camera in others), told(_camera(), DEPTHS + 0.2)]
+    filters = [network.filters for network in found]
+    assert not any(torch.equal(a, b) for i, a in enumerate(filters) for b in filters[:i])
+    assert told(_camera()) is first
+
+
+def test_what_it_is_told_are_the_cameras_psfs_between_the_depths(checkpoint: Checkpoint) -> None:
+    camera = _camera(mask={"kind": "cubic", "alpha_rad": 5.0})
+    network = conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS)
+    depths = network.psf_depths((0.8, 1.2))
+    assert 0.8 < float(depths.min()) < 0.85 and 1.15 < float(depths.max()) < 1.2
+    psf = psf_bank(camera, PAPER_COLOURS, depths).values
+    expected = checkpoint.network.condition(psf, camera.read_noise)
+    torch.testing.assert_close(network.filters, expected.filters, atol=1e-4, rtol=0)
+
+
+def test_a_photo_of_one_distance_can_be_restored(checkpoint: Checkpoint) -> None:
+    photo = torch.rand(3, 64, 64)
+    sharp, by = restore(photo, _camera(), PAPER_COLOURS, DEPTHS[:1], checkpoint=checkpoint)
+    assert by == "any" and sharp.shape == photo.shape and bool(torch.isfinite(sharp).all())
+
+
+def test_a_checkpoint_for_any_camera_is_refused_for_none_and_changes_no_mask(checkpoint: Checkpoint) -> None:
+    own = load_camera("phone-5mm-f2")
+    assert checkpoint.path is not None
+    found, camera = choose_network(checkpoint.path, own)
+    assert found is not None and found.network.any_camera
+    assert camera.recipe == own.recipe
+
+
+def test_it_restores_for_cameras_without_a_network_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, checkpoint: Checkpoint
+) -> None:
+    assert checkpoint.path is not None
+    monkeypatch.setattr(choice, "any_camera_checkpoints", lambda: {"any-bank": checkpoint.path})
+    found, camera = choose_network(None, load_camera("paper-rings"))
+    assert found is not None and found.name == "any" and camera.mask.kind == "rings"
+    assert choose_network("wiener", load_camera("paper-rings"))[0] is None
+    own = usual_network(load_camera("paper-learned"))
+    assert own is not None and own.name == "paper-dcnn"
+
+
+def test_without_that_checkpoint_there_is_wiener_deconvolution(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "any_camera_checkpoints", dict)
+    assert choose_network(None, load_camera("paper-rings"))[0] is None
+
+
+def test_a_sentence_says_that_it_restored(checkpoint: Checkpoint) -> None:
+    said = said_of(checkpoint, "any")
+    assert said is not None and "any" in said and said.endswith(".")
+    assert said_of(None, "Wiener") is None
+    assert said_of(load_checkpoint("paper-dcnn"), "paper-dcnn") is None
+
+
+def test_it_is_no_system_with_a_mask(checkpoint: Checkpoint) -> None:
+    assert checkpoint.path is not None
+    with pytest.raises(InputError, match="evaluate cameras"):
+        contestant(checkpoint.path)
+
+
+def test_a_photo_in_tiles_is_the_same_as_whole(checkpoint: Checkpoint) -> None:
+    network = conditioned_on(checkpoint, _camera(), PAPER_COLOURS, DEPTHS)
+    photo = torch.rand(3, 200, 200, generator=torch.Generator().manual_seed(2))
+    whole, tiled = (apply_network(network, photo, tile=tile) for tile in (512, 96))
+    torch.testing.assert_close(tiled, whole, atol=2e-4, rtol=0)
+
+
+def test_the_cameras_recipe_is_used_with_its_files(checkpoint: Checkpoint) -> None:
+    """A camera of Python, with a height map of its own."""
+    learned = load_camera("paper-learned")
+    loaded = Loaded(learned.recipe, learned.path, "")
+    camera = choose_network(checkpoint.path, loaded)[1]
+    assert camera.recipe.mask == learned.recipe.mask
