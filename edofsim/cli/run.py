@@ -154,7 +154,8 @@ def _cost_chart(result: Run, folder: Path, progress: Progress) -> Plot:
 
 
 def _score_table(result: Run) -> Table:
-    names = {"photo": "photo", "restored": f"restored ({result.restored_by})", "wiener": "Wiener instead"}
+    by = result.restored_by.partition(",")[0]
+    names = {"photo": "photo", "restored": f"restored ({by})", "wiener": "Wiener instead"}
     names = {name: label for name, label in names.items() if name in result.scores}
     names["lens_alone"] = "lens alone"
     ranges = [(part.near_m, part.far_m) for part in result.by_depth["photo"]]

@@ -16,6 +16,7 @@ from typing import Annotated
 
 import torch
 import typer
+from torch import Tensor
 
 from ..capture.framing import framed
 from ..core.progress import Progress, part
@@ -33,7 +34,7 @@ from ..restore.checkpoint import (
     find_checkpoint,
     load_checkpoint,
 )
-from ..restore.conditioning import conditioned_on
+from ..restore.conditioning import conditioned_on, refusal
 from ..restore.network import apply_network
 from ..restore.scores import psnr, within_scale
 from .experiment import Findings
@@ -164,12 +165,17 @@ def _planes(
     between = filter_depths() * (taker.nearest_per_m / NEAREST_PER_M)
     stack = psf_bank(camera, PAPER_COLOURS, between).values
     known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
-    network = conditioned_on(checkpoint, _as_noisy(camera), PAPER_COLOURS, between)
+    about = checkpoint, replace(camera, read_noise=READ_NOISE), PAPER_COLOURS, between
+    network = None if refusal(*about) else conditioned_on(*about)
+
+    def restored(photo: Tensor, glare: Tensor) -> Tensor:
+        return (
+            filtered(photo, stack, glare) if network is None else apply_network(network, photo, glare=glare)
+        )
+
     contestants = [
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),
-        Contestant(
-            ANY, camera, lambda photo, glare: apply_network(network, photo, glare=glare), known + digest
-        ),
+        Contestant(ANY, camera, restored, known + digest),
     ]
     condition = Condition(RANDOM, None, READ_NOISE, paper_test(seed))
     rows: list[PictureScore] = []
@@ -192,10 +198,6 @@ def _planes(
         values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
         rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
     return {what: values[what] for what in (PHOTO, WIENER, ANY)}, rows
-
-
-def _as_noisy(camera: Camera) -> Camera:
-    return replace(camera, read_noise=READ_NOISE)
 
 
 def _deep(

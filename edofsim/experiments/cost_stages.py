@@ -25,11 +25,12 @@ from ..render.settings import samples_of_a_pass
 from ..restore import restore
 from ..restore.checkpoint import (
     Checkpoint,
+    any_camera_checkpoints,
     camera_with_mask,
     load_checkpoint,
-    network_of,
     shipped_checkpoints,
 )
+from ..restore.choice import usual_network
 from ..restore.conditioning import forget as forget_conditioned
 from ..restore.scores import psnr, within_scale
 from .kept import Kept, key_of
@@ -105,14 +106,17 @@ def restore_points(
 
     The networks take turns; the median of the repeats counts. folder: keeps what was measured.
     """
-    own = network_of(camera)
+    own = usual_network(camera)
     default = _place(own)
     kept = Kept(folder / "restoration.jsonl")
     rivals: list[tuple[str, Checkpoint | None, Checkpoint | None]] = [("Wiener", None, None)]
-    for name in shipped_checkpoints():
+    for name in (*shipped_checkpoints(), *any_camera_checkpoints()):
         try:
             checkpoint = load_checkpoint(name, camera.recipe)
         except InputError:  # of another camera
+            continue
+        if checkpoint.network.any_camera:
+            rivals.append((name, None, checkpoint))
             continue
         rivals.append((name, checkpoint, checkpoint))
         if checkpoint.height is not None and _place(checkpoint) != default:

@@ -28,6 +28,9 @@ LEAST_NOISE = 5e-4  # a filter that takes a sensor for less makes patterns of ro
 MIDDLE_PSNR, PSNR_SCALE = 27.0, 10.0  # in dB: expected errors come to the network as numbers around 0
 MIDDLE_NOISE = -2.3  # its logarithm to base 10
 EXPECTED_PX = 48  # expected errors are of the middles of PSFs: what is farther out is lost
+LEAST_PSNR = 23.0
+"""In dB: cameras for validation whose own filters are expected to reach less were restored worse than by
+Wiener deconvolution (two of 21 and 22 dB), all others better (ten of 24 to 32 dB)."""
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
@@ -36,8 +39,8 @@ MORE_MAPS = 3  # expected error of the likely filters, that of one filter for al
 @dataclass(frozen=True)
 class Conditioning:
     """What a bank knows of a camera. filters: [(groups + blind) * 3 out, 3 in, support, support], the last
-    for the whole range, see `BLIND`; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1], PSNRs that
-    filters without bounds leave, and noise, all as the network takes them."""
+    for the whole range, see `BLIND`; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1],
+    PSNRs that filters without bounds reach, as the network takes them; noise: its standard deviation."""
 
     filters: Tensor
     matrix: Tensor
@@ -136,6 +139,15 @@ class CameraBank(FilterBank):
         self.filters, self.expected = known.filters.to(where), known.expected.to(where)
         self._matrix, self._constant = known.matrix.to(where), known.constant.to(where)
         self.noise = known.noise
+
+    def refusal(self) -> str | None:
+        least = float(self.expected[:-1].mean()) * PSNR_SCALE + MIDDLE_PSNR
+        if least >= LEAST_PSNR:
+            return None
+        return (
+            f"filters that know each distance are expected to reach {least:.1f} dB with this camera, and "
+            f"below {LEAST_PSNR:g} dB the network for any camera does no better"
+        )
 
     def _restored(self, photo: Tensor) -> Tensor:
         photo = self._within(photo)

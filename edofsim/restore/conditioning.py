@@ -22,8 +22,11 @@ from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
 from ..recipe.train import TrainRecipe
 from .checkpoint import Checkpoint, recipe_with_mask, trained_camera
+from .depths import closer_about_focus
 from .restorer import Restorer
 
+WIDEST_PX = 512
+"""Of PSFs for the network for any camera: more would fill the memory."""
 ENOUGH = 10
 """Bands: of more, neighbours are taken together for the network for any camera."""
 
@@ -62,11 +65,25 @@ def conditioned_on(
     return known[key]
 
 
+def refusal(
+    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor
+) -> str | None:
+    """Why a checkpoint for any camera had better not restore photos of this one, the end of a sentence; None
+    where it may, and for other checkpoints. Raises as `conditioned_on`."""
+    if not checkpoint.network.any_camera:
+        return None
+    window = camera.recipe.psf.window_px
+    if window > WIDEST_PX:
+        return f"the window of the camera's PSFs has {window} pixels, and {checkpoint.name} takes {WIDEST_PX}"
+    return conditioned_on(checkpoint, camera, wavelengths, inverse_depths).refusal()
+
+
 def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Restorer:
     """A network for any camera, for this one."""
     wavelengths, inverse_depths = wavelengths.double().cpu(), inverse_depths.double().cpu()
     low, high = (float(end) for end in inverse_depths.aminmax())
-    depths, window = network.psf_depths((low, high)), camera.recipe.psf.window_px
+    depths = closer_about_focus(camera, network.psf_depths((low, high)))
+    window = camera.recipe.psf.window_px
     known = _CONDITIONED.setdefault(network, {})
     weights = response(camera, wavelengths)
     bank = bank_cache.key(camera, wavelengths, depths, window, None, torch.float32)

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..optics import Camera, psf_bank, response
 from .checkpoint import Checkpoint
-from .conditioning import conditioned_on
+from .conditioning import conditioned_on, refusal
 from .light import without_glare
 from .network import apply_network
 from .wiener import wiener
@@ -27,13 +27,15 @@ def restore(
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
-    equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`. glare: [channel], the
+    equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`; where a network for
+    any camera had better not restore, Wiener deconvolution does, and the words say why. glare: [channel], the
     part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
     that was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
     known (`Photo.truncated`), None for that of the camera's PSFs at the mean depth.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
-    if checkpoint is not None:
+    why = None if checkpoint is None else refusal(checkpoint, camera, wavelengths, inverse_depths)
+    if checkpoint is not None and why is None:
         network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
         if truncated is None:
             lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
@@ -41,7 +43,9 @@ def restore(
         glare = 1 - (1 - glare) * (1 - truncated.to(glare))
         return apply_network(network, image, glare=glare), checkpoint.name
     psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-    return wiener(without_glare(image, glare), psf, camera.read_noise), "Wiener"
+    return wiener(
+        without_glare(image, glare), psf, camera.read_noise
+    ), f"Wiener, as {why}" if why else "Wiener"
 
 
 def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:

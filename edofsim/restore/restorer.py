@@ -57,6 +57,11 @@ class Restorer(nn.Module):
         noise relative to full scale, where `any_camera`."""
         raise NotImplementedError
 
+    def refusal(self) -> str | None:
+        """Why it had better not restore photos of the camera that it was told, the end of a sentence; None
+        where it may."""
+        return None
+
     @classmethod
     def grown(cls, network: Restorer) -> Restorer:
         """One with the weights of a network of another kind. Raises InputError where that cannot be."""

@@ -19,7 +19,8 @@ from edofsim.restore import choice
 from edofsim.restore.camera_bank import BETWEEN, BLIND, CameraBank
 from edofsim.restore.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from edofsim.restore.choice import choose_network, said_of, usual_network
-from edofsim.restore.conditioning import conditioned_on
+from edofsim.restore.conditioning import conditioned_on, refusal
+from edofsim.restore.depths import FINEST_PX, closer_about_focus
 from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
@@ -144,11 +145,51 @@ def test_it_is_told_each_camera_once_and_keeps_them_apart(checkpoint: Checkpoint
 def test_what_it_is_told_are_the_cameras_psfs_between_the_depths(checkpoint: Checkpoint) -> None:
     camera = _camera(mask={"kind": "cubic", "alpha_rad": 5.0})
     network = conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS)
-    depths = network.psf_depths((0.8, 1.2))
+    depths = closer_about_focus(camera, network.psf_depths((0.8, 1.2)))
     assert 0.8 < float(depths.min()) < 0.85 and 1.15 < float(depths.max()) < 1.2
     psf = psf_bank(camera, PAPER_COLOURS, depths).values
     expected = checkpoint.network.condition(psf, camera.read_noise)
     torch.testing.assert_close(network.filters, expected.filters, atol=1e-4, rtol=0)
+
+
+def test_depths_are_closer_about_the_focus_of_a_lens_with_a_large_blur() -> None:
+    """By geometry: a disc as wide as the aperture's light is on a sensor that is not in focus."""
+    wide = _camera(
+        lens={"kind": "ideal", "focal_length_mm": 50, "f_number": 2},
+        sensor={"pixel_um": 3.45, "response": "lines"},
+        focus={"distance_m": 2.0},
+    )
+    even = torch.linspace(0.0, 1.0, 97, dtype=torch.float64)
+    depths = closer_about_focus(wide, even)
+    per_dioptre = 25e-3 * wide.sensor_distance / wide.pixel
+    steps = depths.diff() * per_dioptre
+    assert (steps > 0).all()
+    assert float(depths[0]) == pytest.approx(0, abs=1e-9) and float(depths[-1]) == pytest.approx(1, abs=1e-9)
+    assert float(steps.min()) == pytest.approx(FINEST_PX, rel=0.05)
+    assert abs(float(depths[steps.argmin()]) - 0.5) < 0.02
+    assert float(even.diff()[0]) * per_dioptre > 3
+    small = _camera(lens={"kind": "ideal", "focal_length_mm": 5, "f_number": 4})
+    assert torch.equal(closer_about_focus(small, even), even)
+
+
+def test_where_filters_are_expected_to_fail_wiener_deconvolution_restores_and_says_why(
+    checkpoint: Checkpoint,
+) -> None:
+    """The same lens, and a sensor whose noise leaves next to nothing."""
+    photo = torch.rand(3, 64, 64)
+    good = _camera()
+    bad = _camera(sensor={"pixel_um": 4.0, "response": "lines", "read_noise": 1.0})
+    assert restore(photo, good, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)[1] == "any"
+    sharp, by = restore(photo, bad, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
+    assert by.startswith("Wiener, as filters")
+    said = said_of(checkpoint, by)
+    assert said is not None and said.startswith("Wiener deconvolution restored the photo: filters")
+    torch.testing.assert_close(sharp, restore(photo, bad, PAPER_COLOURS, DEPTHS)[0])
+
+
+def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(checkpoint: Checkpoint) -> None:
+    why = refusal(checkpoint, _camera(psf={"window_px": 600}), PAPER_COLOURS, DEPTHS)
+    assert why is not None and "600 pixels" in why and "512" in why
 
 
 def test_a_photo_of_one_distance_can_be_restored(checkpoint: Checkpoint) -> None:
