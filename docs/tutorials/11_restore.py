@@ -2,7 +2,7 @@
 Restore a photo
 ===============
 
-A network where one was trained for the mask, Wiener deconvolution for any camera.
+A network that was trained for the mask, one for any camera, and Wiener deconvolution.
 """
 
 import math
@@ -47,10 +47,10 @@ for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
     edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax)
 
 # %%
-# Any camera, with any mask, can be restored by Wiener deconvolution. A network for a camera of your own is
-# trained by ``edofsim train``.
+# For cameras that no network was trained for there is ``any-bank``, which knows a camera by its PSFs. A
+# network for a camera of your own is trained by ``edofsim train``.
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")
-sharp = edofsim.restored(of_own, own, network="wiener", depths=far)
-axes = edofsim.show(sharp, "the cubic mask, Wiener")
+sharp = edofsim.restored(of_own, own, depths=far)
+axes = edofsim.show(sharp, "the cubic mask, any-bank")

@@ -111,18 +111,18 @@ def test_an_untrained_network_returns_its_photo(kind: str) -> None:
     photo = torch.rand(3, 32, 32, generator=torch.Generator().manual_seed(2))
     with torch.no_grad():
         restored = build_network(kind).eval()(photo[None])[0]
-    most = {"dcnn": 0.15, "local-unet": 1e-6, "filter-bank": 1e-6, "wiener": 0.05}
+    most = {"dcnn": 0.15, "local-unet": 1e-6, "filter-bank": 1e-6, "camera-bank": 1e-6, "wiener": 0.05}
     assert (restored - photo).abs().mean() < most[kind]
 
 
-@pytest.mark.parametrize("kind", ["dcnn", "local-unet", "filter-bank"])
+@pytest.mark.parametrize("kind", ["dcnn", "local-unet", "filter-bank", "camera-bank"])
 def test_a_pixel_sees_no_further_than_the_radius(kind: str) -> None:
     """The gradient of one output pixel is zero outside the radius, and not zero near it (D-CNN: at it)."""
     network = _random_network(kind)
     with torch.no_grad():  # a smaller residual keeps the sum away from the clamp
         (network.residual[-1] if kind == "dcnn" else network.trunk.last).weight.mul_(0.05)
     # filters that are told apart, so that the choice among them matters
-    if kind == "filter-bank":
+    if kind.endswith("-bank"):
         network.filters.mul_(torch.linspace(0.9, 1.1, len(network.filters))[:, None, None, None])
     size = 2 * network.radius + 2 * network.multiple + 9
     photo = torch.full((1, 3, size, size), 0.5, requires_grad=True)
@@ -130,7 +130,7 @@ def test_a_pixel_sees_no_further_than_the_radius(kind: str) -> None:
     network(photo)[0, 1, centre, centre].backward()
     gradient = photo.grad[0].abs().sum(0)
     # Fourier transforms leave rounding everywhere
-    least = 1e-5 * gradient.max() if kind == "filter-bank" else 0.0
+    least = 1e-5 * gradient.max() if kind.endswith("-bank") else 0.0
     seen = (gradient > least).nonzero() - centre
     assert seen.abs().max() <= network.radius
     if kind == "dcnn":
