@@ -169,9 +169,8 @@ def _planes(
     network = None if refusal(*about) else conditioned_on(*about)
 
     def restored(photo: Tensor, glare: Tensor) -> Tensor:
-        return (
-            filtered(photo, stack, glare) if network is None else apply_network(network, photo, glare=glare)
-        )
+        linear = filtered(photo, stack, glare)
+        return linear if network is None else with_share(apply_network(network, photo, glare=glare), linear)
 
     contestants = [
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),

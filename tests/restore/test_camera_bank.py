@@ -24,7 +24,7 @@ from edofsim.restore.depths import FINEST_PX, closer_about_focus
 from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
-from edofsim.restore.restore import restore
+from edofsim.restore.restore import WIENER_SHARE, restore
 
 SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
 DEPTHS = torch.tensor([0.8, 1.2], dtype=torch.float64)
@@ -185,6 +185,18 @@ def test_where_filters_are_expected_to_fail_wiener_deconvolution_restores_and_sa
     said = said_of(checkpoint, by)
     assert said is not None and said.startswith("Wiener deconvolution restored the photo: filters")
     torch.testing.assert_close(sharp, restore(photo, bad, PAPER_COLOURS, DEPTHS)[0])
+
+
+def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Checkpoint) -> None:
+    photo = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(4))
+    camera = _camera()
+    network = conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS)
+    linear = restore(photo, camera, PAPER_COLOURS, DEPTHS)[0].clamp(0, 1)
+    truncated = 1 - psf_bank(camera, PAPER_COLOURS, DEPTHS.mean()[None]).values[0].sum((-1, -2))
+    own = apply_network(network, photo, glare=truncated)
+    expected = (1 - WIENER_SHARE) * own + WIENER_SHARE * linear
+    sharp, _ = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
+    torch.testing.assert_close(sharp, expected, atol=1e-5, rtol=0)
 
 
 def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(checkpoint: Checkpoint) -> None:
