@@ -36,6 +36,7 @@ from ..restore.checkpoint import (
 )
 from ..restore.conditioning import conditioned_on, refusal
 from ..restore.network import apply_network
+from ..restore.restore import with_share
 from ..restore.scores import psnr, within_scale
 from .experiment import Findings
 from .kept import Kept, key_of
