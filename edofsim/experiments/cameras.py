@@ -34,7 +34,7 @@ from ..restore.checkpoint import (
     find_checkpoint,
     load_checkpoint,
 )
-from ..restore.conditioning import conditioned_on, refusal
+from ..restore.conditioning import conditioned_on
 from ..restore.network import apply_network
 from ..restore.restore import with_share
 from ..restore.scores import psnr, within_scale
@@ -167,11 +167,11 @@ def _planes(
     stack = psf_bank(camera, PAPER_COLOURS, between).values
     known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
     about = checkpoint, replace(camera, read_noise=READ_NOISE), PAPER_COLOURS, between
-    network = None if refusal(*about) else conditioned_on(*about)
+    network = conditioned_on(*about)
 
     def restored(photo: Tensor, glare: Tensor) -> Tensor:
         linear = filtered(photo, stack, glare)
-        return linear if network is None else with_share(apply_network(network, photo, glare=glare), linear)
+        return with_share(network, apply_network(network, photo, glare=glare), linear)
 
     contestants = [
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),

@@ -28,9 +28,11 @@ LEAST_NOISE = 5e-4  # a filter that takes a sensor for less makes patterns of ro
 MIDDLE_PSNR, PSNR_SCALE = 27.0, 10.0  # in dB: expected errors come to the network as numbers around 0
 MIDDLE_NOISE = -2.3  # its logarithm to base 10
 EXPECTED_PX = 48  # expected errors are of the middles of PSFs: what is farther out is lost
-LEAST_PSNR = 23.0
-"""In dB: cameras for validation whose own filters are expected to reach less were restored worse than by
-Wiener deconvolution (two of 21 and 22 dB), all others better (ten of 24 to 32 dB)."""
+SHARES = (0.15, 0.5)
+"""Of Wiener deconvolution in what is restored, where filters that know each distance are expected to reach
+`LITTLE_PSNR` or more, in dB, and where less. The errors of both differ: on pictures and cameras for
+validation their mean is better than either, and seldom worse than Wiener deconvolution."""
+LITTLE_PSNR = 23.0
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
@@ -140,14 +142,9 @@ class CameraBank(FilterBank):
         self._matrix, self._constant = known.matrix.to(where), known.constant.to(where)
         self.noise = known.noise
 
-    def refusal(self) -> str | None:
-        least = float(self.expected[:-1].mean()) * PSNR_SCALE + MIDDLE_PSNR
-        if least >= LEAST_PSNR:
-            return None
-        return (
-            f"filters that know each distance are expected to reach {least:.1f} dB with this camera, and "
-            f"below {LEAST_PSNR:g} dB the network for any camera does no better"
-        )
+    def linear_share(self) -> float:
+        reached = float(self.expected[:-1].mean()) * PSNR_SCALE + MIDDLE_PSNR
+        return SHARES[reached < LITTLE_PSNR]
 
     def _restored(self, photo: Tensor) -> Tensor:
         photo = self._within(photo)

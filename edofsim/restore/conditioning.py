@@ -65,17 +65,13 @@ def conditioned_on(
     return known[key]
 
 
-def refusal(
-    checkpoint: Checkpoint, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor
-) -> str | None:
-    """Why a checkpoint for any camera had better not restore photos of this one, the end of a sentence; None
-    where it may, and for other checkpoints. Raises as `conditioned_on`."""
-    if not checkpoint.network.any_camera:
-        return None
+def refusal(checkpoint: Checkpoint, camera: Camera) -> str | None:
+    """Why a checkpoint for any camera cannot restore photos of this one, the end of a sentence; None where it
+    can, and for other checkpoints."""
     window = camera.recipe.psf.window_px
-    if window > WIDEST_PX:
-        return f"the window of the camera's PSFs has {window} pixels, and {checkpoint.name} takes {WIDEST_PX}"
-    return conditioned_on(checkpoint, camera, wavelengths, inverse_depths).refusal()
+    if not checkpoint.network.any_camera or window <= WIDEST_PX:
+        return None
+    return f"the window of the camera's PSFs has {window} pixels, and {checkpoint.name} takes {WIDEST_PX}"
 
 
 def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Restorer:

@@ -10,11 +10,8 @@ from .checkpoint import Checkpoint
 from .conditioning import conditioned_on, refusal
 from .light import without_glare
 from .network import apply_network
+from .restorer import Restorer
 from .wiener import wiener
-
-WIENER_SHARE = 0.15
-"""Of what is restored by a network for any camera. The errors of both differ: on validation pictures and
-cameras their mean is better than either, and seldom worse than Wiener deconvolution."""
 
 
 def restore(
@@ -32,13 +29,13 @@ def restore(
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
     equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`; where a network for
-    any camera had better not restore, Wiener deconvolution does, and the words say why. glare: [channel], the
+    any camera cannot restore, Wiener deconvolution does, and the words say why. glare: [channel], the
     part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
     that was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
     known (`Photo.truncated`), None for that of the camera's PSFs at the mean depth.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
-    why = None if checkpoint is None else refusal(checkpoint, camera, wavelengths, inverse_depths)
+    why = None if checkpoint is None else refusal(checkpoint, camera)
     linear = None
     if checkpoint is None or checkpoint.network.any_camera:
         psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
@@ -50,15 +47,15 @@ def restore(
             truncated = 1 - lens.sum((-1, -2))[0]
         glare = 1 - (1 - glare) * (1 - truncated.to(glare))
         sharp = apply_network(network, image, glare=glare)
-        return sharp if linear is None else with_share(sharp, linear), checkpoint.name
+        return sharp if linear is None else with_share(network, sharp, linear), checkpoint.name
     assert linear is not None
     return linear, f"Wiener, as {why}" if why else "Wiener"
 
 
-def with_share(sharp: Tensor, linear: Tensor) -> Tensor:
-    """What a network for any camera makes of a photo, with a share of Wiener deconvolution, see
-    `WIENER_SHARE`; both [channel, y, x], within [0, 1]."""
-    return sharp.lerp(linear.clamp(0, 1), WIENER_SHARE)
+def with_share(network: Restorer, sharp: Tensor, linear: Tensor) -> Tensor:
+    """What a network for any camera makes of a photo, with its share of Wiener deconvolution; both [channel,
+    y, x], within [0, 1]."""
+    return sharp.lerp(linear.clamp(0, 1), network.linear_share())
 
 
 def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:

@@ -57,10 +57,10 @@ class Restorer(nn.Module):
         noise relative to full scale, where `any_camera`."""
         raise NotImplementedError
 
-    def refusal(self) -> str | None:
-        """Why it had better not restore photos of the camera that it was told, the end of a sentence; None
-        where it may."""
-        return None
+    def linear_share(self) -> float:
+        """How much of what restores a photo is Wiener deconvolution's, for the camera that it was told, where
+        `any_camera`."""
+        return 0.0
 
     @classmethod
     def grown(cls, network: Restorer) -> Restorer:

@@ -16,7 +16,7 @@ from edofsim.recipe import load_camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import Loaded
 from edofsim.restore import choice
-from edofsim.restore.camera_bank import BETWEEN, BLIND, CameraBank
+from edofsim.restore.camera_bank import BETWEEN, BLIND, SHARES, CameraBank
 from edofsim.restore.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from edofsim.restore.choice import choose_network, said_of, usual_network
 from edofsim.restore.conditioning import conditioned_on, refusal
@@ -24,7 +24,7 @@ from edofsim.restore.depths import FINEST_PX, closer_about_focus
 from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
-from edofsim.restore.restore import WIENER_SHARE, restore
+from edofsim.restore.restore import restore
 
 SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
 DEPTHS = torch.tensor([0.8, 1.2], dtype=torch.float64)
@@ -172,19 +172,16 @@ def test_depths_are_closer_about_the_focus_of_a_lens_with_a_large_blur() -> None
     assert torch.equal(closer_about_focus(small, even), even)
 
 
-def test_where_filters_are_expected_to_fail_wiener_deconvolution_restores_and_says_why(
+def test_there_is_more_of_wiener_deconvolution_where_filters_are_expected_to_reach_little(
     checkpoint: Checkpoint,
 ) -> None:
     """The same lens, and a sensor whose noise leaves next to nothing."""
-    photo = torch.rand(3, 64, 64)
-    good = _camera()
-    bad = _camera(sensor={"pixel_um": 4.0, "response": "lines", "read_noise": 1.0})
-    assert restore(photo, good, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)[1] == "any"
-    sharp, by = restore(photo, bad, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
-    assert by.startswith("Wiener, as filters")
-    said = said_of(checkpoint, by)
-    assert said is not None and said.startswith("Wiener deconvolution restored the photo: filters")
-    torch.testing.assert_close(sharp, restore(photo, bad, PAPER_COLOURS, DEPTHS)[0])
+    noisy = _camera(sensor={"pixel_um": 4.0, "response": "lines", "read_noise": 0.3})
+    shares = [
+        conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS).linear_share()
+        for camera in (_camera(), noisy)
+    ]
+    assert shares == list(SHARES)
 
 
 def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Checkpoint) -> None:
@@ -194,14 +191,20 @@ def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Chec
     linear = restore(photo, camera, PAPER_COLOURS, DEPTHS)[0].clamp(0, 1)
     truncated = 1 - psf_bank(camera, PAPER_COLOURS, DEPTHS.mean()[None]).values[0].sum((-1, -2))
     own = apply_network(network, photo, glare=truncated)
-    expected = (1 - WIENER_SHARE) * own + WIENER_SHARE * linear
+    expected = (1 - SHARES[0]) * own + SHARES[0] * linear
     sharp, _ = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
     torch.testing.assert_close(sharp, expected, atol=1e-5, rtol=0)
 
 
 def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(checkpoint: Checkpoint) -> None:
-    why = refusal(checkpoint, _camera(psf={"window_px": 600}), PAPER_COLOURS, DEPTHS)
+    wide = _camera(psf={"window_px": 600})
+    why = refusal(checkpoint, wide)
     assert why is not None and "600 pixels" in why and "512" in why
+    assert refusal(checkpoint, _camera()) is None and refusal(load_checkpoint("paper-dcnn"), wide) is None
+    sharp, by = restore(torch.rand(3, 64, 64), wide, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
+    assert by.startswith("Wiener, as the window") and bool(torch.isfinite(sharp).all())
+    said = said_of(checkpoint, by)
+    assert said is not None and said.startswith("Wiener deconvolution restored the photo: the window")
 
 
 def test_a_photo_of_one_distance_can_be_restored(checkpoint: Checkpoint) -> None:
@@ -216,6 +219,8 @@ def test_a_checkpoint_for_any_camera_is_refused_for_none_and_changes_no_mask(che
     found, camera = choose_network(checkpoint.path, own)
     assert found is not None and found.network.any_camera
     assert camera.recipe == own.recipe
+    rings = load_camera("paper-rings")
+    assert choose_network(checkpoint.path, rings)[1].mask == rings.recipe.mask
 
 
 def test_it_restores_for_cameras_without_a_network_of_their_own(
