@@ -32,7 +32,7 @@ SHARES = (0.15, 0.5)
 """Of Wiener deconvolution in what is restored, where filters that know each distance are expected to reach
 `LITTLE_PSNR` or more, in dB, and where less. The errors of both differ: on pictures and cameras for
 validation their mean is better than either, and seldom worse than Wiener deconvolution."""
-LITTLE_PSNR = 23.0
+LITTLE_PSNR = 24.0
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
