@@ -18,7 +18,8 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
 
     Each fragment is shared by the new pixels that its old pixel overlaps, by area; light and coverage are
     kept per solid angle, so a constant stays constant. What comes together in a pixel is one fragment where
-    its inverse depths leave no `gap` (in 1/m). The frame and its margin keep their extent, to within
+    its inverse depths leave no `gap` (in 1/m); hidden ones that lie behind one another there cover it once, with
+    the mean of their light. The frame and its margin keep their extent, to within
     a pixel. Pixels at the border that are covered in part only belong to the margin or are left out.
     """
     ratio = view.pixel_angle / pixel_angle  # new pixels in an old one
@@ -51,6 +52,7 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
         return empty.index_add(-1, surface, values)
 
     coverage = together(view.coverage[fragment] * part)
+    times = coverage.clamp_min(1)
     mean_depth = together(depth * part) / together(part)
     pixel, hidden = pixel[first], hidden[first]
     order = _sorted(pixel, -mean_depth)
@@ -60,9 +62,9 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
         width=width,
         margin=margin,
         pixel=pixel[order],
-        coverage=coverage[order],
+        coverage=(coverage / times)[order],
         inverse_depth=mean_depth[order],
-        radiance=together(view.radiance[:, fragment] * part)[:, order],
+        radiance=(together(view.radiance[:, fragment] * part) / times)[:, order],
         hidden=hidden[order],
         pixel_angle=pixel_angle,
     )

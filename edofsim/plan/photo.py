@@ -28,7 +28,7 @@ from .work import shape_of
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
 OCCLUSION_DB = 1.5
-"""And by this where occlusion is simulated: bands and layers are estimated without it, and err in it too."""
+"""And by this where occlusion is simulated: it is seen in few large pixels, and what passes it in slabs."""
 
 SCORE_DB = 60.0
 """Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; the shift of the PSNR

@@ -190,13 +190,18 @@ def test_a_plan_beside_an_accuracy_is_refused(picture):
         edofsim.photograph(view, edofsim.camera(**PAPER), edofsim.Fidelity(), accuracy="45dB")
 
 
-def test_a_camera_with_a_mask_of_its_own_is_restored_by_wiener_not_by_another_masks_network():
+def test_a_camera_with_a_mask_of_its_own_is_restored_by_the_network_for_any_not_by_another_masks():
     photo = torch.rand(3, 32, 32, generator=torch.Generator().manual_seed(0))
     named = edofsim.camera("paper-learned", window=32)
     own = named.with_height(torch.zeros(239, 239))
     bands = [482e-9, 543e-9, 611e-9]
-    wiener = edofsim.restored(photo, own, network="wiener", wavelengths=bands)
-    assert torch.equal(edofsim.restored(photo, own, wavelengths=bands), wiener)
+    any_camera, wiener, anothers = (
+        edofsim.restored(photo, own, network=network, wavelengths=bands)
+        for network in ("any-bank", "wiener", "paper-dcnn")
+    )
+    found = edofsim.restored(photo, own, wavelengths=bands)
+    assert torch.equal(found, any_camera)
+    assert not torch.equal(found, wiener) and not torch.equal(found, anothers)
     assert not torch.equal(edofsim.restored(photo, named), edofsim.restored(photo, named, network="wiener"))
     with pytest.raises(edofsim.InputError, match="nearest"):
         edofsim.restored(photo, named, depths=(2.0, 1.0))

@@ -135,6 +135,20 @@ def test_resampled_fragments_stay_sorted(bench):
     assert torch.allclose(visible, torch.ones_like(visible))
 
 
+def test_hidden_surfaces_that_come_together_cover_a_pixel_once(bench):
+    """Behind a card lie two sheets, 0.01 dioptres apart: one hidden surface with the mean of their light."""
+
+    def even(value: float) -> torch.Tensor:
+        return torch.full((16, 24), value, dtype=torch.float64)
+
+    sheets = [(even(1), even(depth), even(light)[None]) for depth, light in ((2, 0.9), (0.5, 0.2), (0.49, 0.6))]
+    view = resampled(bench.stacked_view(sheets, 4), 1.6e-4 / 2)
+    assert view.hidden.any() and float(view.coverage.max()) <= 1
+    inside = view.hidden & (view.coverage == 1)
+    assert inside.any()
+    torch.testing.assert_close(view.radiance[0, inside], torch.full_like(view.radiance[0, inside], 0.4))
+
+
 def test_resampling_to_pixels_of_two_gathers_what_is_one_surface(bench):
     """Four pixels of a slanted sheet, 0.5 to 0.57 dioptres, are one fragment with their mean; a card in front
     of two of them stays apart, and what is hidden stays hidden."""
