@@ -18,9 +18,9 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
 
     Each fragment is shared by the new pixels that its old pixel overlaps, by area; light and coverage are
     kept per solid angle, so a constant stays constant. What comes together in a pixel is one fragment where
-    its inverse depths leave no `gap` (in 1/m); hidden ones that lie behind one another there cover it once, with
-    the mean of their light. The frame and its margin keep their extent, to within
-    a pixel. Pixels at the border that are covered in part only belong to the margin or are left out.
+    its inverse depths leave no `gap` (in 1/m); hidden surfaces that do, one behind another, cover it once,
+    with the mean of their light. The frame and its margin keep their extent, to within a pixel. Pixels at
+    the border that are covered in part only belong to the margin or are left out.
     """
     ratio = view.pixel_angle / pixel_angle  # new pixels in an old one
     if abs(ratio - 1) < 1e-9:

@@ -141,7 +141,9 @@ def test_hidden_surfaces_that_come_together_cover_a_pixel_once(bench):
     def even(value: float) -> torch.Tensor:
         return torch.full((16, 24), value, dtype=torch.float64)
 
-    sheets = [(even(1), even(depth), even(light)[None]) for depth, light in ((2, 0.9), (0.5, 0.2), (0.49, 0.6))]
+    sheets = [
+        (even(1), even(depth), even(light)[None]) for depth, light in ((2, 0.9), (0.5, 0.2), (0.49, 0.6))
+    ]
     view = resampled(bench.stacked_view(sheets, 4), 1.6e-4 / 2)
     assert view.hidden.any() and float(view.coverage.max()) <= 1
     inside = view.hidden & (view.coverage == 1)
