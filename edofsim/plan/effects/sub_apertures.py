@@ -18,14 +18,14 @@ SEEN = 0.75
 """Of what sub-apertures change, what a coarse photo through 4 x 4 shows."""
 FEWEST = 2
 LEFT_BY_FEWER = {"smooth": 0.3, "rough": 0.6}
-"""What 4 x 4 leave out, of what 2 x 2 leave out of what 4 x 4 show: a rough mask differs from one sub-aperture to
-the next."""
+"""What 4 x 4 leave out, of what 2 x 2 leave out of what 4 x 4 show: a rough mask differs from one
+sub-aperture to the next."""
 SMOOTH = ("clear", "cubic")
 """Masks that were seen to be."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
-"""And what pixels so many times as wide leave out of the change: the first times what averages over pixels of
-another width leave out, times the ratio of the widths to the power of the second; and at least the third times
-the root of the width.
+"""And what pixels so many times as wide leave out of the change: the first times what averages over pixels
+of another width leave out, times the ratio of the widths to the power of the second; and at least the third
+times the root of the width.
 
 All from shipped scenes and from members 902 of families, whole, through three masks (`python -m
 benchmarks.sub_apertures`)."""
