@@ -32,6 +32,7 @@ class Things(StrEnum):
     networks = "networks"
     checkpoints = "checkpoints"
     trainings = "trainings"
+    effects = "effects"
 
 
 T = TypeVar("T")
@@ -133,6 +134,11 @@ def _lines(things: Things) -> dict[str, str]:
             return _kinds(kinds.NETWORKS)
         case Things.checkpoints:
             return _checkpoints()
+        case Things.effects:
+            from ..plan.effects import EFFECTS
+
+            lines = _kinds(EFFECTS)
+            return {name: line.partition(": ")[2] or line for name, line in lines.items()}
 
 
 def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) -> dict[str, str]:
@@ -146,7 +152,7 @@ def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) ->
     return found
 
 
-def _kinds(registry: Registry[type[T]]) -> dict[str, str]:
+def _kinds(registry: Registry[T]) -> dict[str, str]:
     return {name: first_sentence(registry.about(name)) for name in registry}
 
 
