@@ -1,16 +1,20 @@
 """What fewer sub-apertures, and their change in coarse pixels, leave out of what sub-apertures change.
 
-`python -m benchmarks.sub_apertures [SCENE...]` photographs the middles of shipped scenes through three masks
-and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over
-that of the whole change: what a coarse photo shows of it (`seen`); what fewer sub-apertures leave out
-(`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these (`foretold, 2`).
+`python -m benchmarks.sub_apertures [SCENE...] [--json FILE]` photographs the middles of shipped scenes
+through three masks and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as
+root mean squares over that of the whole change: what a coarse photo shows of it (`seen`); what fewer
+sub-apertures leave out (`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these
+(`foretold, 2`).
 """
 
 from __future__ import annotations
 
+import argparse
+import shlex
 import statistics
 import sys
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import torch
 
@@ -21,6 +25,7 @@ from edofsim.plan.effect import Level, overall
 from edofsim.plan.effects.sub_apertures import FEWER, differences
 from edofsim.plan.facts import facts_of, photographed, rms
 from edofsim.recipe import load_scene
+from edofsim.record import record, write_record
 from edofsim.render import View, render
 
 SCENES = ("clutter", "foliage", "stilllife", "hallway", "bench", "desk", "night", "charts")
@@ -78,7 +83,19 @@ def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
 
 
 if __name__ == "__main__":
-    each = list(measured(sys.argv[1:] or SCENES).values())
-    for name in each[0]:
-        values = [left[name] for left in each]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sub_apertures")
+    parser.add_argument("scenes", nargs="*", default=SCENES)
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    by_case = measured(asked.scenes)
+    for name in next(iter(by_case.values())):
+        values = [left[name] for left in by_case.values()]
         print(f"{name}: {min(values):.2f} to {max(values):.2f}, median {statistics.median(values):.2f}")
+    if asked.json:
+        flat = {
+            f"{name}.{case}".replace(", ", "."): value
+            for case, left in by_case.items()
+            for name, value in left.items()
+        }
+        typed = shlex.join(["python", "-m", "benchmarks.sub_apertures", *sys.argv[1:]])
+        write_record(asked.json, record("sub_apertures", figures=flat, typed=typed))
