@@ -281,7 +281,7 @@ def shared_intensity(
 
 
 def _room_for_densities(components: Tensor) -> Tensor:
-    """For what `_summed` sums, [2 (pair of quadrants), 2 (total, mixed), y, depth, x]; components: of waves."""
+    """For what `_summed` sums, [2 (pair of quadrants), 2 (total, mixed), y, depth, x]."""
     return components.new_empty(2, 2, *components.shape[2:])
 
 
