@@ -35,6 +35,11 @@ validation their mean is better than either, and seldom worse than Wiener deconv
 LITTLE_PSNR = 24.0
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
+WITHIN = 0.99
+"""Of a dim photo's values, so many are within full scale when it is brightened, to be restored as that of a
+sensor with as much more noise: filters for its own noise take it for one of usual contrast."""
+MOST_BRIGHTENED = 64
+SAMPLE = 1_000_000  # values of a photo that tell
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
 
@@ -78,6 +83,8 @@ class CameraBank(FilterBank):
             self.register_buffer(name, value, persistent=False)
         self.register_buffer("expected", torch.zeros(groups + 1), persistent=False)
         self.noise = NOISE
+        self._psf: Tensor | None = None
+        self._brightened: dict[int, CameraBank] = {}
         point = torch.zeros(3, 3, support, support)
         point[range(3), range(3), support // 2, support // 2] = 1
         self.filters = torch.cat([self.filters, *[point] * len(BLIND)])
@@ -111,6 +118,20 @@ class CameraBank(FilterBank):
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         self.use(self.condition(psf, noise))
+        self._psf = psf.to(torch.float16)
+        self._brightened.clear()
+
+    def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
+        factor = brightening(photo)
+        if factor == 1 or self._psf is None:
+            return self, 1.0
+        if factor not in self._brightened:
+            other = CameraBank(**self.settings())  # pyrefly: ignore[bad-argument-type] - its own
+            other.load_state_dict(self.state_dict())
+            other = other.eval().to(self.belief)
+            other.use(self.condition(self._psf.to(torch.float64), factor * self.noise))
+            self._brightened[factor] = other
+        return self._brightened[factor], float(factor)
 
     @torch.no_grad()
     def condition(self, psf: Tensor, noise: float) -> Conditioning:
@@ -165,6 +186,17 @@ class CameraBank(FilterBank):
         return torch.cat(
             [likely[:, None], constants[:, None, None].expand(len(weights), 2, *likely.shape[1:])], 1
         )
+
+
+def brightening(photo: Tensor) -> int:
+    """The largest power of 2 that leaves the share `WITHIN` of a photo's values at full scale or below."""
+    values = photo.flatten()
+    values = values[:: 1 + values.numel() // SAMPLE]
+    bright = float(values.kthvalue(max(1, int(WITHIN * values.numel()))).values)
+    factor = 1
+    while 2 * factor * bright <= 1 and factor < MOST_BRIGHTENED:
+        factor *= 2
+    return factor
 
 
 def _middle(size: int) -> slice:
