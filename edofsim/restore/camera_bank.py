@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from ..errors import InputError
 from .blur_likelihood import BLOCK, block_transfer, explain
@@ -35,11 +36,10 @@ validation their mean is better than either, and seldom worse than Wiener deconv
 LITTLE_PSNR = 24.0
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
-WITHIN = 0.99
-"""Of a dim photo's values, so many are within full scale when it is brightened, to be restored as that of a
-sensor with as much more noise: filters for its own noise take it for one of usual contrast."""
+BRIGHTENED = 0.7
+"""Of full scale: so much the brightest place of a dim photo has at most when it is brightened, to be restored
+as the photo of a sensor with as much more noise. Filters for its own noise take its contrast for usual."""
 MOST_BRIGHTENED = 64
-SAMPLE = 1_000_000  # values of a photo that tell
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
 
@@ -189,12 +189,10 @@ class CameraBank(FilterBank):
 
 
 def brightening(photo: Tensor) -> int:
-    """The largest power of 2 that leaves the share `WITHIN` of a photo's values at full scale or below."""
-    values = photo.flatten()
-    values = values[:: 1 + values.numel() // SAMPLE]
-    bright = float(values.kthvalue(max(1, int(WITHIN * values.numel()))).values)
+    """The largest power of 2 that leaves a photo [3, y, x] at `BRIGHTENED` or below, single pixels apart."""
+    brightest = float(functional.avg_pool2d(photo[None], 3, 1, 1).max())
     factor = 1
-    while 2 * factor * bright <= 1 and factor < MOST_BRIGHTENED:
+    while 2 * factor * brightest <= BRIGHTENED and factor < MOST_BRIGHTENED:
         factor *= 2
     return factor
 
