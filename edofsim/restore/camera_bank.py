@@ -39,7 +39,7 @@ BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole ra
 BRIGHTENED = 0.7
 """Of full scale: so much the brightest place of a dim photo has at most when it is brightened, to be restored
 as the photo of a sensor with as much more noise. Filters for its own noise take its contrast for usual."""
-MOST_BRIGHTENED = 64
+LEAST_BRIGHTENED, MOST_BRIGHTENED = 4, 64
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
 
@@ -189,12 +189,13 @@ class CameraBank(FilterBank):
 
 
 def brightening(photo: Tensor) -> int:
-    """The largest power of 2 that leaves a photo [3, y, x] at `BRIGHTENED` or below, single pixels apart."""
+    """The largest power of 2 that leaves a photo [3, y, x] at `BRIGHTENED` or below, single pixels apart; 1
+    where it is less than `LEAST_BRIGHTENED`."""
     brightest = float(functional.avg_pool2d(photo[None], 3, 1, 1).max())
     factor = 1
     while 2 * factor * brightest <= BRIGHTENED and factor < MOST_BRIGHTENED:
         factor *= 2
-    return factor
+    return factor if factor >= LEAST_BRIGHTENED else 1
 
 
 def _middle(size: int) -> slice:

@@ -114,6 +114,7 @@ def test_a_dim_photo_is_restored_as_one_of_more_noise() -> None:
     assert network.brightened_for(photo / 8) == (network, 1)  # told no camera
     network.set_camera(psf, 0.002)
     assert network.brightened_for(photo) == (network, 1)
+    assert network.brightened_for(photo / 3) == (network, 1)
     louder, factor = network.brightened_for(photo / 6)
     hot = photo / 9
     hot[0, 5, 5] = 0.7
