@@ -1,16 +1,20 @@
 """What fewer sub-apertures, and their change in coarse pixels, leave out of what sub-apertures change.
 
-`python -m benchmarks.sub_apertures [SCENE...]` photographs the middles of shipped scenes through three masks
-and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over
-that of the whole change: what a coarse photo shows of it (`seen`); what fewer sub-apertures leave out
-(`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these (`foretold, 2`).
+`python -m benchmarks.sub_apertures [SCENE...] [--json FILE]` photographs the middles of shipped scenes
+(`--whole`: all of them, which takes long) through three masks and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as
+root mean squares over that of the whole change: what a coarse photo shows of it (`seen`); what fewer
+sub-apertures leave out (`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these
+(`foretold, fewer`, `foretold, 2`).
 """
 
 from __future__ import annotations
 
+import argparse
+import shlex
 import statistics
 import sys
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import torch
 
@@ -21,6 +25,7 @@ from edofsim.plan.effect import Level, overall
 from edofsim.plan.effects.sub_apertures import FEWER, differences
 from edofsim.plan.facts import facts_of, photographed, rms
 from edofsim.recipe import load_scene
+from edofsim.record import record, write_record
 from edofsim.render import View, render
 
 SCENES = ("clutter", "foliage", "stilllife", "hallway", "bench", "desk", "night", "charts")
@@ -43,10 +48,12 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
     change = _size(_per_pixel(best - photo(1, 1)))
     (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=FEWER)
     finest = {"sub_apertures": full}
-    asked = [{"sub_apertures": 1}, *(finest | {"sub_aperture_pixel": side} for side in SIDES)]
-    whole, *foretold = map(_size, differences(facts, [Level("", change) for change in asked]))
+    asked = [{"sub_apertures": n, "sub_aperture_pixel": 1} for n in (1, FEWER)]
+    asked += [finest | {"sub_aperture_pixel": side} for side in SIDES]
+    whole, fewer, *foretold = map(_size, differences(facts, [Level("", change) for change in asked]))
     found = {"seen": _size(seen) / change}
     found["fewer"] = _size(_per_pixel(photo(FEWER, 1) - best)) / change
+    found["foretold, fewer"] = fewer / whole
     for side, said in zip(SIDES, foretold, strict=True):
         found[f"coarse, {side}"] = _size(_per_pixel(photo(full, side) - best)) / change
         found[f"foretold, {side}"] = said / whole
@@ -63,12 +70,12 @@ def _per_pixel(change: torch.Tensor) -> torch.Tensor:
     return change.flatten(1) / change[0].numel() ** 0.5
 
 
-def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
-    """Shares by scene and mask."""
+def measured(scenes: Iterable[str], whole: bool = False) -> dict[str, dict[str, float]]:
+    """Shares by scene and mask; whole: of the scenes themselves."""
     found = {}
     for scene in scenes:
         loaded = load_scene(scene)
-        view = render(small_version(loaded.recipe), loaded.base)
+        view = render(loaded.recipe if whole else small_version(loaded.recipe), loaded.base)
         for mask in MASKS:
             left = shares(view, camera_of(mask))
             if left:
@@ -78,7 +85,20 @@ def measured(scenes: Iterable[str]) -> dict[str, dict[str, float]]:
 
 
 if __name__ == "__main__":
-    each = list(measured(sys.argv[1:] or SCENES).values())
-    for name in each[0]:
-        values = [left[name] for left in each]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sub_apertures")
+    parser.add_argument("scenes", nargs="*", default=SCENES)
+    parser.add_argument("--whole", action="store_true")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    by_case = measured(asked.scenes, asked.whole)
+    for name in next(iter(by_case.values())):
+        values = [left[name] for left in by_case.values()]
         print(f"{name}: {min(values):.2f} to {max(values):.2f}, median {statistics.median(values):.2f}")
+    if asked.json:
+        flat = {
+            f"{name}.{case}".replace(", ", "."): value
+            for case, left in by_case.items()
+            for name, value in left.items()
+        }
+        typed = shlex.join(["python", "-m", "benchmarks.sub_apertures", *sys.argv[1:]])
+        write_record(asked.json, record("sub_apertures", figures=flat, typed=typed))

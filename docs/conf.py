@@ -17,6 +17,7 @@ from sphinx.writers.html5 import HTML5Translator
 import edofsim
 
 os.environ.setdefault("MPLBACKEND", "agg")
+os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "error")
 warnings.filterwarnings("ignore", message=".*non-interactive.*")
 
 project = "edofsim"

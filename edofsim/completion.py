@@ -1,9 +1,9 @@
-"""What the shell completes where a name or a file is asked for. Nothing is imported or read for it: names are
-those of files that ship, and files lie in the folder that was begun to be typed."""
+"""What the shell completes where a name or a file is asked for. Names are those of files that ship, and files
+lie in the folder that was begun to be typed: nothing is imported for it, but for effects."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from .core.shipped import shipped, shipped_folder
@@ -35,6 +35,22 @@ def systems(incomplete: str) -> list[str]:
     """Shipped checkpoints and cameras, and checkpoints in a folder."""
     known = [*_checkpoints(), *shipped(shipped_folder("scenes") / "cameras")]
     return _fitting(incomplete, known, CHECKPOINT)
+
+
+def effects(incomplete: str) -> list[str]:
+    """Effects of a plan, with hyphens: a shell would take a name with spaces for several words."""
+    from .plan.effects import EFFECTS
+
+    return one_of(*(name.replace(" ", "-") for name in EFFECTS))(incomplete)
+
+
+def one_of(*names: str) -> Callable[[str], list[str]]:
+    """Completes these names."""
+
+    def fitting(incomplete: str) -> list[str]:
+        return [name for name in names if name.startswith(incomplete)]
+
+    return fitting
 
 
 def _checkpoints() -> list[str]:

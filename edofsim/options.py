@@ -101,7 +101,11 @@ LayersOption = Annotated[
 ]
 MethodOption = Annotated[
     str | None,
-    typer.Option("--method", help="brute, layered or constant; default: layered."),
+    typer.Option(
+        "--method",
+        help="brute, layered or constant; default: layered.",
+        autocompletion=completion.one_of("brute", "layered", "constant"),
+    ),
 ]
 AccuracyOption = Annotated[
     str | None,
@@ -110,6 +114,7 @@ AccuracyOption = Annotated[
         metavar="45dB|score:0.1dB|noise|full",
         help="What all left-out effects may err by together, or may shift the PSNR of the restored image by; "
         "default noise: half of the sensor's.",
+        autocompletion=completion.one_of("noise", "full", "45dB", "score:0.1dB"),
     ),
 ]
 TimeOption = Annotated[
@@ -117,15 +122,29 @@ TimeOption = Annotated[
 ]
 WithOption = Annotated[
     list[str] | None,
-    typer.Option("--with", metavar="EFFECT", help="Simulate an effect in full, whatever the plan says."),
+    typer.Option(
+        "--with",
+        metavar="EFFECT",
+        help="Simulate an effect in full, whatever the plan says; `edofsim list effects` names them.",
+        autocompletion=completion.effects,
+    ),
 ]
 WithoutOption = Annotated[
     list[str] | None,
-    typer.Option("--without", metavar="EFFECT", help="Leave an effect out, whatever the plan says."),
+    typer.Option(
+        "--without",
+        metavar="EFFECT",
+        help="Leave an effect out, whatever the plan says.",
+        autocompletion=completion.effects,
+    ),
 ]
 OcclusionOption = Annotated[
     str | None,
-    typer.Option("--occlusion", help="none, over, normalised or hidden; default: what the plan says."),
+    typer.Option(
+        "--occlusion",
+        help="none, over, normalised or hidden; default: what the plan says.",
+        autocompletion=completion.one_of("none", "over", "normalised", "hidden"),
+    ),
 ]
 SubAperturesOption = Annotated[
     int | None,

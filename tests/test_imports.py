@@ -28,7 +28,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "stability": {"recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"},
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"} - {"stability"}
-MAY_IMPORT["experiments"] = {*MAY_IMPORT, "options"}
+MAY_IMPORT["experiments"] = {*MAY_IMPORT, "options", "completion"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT, "pipeline", "console", "options", "completion"}
 COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}

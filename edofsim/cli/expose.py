@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .. import completion
 from ..core.progress import Progress
 from ..errors import InputError
 from ..options import (
@@ -65,7 +66,12 @@ def expose(
     ] = None,
     reference: Annotated[
         str | None,
-        typer.Option("--reference", metavar="thinlens|pupil", help="A slow, true photo of --crop beside it."),
+        typer.Option(
+            "--reference",
+            metavar="thinlens|pupil",
+            help="A slow, true photo of --crop beside it.",
+            autocompletion=completion.one_of("thinlens", "pupil"),
+        ),
     ] = None,
     crop: Annotated[
         str | None,

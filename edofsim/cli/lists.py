@@ -32,6 +32,7 @@ class Things(StrEnum):
     networks = "networks"
     checkpoints = "checkpoints"
     trainings = "trainings"
+    effects = "effects"
 
 
 T = TypeVar("T")
@@ -81,10 +82,8 @@ def new(
 def _picture(image: Path, depth: Path, folder: Path) -> dict[str, str]:
     """What a recipe of a picture with a depth map says of these files. Raises InputError for files that
     cannot be read or do not fit each other."""
-    import numpy as np
-
     from ..core.images import unit_rgb
-    from ..scene.depth_maps import read_numbers
+    from ..scene.depth_maps import read_numbers, usual_unit
 
     rows, columns = unit_rgb(read_numbers(str(image), None, Path(), "picture")).shape[:2]
     depths = read_numbers(str(depth), None, Path(), "depth map")
@@ -98,7 +97,7 @@ def _picture(image: Path, depth: Path, folder: Path) -> dict[str, str]:
         "HEIGHT": str(rows),
         "IMAGE": Path(os.path.relpath(image, folder)).as_posix(),
         "DEPTH": Path(os.path.relpath(depth, folder)).as_posix(),
-        "UNIT": "0.001" if np.issubdtype(depths.dtype, np.integer) else "1.0",
+        "UNIT": str(usual_unit(depths)),
     }
 
 
@@ -133,6 +132,11 @@ def _lines(things: Things) -> dict[str, str]:
             return _kinds(kinds.NETWORKS)
         case Things.checkpoints:
             return _checkpoints()
+        case Things.effects:
+            from ..plan.effects import EFFECTS
+
+            lines = _kinds(EFFECTS)
+            return {name: line.partition(": ")[2] or line for name, line in lines.items()}
 
 
 def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) -> dict[str, str]:
@@ -146,7 +150,7 @@ def _purposes(paths: Mapping[str, Path], load: Callable[[Path], RecipeModel]) ->
     return found
 
 
-def _kinds(registry: Registry[type[T]]) -> dict[str, str]:
+def _kinds(registry: Registry[T]) -> dict[str, str]:
     return {name: first_sentence(registry.about(name)) for name in registry}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -61,9 +62,10 @@ def render(
     the same command goes on from there. A view serves every camera, so all of a recipe is rendered unless
     --accuracy or --time asks for what a photo through the scene's own camera calls for.
 
-    Figures: views, views.rendered, seconds.{forecast,render}, seconds.SCENE, render_noise.SCENE,
-    peak_memory_mib.
+    Figures: views, views.rendered, seconds.{forecast,render} (of all views, added up), seconds.total (until
+    the last was there), seconds.SCENE, render_noise.SCENE, peak_memory_mib.
     """
+    started = clock.perf_counter()
     level = _fraction(noise, "--noise") if noise else None
     loaded = all_scenes(scenes)  # every recipe is checked before any time is spent
     how = spread_of(jobs, cluster, shard)
@@ -114,6 +116,7 @@ def render(
             "views.rendered": fresh,
             "seconds.forecast": expected.seconds,
             "seconds.render": sum(outcome.seconds for outcome in outcomes),
+            "seconds.total": clock.perf_counter() - started,
         }
         table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
         for each in outcomes:

@@ -38,7 +38,8 @@ def train(
     """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim`.
 
     Figures: psnr_db.validation, psnr_db.validation.SOURCE, psnr_db.validation_photo, validation_loss, steps,
-    seconds.training.
+    seconds.training; psnr_db.start, psnr_db.start.SOURCE: the same pictures restored by the weights that it
+    starts from.
     """
     from ..recipe.load import load_train
 

@@ -48,16 +48,19 @@ class Registry(Mapping[str, T], Generic[T]):
         return name in self._places
 
     def about(self, name: str) -> str:
-        """The docstring of a thing, read from its source without importing it; empty where it has none."""
+        """The docstring of a thing, or of its module if it is no function or class, read from the source
+        without importing it; empty where there is none."""
         module, _, attribute = self._places[name].partition(":")
         try:
             spec = find_spec(module)  # imports the packages around it alone
             tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8")) if spec and spec.origin else None
         except (ImportError, OSError, SyntaxError, ValueError):
             return ""
-        kinds = (ast.FunctionDef, ast.ClassDef)
-        found = (node for node in tree.body if isinstance(node, kinds)) if tree else ()
-        return next((ast.get_docstring(node) or "" for node in found if node.name == attribute), "")
+        if tree is None:
+            return ""
+        found = (node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)))
+        named = next((node for node in found if node.name == attribute), tree)
+        return ast.get_docstring(named) or ""
 
     def __getitem__(self, name: str) -> T:
         """The thing of that name. Raises InputError for an unknown name, or one that cannot be imported."""

@@ -26,6 +26,7 @@ import torch
 import typer
 from torch import Tensor
 
+from .. import completion
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode, write_png
 from ..core.progress import Progress, part
@@ -118,7 +119,12 @@ def run(
     ] = None,
     scenes: Annotated[
         list[str] | None,
-        typer.Option("--scene", metavar="SCENE", help="Scene to render, as one plane; repeatable."),
+        typer.Option(
+            "--scene",
+            metavar="SCENE",
+            help="Scene to render, as one plane; repeatable.",
+            autocompletion=completion.scenes,
+        ),
     ] = None,
     bands: Annotated[
         str | None, typer.Option("--bands", metavar="LOW,HIGH", help="Only a cube's bands between these, nm.")

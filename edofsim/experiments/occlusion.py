@@ -33,6 +33,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from .. import completion
 from ..capture.bands import chosen_bands
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, part
@@ -106,7 +107,12 @@ def run(
     folder: Path,
     progress: Progress,
     scenes: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="Default: desk, foliage, bench.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE...]",
+            help="Default: desk, foliage, bench.",
+            autocompletion=completion.scenes,
+        ),
     ] = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,

@@ -17,6 +17,7 @@ from typing import Annotated
 
 import typer
 
+from .. import completion
 from ..capture import capture
 from ..core.progress import Progress
 from ..errors import InputError
@@ -97,14 +98,23 @@ def run(
     progress: Progress,
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[SCENE...]", help="Shipped scenes or recipes; default all that ship."),
+        typer.Argument(
+            metavar="[SCENE...]",
+            help="Shipped scenes or recipes; default all that ship.",
+            autocompletion=completion.scenes,
+        ),
     ] = None,
     members: Annotated[
         int, typer.Option("--members", min=0, help="So many members of each scene's family in its place.")
     ] = 0,
     first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
     masks: Annotated[
-        list[str] | None, typer.Option("--mask", help=f"{', '.join(MASKS)}; repeatable; default all.")
+        list[str] | None,
+        typer.Option(
+            "--mask",
+            help=f"{', '.join(MASKS)}; repeatable; default all.",
+            autocompletion=completion.one_of(*MASKS),
+        ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
     cache: CacheOption = None,

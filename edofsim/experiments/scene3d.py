@@ -24,6 +24,7 @@ from typing import Annotated
 import typer
 from torch import Tensor
 
+from .. import completion
 from ..core.files import write_bytes
 from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
@@ -88,7 +89,11 @@ def run(
     progress: Progress,
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[SCENE...]", help="Recipes or shipped names; default all shipped."),
+        typer.Argument(
+            metavar="[SCENE...]",
+            help="Recipes or shipped names; default all shipped.",
+            autocompletion=completion.scenes,
+        ),
     ] = None,
     networks: NetworksOption = None,
     camera: CameraOption = None,

@@ -44,6 +44,15 @@ class Journal:
                 if isinstance(value, float):
                     self._board.add_scalar(name, value, entry["step"])
 
+    def before(self) -> dict[str, float]:
+        """PSNR of the validation before the first step, as psnr_db.start[.SOURCE]; nothing where a training
+        starts from no weights."""
+        with (self.folder / "log.jsonl").open(encoding="utf-8") as log:
+            first = json.loads(log.readline() or "{}")
+        known = first.items() if first.get("step") == 0 else ()
+        said = ((*name.partition("psnr_db.validation"), value) for name, value in known)
+        return {f"psnr_db.start{of}": value for _, stem, of, value in said if stem and of != "_photo"}
+
     def picture(self, step: int, rows: list[list[Tensor]], height: Tensor | None) -> Path:
         """Rows of images, each [3, y, x] in [0, 1] and of one size, side by side (8-bit values are
         intensities); beside them the height map [n, n], dark is low."""

@@ -141,6 +141,7 @@ def _train(
             share = _keep_start(setup)
             figures |= validate(setup, journal, position.step)
             save_result(setup, path, position, figures, share)
+            figures |= journal.before() if journal is not None else {}
     figures |= {"steps": float(position.step), "seconds.training": position.seconds}
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
     return Trained(path, figures, (path, state, out / "log.jsonl", *pictures), finished)

@@ -20,6 +20,7 @@ from .transform import (
     intensity,
     intensity_gradient,
     is_even,
+    pairs,
     shared_intensity,
     unfold,
     waves,
@@ -85,7 +86,7 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     for start in range(0, len(wave.chirps), at_once):
         block = wave.chirps[start : start + at_once]
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
-        whole = across(_summed(half), wave.bases.fourier)
+        whole = pairs(*across(_summed(half), wave.bases.fourier))
         for out, part in zip(energy, parts, strict=True):
             lit = _lit(along[[x for _, x in part]].sum(0))
             mine = [

@@ -22,7 +22,7 @@ from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
-from .threads import in_threads
+from .threads import in_threads, threads_allowed
 from .transform import SensorWindow, make_bases
 
 BETWEEN = 3e-5
@@ -173,7 +173,7 @@ def carries_gradients(camera: Camera) -> bool:
 
 def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:
     """Bands, and where they are fewer than the threads, parts of their depths: enough pieces to share out."""
-    parts = min(depths, math.ceil(torch.get_num_threads() / bands))
+    parts = min(depths, math.ceil(threads_allowed() / bands))
     size = math.ceil(depths / parts)
     return [(band, slice(start, start + size)) for band in range(bands) for start in range(0, depths, size)]
 

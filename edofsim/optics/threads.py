@@ -40,9 +40,7 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
     On a CPU as many at a time as PyTorch may use threads, each operation on one of them; elsewhere, and for
     pieces of a piece, one after another. An exception of one item is raised here.
     """
-    with _lock:
-        allowed = _threads if _users else torch.get_num_threads()
-    count = min(1 if _of.a_piece else allowed, len(items), MOST_THREADS)
+    count = min(1 if _of.a_piece else threads_allowed(), len(items), MOST_THREADS)
     inference = torch.is_inference_mode_enabled()
 
     def alone(item: Item) -> Result:
@@ -57,6 +55,12 @@ def in_threads(work: Callable[[Item], Result], items: Sequence[Item], device: to
         return [alone(item) for item in items]
     with one_thread_an_operation(), ThreadPoolExecutor(count) as pool:
         return list(pool.map(piece, items))
+
+
+def threads_allowed() -> int:
+    """As many as PyTorch may use, also while each operation has but one of them."""
+    with _lock:
+        return _threads if _users else torch.get_num_threads()
 
 
 @contextmanager

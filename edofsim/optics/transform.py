@@ -231,14 +231,13 @@ def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
 
 def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
     """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
-    sums = []
-    for same, cross in pairs(even, odd):
+    found = _room_for_densities(even)
+    for (total, mixed), (same, cross) in zip(found, pairs(even, odd), strict=True):
         # |same +- j cross|^2 = |same|^2 + |cross|^2 +- 2 Im(same cross*)
-        total = (same[0] * same[0]).addcmul_(same[1], same[1])
+        torch.mul(same[0], same[0], out=total).addcmul_(same[1], same[1])
         total.addcmul_(cross[0], cross[0]).addcmul_(cross[1], cross[1])
-        mixed = (same[1] * cross[0]).addcmul_(same[0], cross[1], value=-1)
-        sums.append((total, mixed, 2))
-    return _summed(sums, bases)
+        torch.mul(same[1], cross[0], out=mixed).addcmul_(same[0], cross[1], value=-1)
+    return _summed(found, bases, 2)
 
 
 def is_even(parts: Tensor) -> bool:
@@ -266,30 +265,37 @@ def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
     return image.permute(1, 0, 2)
 
 
-def shared_intensity(whole: tuple[Tensor, Tensor], part: tuple[Tensor, Tensor], bases: Bases) -> Tensor:
-    """Re(F* G) summed over each pixel, as `intensity`; whole, part: even and odd components of F and of G."""
-    sums = []
-    for (same, cross), (own, its_cross) in zip(pairs(*whole), pairs(*part), strict=True):
+def shared_intensity(
+    whole: tuple[tuple[Tensor, Tensor], ...], part: tuple[Tensor, Tensor], bases: Bases
+) -> Tensor:
+    """Re(F* G) summed over each pixel, as `intensity`; whole: `pairs` of F; part: even and odd components of
+    G."""
+    found = _room_for_densities(part[0])
+    for (total, mixed), (same, cross), (own, its_cross) in zip(found, whole, pairs(*part), strict=True):
         # Re((same +- j cross)* (own +- j its_cross))
-        total = (same[0] * own[0]).addcmul_(same[1], own[1])
+        torch.mul(same[0], own[0], out=total).addcmul_(same[1], own[1])
         total.addcmul_(cross[0], its_cross[0]).addcmul_(cross[1], its_cross[1])
-        mixed = (cross[0] * own[1]).addcmul_(cross[1], own[0], value=-1)
+        torch.mul(cross[0], own[1], out=mixed).addcmul_(cross[1], own[0], value=-1)
         mixed.addcmul_(same[0], its_cross[1], value=-1).addcmul_(same[1], its_cross[0])
-        sums.append((total, mixed, 1))
-    return _summed(sums, bases)
+    return _summed(found, bases, 1)
 
 
-def _summed(sums: list[tuple[Tensor, Tensor, int]], bases: Bases) -> Tensor:
+def _room_for_densities(components: Tensor) -> Tensor:
+    """For what `_summed` sums, [2 (pair of quadrants), 2 (total, mixed), y, depth, x]."""
+    return components.new_empty(2, 2, *components.shape[2:])
+
+
+def _summed(densities: Tensor, bases: Bases, times: int) -> Tensor:
     """Densities summed over each pixel, [depth, pixel, pixel]: total +- times * mixed in two opposite
     quadrants, for each pair of them."""
-    rows, depths = sums[0][0].shape[:2]
+    rows, depths = densities.shape[2:4]
     count = len(bases.pixels)
-    image = sums[0][0].new_zeros(2 * count - 1, depths, 2 * count - 1)
-    for (total, mixed, times), sides in zip(sums, (SIDES[:2], SIDES[2:]), strict=True):
+    low = torch.matmul(bases.pixels, densities.view(4, rows, -1))
+    summed = torch.mm(low.view(-1, rows), bases.pixels.T).view(2, 2, count, depths, count)
+    image = summed.new_zeros(2 * count - 1, depths, 2 * count - 1)
+    for (total, mixed), sides in zip(summed, (SIDES[:2], SIDES[2:]), strict=True):
         for sign, side in zip((times, -times), sides, strict=True):
-            low = torch.mm(bases.pixels, torch.add(total, mixed, alpha=sign).view(rows, -1))
-            summed = torch.mm(low.view(-1, rows), bases.pixels.T).view(count, depths, count)
-            _side(image, side).add_(_turned(summed, side))
+            _side(image, side).add_(_turned(torch.add(total, mixed, alpha=sign), side))
     return image.permute(1, 0, 2)
 
 

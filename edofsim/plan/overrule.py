@@ -48,11 +48,17 @@ def cuts_rendering(overrule: Values, target: Target | None) -> bool:
 
 
 def _today(name: str) -> str:
-    """The name of an effect that was renamed, said in one line; others as they are."""
+    """The name of an effect, which may be typed with hyphens or `_` for spaces; of one that was renamed, what
+    it is called now, said in one line; others as they are."""
+    name = {_loosely(each): each for each in (*RENAMED, *EFFECTS)}.get(_loosely(name), name)
     if name not in RENAMED:
         return name
     LOG.warning("the effect %r is called %r now", name, RENAMED[name])
     return RENAMED[name]
+
+
+def _loosely(name: str) -> str:
+    return name.lower().replace("-", " ").replace("_", " ")
 
 
 def _gone(name: str) -> bool:

@@ -144,15 +144,16 @@ class View:
         """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
 
         rgb: a picture file, or [y, x, 3], uint8 or floats from 0 to 1, as such files hold them; its colours
-        become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR) or
-        [y, x], in metres along the axis, or one number for all; `inf` is background; NaN, 0 and negative
+        become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR) in
+        metres along the axis, or in millimetres where it holds whole numbers, as `edofsim new scene` takes
+        it; or [y, x], floats in metres, or one number for all; `inf` is background; NaN, 0 and negative
         values are holes, filled with the farther neighbour in the row.
         pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
         the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
         from 420 to 720 nm. margin: pixels around the frame that light comes from, the picture's mirror image;
         None for 64.
-        Raises InputError for files that cannot be read, for shapes that do not fit each other, and for a
-        depth map that holds no depth.
+        Raises InputError for files that cannot be read, for shapes that do not fit each other, for a depth
+        map that holds no depth, and for an array of whole numbers, which may be of any unit.
         """
         from ..core.images import mirrored, srgb_decode, unit_rgb
         from ..recipe.scene import Bands, Frame
@@ -162,9 +163,16 @@ class View:
             rgb = depth_maps.read_numbers(str(rgb), None, Path(), "picture")
         if isinstance(depth, str | Path):
             depth = depth_maps.read_numbers(str(depth), None, Path(), "depth map")
+            depth = depth * depth_maps.usual_unit(depth)
         colours = srgb_decode(unit_rgb(np.asarray(rgb)))
         rows, columns = colours.shape[:2]
-        metres = np.asarray(depth, float)
+        given = np.asarray(depth)
+        if given.ndim and depth_maps.usual_unit(given) != 1:
+            raise InputError(
+                "the depth map is an array of whole numbers, whose unit is not known: give floats in metres, "
+                "of millimetres depth / 1000"
+            )
+        metres = given.astype(float)
         if metres.ndim and metres.shape != (rows, columns):
             raise InputError(
                 f"the depth map has the shape {list(metres.shape)}, the picture {[rows, columns]}: give "

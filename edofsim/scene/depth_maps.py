@@ -61,6 +61,11 @@ def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarra
     return read_picture(path, what)
 
 
+def usual_unit(depths: np.ndarray) -> float:
+    """Metres in one unit of what a depth map holds, where nobody says: whole numbers are millimetres."""
+    return 0.001 if np.issubdtype(depths.dtype, np.integer) else 1.0
+
+
 def read_sintel(path: Path, what: str) -> np.ndarray:
     """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres."""
     existing(path, what)

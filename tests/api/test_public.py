@@ -70,6 +70,16 @@ def test_a_picture_with_depths_is_the_view_that_a_recipe_reads_of_its_files(pict
     assert torch.equal(files.radiance, made.radiance) and torch.equal(files.inverse_depth, made.inverse_depth)
 
 
+def test_a_depth_file_of_whole_numbers_is_in_millimetres(picture, tmp_path):
+    """As `edofsim new scene` takes it, and as depth cameras write it."""
+    from skimage.io import imsave
+
+    rgb, _ = picture
+    imsave(tmp_path / "z.png", np.full((24, 32), 800, np.uint16), check_contrast=False)
+    view = edofsim.View.from_image(rgb, tmp_path / "z.png")
+    assert float(view.inverse_depth.min()) == pytest.approx(1 / 0.8) == float(view.inverse_depth.max())
+
+
 def test_a_white_picture_is_shown_white_and_grey_at_its_value(picture):
     """D65 light on white is what sRGB calls white; the mean of Mallett and Yuksel's basis keeps greys."""
     grey = np.full((8, 8, 3), 186, np.uint8)
@@ -81,7 +91,12 @@ def test_a_white_picture_is_shown_white_and_grey_at_its_value(picture):
 
 @pytest.mark.parametrize(
     ("depth", "said"),
-    [(np.ones((3, 4)), "shape"), (np.zeros((24, 32)), "no depth"), (-1.0, "no depth")],
+    [
+        (np.ones((3, 4)), "shape"),
+        (np.zeros((24, 32)), "no depth"),
+        (-1.0, "no depth"),
+        (np.full((24, 32), 800), "unit is not known"),
+    ],
 )
 def test_depths_that_are_none_are_refused(picture, depth, said: str):
     with pytest.raises(edofsim.InputError, match=said):

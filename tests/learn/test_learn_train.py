@@ -185,9 +185,16 @@ def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path)
     assert [source.get("only") for source in card["data"]["sources"]] == [None, "validation"]
     network = loaded.recipe.network.model_copy(update={"start": str(first.checkpoint)})
     again = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
-    train(again, tmp_path / "second")
+    second = train(again, tmp_path / "second")
     start = json.loads((tmp_path / "second/log.jsonl").read_text().splitlines()[0])
     assert start["step"] == 0 and start["psnr_db.validation.2-natural"] > 0
+    resumed = train(again, tmp_path / "second", resume=True)  # ended already: its figures again
+    for after, before in (("start", first), ("validation", second)):
+        for source in ("", ".1-packaged", ".2-natural"):
+            validated = before.figures[f"psnr_db.validation{source}"]
+            for told in (second, resumed):
+                assert told.figures[f"psnr_db.{after}{source}"] == pytest.approx(validated, abs=0.01)
+    assert not any("start" in name for name in first.figures)
 
 
 def test_a_share_of_no_start_is_refused() -> None:

@@ -6,7 +6,9 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 
+from edofsim.optics.threads import one_thread_an_operation
 from edofsim.plan import rates
 
 MEASURED_PACE = rates.pace
@@ -38,6 +40,18 @@ def test_after_three_photos_the_seconds_are_right_within_a_factor_of_one_and_a_h
         before = predicted()
         rates.learn(before, {stage: noise * slower for stage in before})
     assert all(1 / 1.5 < seconds / slower < 1.5 for seconds in predicted().values())
+
+
+def test_what_photos_took_is_known_while_each_operation_has_one_thread():
+    """As planning works, with as many threads allowed as photos have."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        rates.learn({"blur": 1.0}, {"blur": 2.0})
+        with one_thread_an_operation():
+            assert predicted()["blur"] == pytest.approx(2.0)
+    finally:
+        torch.set_num_threads(before)
 
 
 def test_a_slower_pace_makes_everything_slower(monkeypatch: pytest.MonkeyPatch):

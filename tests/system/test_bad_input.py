@@ -217,6 +217,8 @@ def test_effects_that_cannot_be_simulated_or_left_out(edofsim: Run, tmp_path: Pa
     refused(edofsim(*base, "--without", "glare"), "'glare' is not known")
     both = ("--with", "occlusion", "--without", "occlusion")
     refused(edofsim(*base, *both), "--with and --without 'occlusion'")
+    both = ("--with", "psf-window", "--without", "PSF window")  # as shells complete it, and as pages have it
+    refused(edofsim(*base, *both), "--with and --without 'PSF window'")
     assert not (tmp_path / "cache").exists()
 
 

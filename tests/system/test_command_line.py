@@ -103,6 +103,10 @@ def test_the_help_lists_experiments_without_importing_them():
         ("run desk --network my", ["mynet.safetensors"]),
         ("train paper-u", ["paper-unet"]),
         ("evaluate table --network levin", ["levin-dcnn"]),
+        ("evaluate predictions --mask le", ["learned"]),
+        ("evaluate scene3d mot", ["motorcycle"]),
+        ("run desk --without sp", ["spherical-aberration"]),
+        ("expose desk --occlusion ov", ["over"]),
     ],
 )
 def test_shells_complete_commands_names_and_files(tmp_path: Path, typed: str, offered: list[str]):

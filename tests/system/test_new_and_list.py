@@ -10,6 +10,7 @@ import pytest
 import skimage.io
 
 from edofsim.core.images import write_png
+from edofsim.plan import EFFECTS
 from edofsim.recipe import load_camera, load_scene, shipped, shipped_folder
 from edofsim.recipe.kinds import MASKS, NETWORKS, OBJECTS
 from edofsim.recipe.load import load_train
@@ -98,6 +99,7 @@ def test_a_name_that_no_recipe_can_have_is_refused(edofsim: Run, tmp_path: Path,
         ("objects", lambda: OBJECTS),
         ("networks", lambda: NETWORKS),
         ("checkpoints", lambda: shipped_checkpoints() | comparison_checkpoints()),
+        ("effects", lambda: {name.split()[0] for name in EFFECTS}),
     ],
 )
 def test_a_list_has_all_of_them_with_a_line_each(things: str, names: Callable, capfd):

@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 from torch.utils.checkpoint import checkpoint
 
-from ...optics.threads import in_threads
+from ...optics.threads import in_threads, threads_allowed
 from ...render.view import View
 from ..blurring import Blurring
 from ..coarse import CoarsePixels
@@ -88,7 +88,7 @@ def _change(
         for part in through:  # one at a time is held, and computed again on the way back
             change = change + checkpoint(one, part, use_reentrant=False)
     else:
-        at_once = max(1, torch.get_num_threads())
+        at_once = threads_allowed()
         for start in range(0, len(through), at_once):
             for image in in_threads(one, through[start : start + at_once], change.device):
                 change = change + image

@@ -16,13 +16,19 @@ from ..facts import Facts, photographed
 FEWER = 4
 SEEN = 0.75
 """Of what sub-apertures change, what a coarse photo through 4 x 4 shows."""
-LEFT_BY_FEWER = {"clear": 0.14, "mask": 0.36}
-"""Of that, what 4 x 4 leave out: a mask differs from one sub-aperture to the next."""
-LEFT_BY_COARSE = 1.6, 0.7, 0.07
-"""And what pixels so many times as wide leave out: the first times what averages over pixels of another width
-leave out of the change, times the ratio of the widths to the power of the second, and at least the third.
+FEWEST = 2
+LEFT_BY_FEWER = {"smooth": 0.3, "rough": 0.6}
+"""What 4 x 4 leave out, of what 2 x 2 leave out of what 4 x 4 show: a rough mask differs from one
+sub-aperture to the next."""
+SMOOTH = ("clear", "cubic")
+"""Masks that were seen to be."""
+LEFT_BY_COARSE = 1.7, 1.2, 0.064
+"""And what pixels so many times as wide leave out of the change: the first times what averages over pixels
+of another width leave out, times the ratio of the widths to the power of the second; and at least the third
+times the root of the width.
 
-All from the middles of shipped scenes through three masks (`python -m benchmarks.sub_apertures`)."""
+All from shipped scenes and from members 902 of families, whole, through three masks (`python -m
+benchmarks.sub_apertures`)."""
 
 
 def absent(facts: Facts) -> str:
@@ -52,16 +58,18 @@ def why(facts: Facts) -> str:
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """Of coarse photos. What coarse pixels leave out follows from how fine the change is that they show, and
-    what `FEWER` sub-apertures leave out is a share of it, unless facts are to be looked at closely."""
+    what `FEWER` sub-apertures leave out from what `FEWEST` do, unless facts are to be looked at closely."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
     if facts.closely and most < full:
         seen, by_fewer = photographed(facts, [{"sub_apertures": n} for n in (1, most)], sub_apertures=full)
         fewer = _size(by_fewer) / max(_size(seen), 1e-30)
     else:
-        (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=most)
-        clear = facts.camera.height_map is None and facts.camera.recipe.mask.kind == "clear"
-        fewer = LEFT_BY_FEWER["clear" if clear else "mask"] * (full - most) / (FULL_SUB_APERTURES - FEWER)
+        few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
+        seen, *by_fewest = photographed(facts, few, sub_apertures=most)
+        smooth = facts.camera.height_map is None and facts.camera.recipe.mask.kind in SMOOTH
+        fewer = LEFT_BY_FEWER["smooth" if smooth else "rough"] * (full - most) / (FULL_SUB_APERTURES - FEWER)
+        fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
     whole = seen / SEEN
     coarse = facts.coarse
     fine = _finer_than(2, seen.unflatten(1, (coarse.view.height, coarse.view.width)))
@@ -83,7 +91,7 @@ def _left_by(side: int, fine: float, width: int) -> float:
     if side == 1:
         return 0.0
     factor, power, least = LEFT_BY_COARSE
-    return math.hypot(least, min(1.0, factor * fine * (side / width) ** power))
+    return math.hypot(least * side**0.5, min(1.0, factor * fine * (side / width) ** power))
 
 
 def _finer_than(width: int, change: Tensor) -> float:
