@@ -7,11 +7,18 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..capture.blurring import Blurring
+from ..capture.kernels import HeldKernels, depth_nodes
+from ..capture.methods import METHODS
+from ..capture.occlusion import OCCLUSIONS
+from ..capture.photograph import glare_of
+from ..capture.prepare import blur_per_dioptre
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, psf_bank
 from ..optics.sampling import plan_sampling
 from ..recipe.train import CamerasTable, TrainRecipe
+from ..render.view import View
 from ..restore.camera_bank import CameraBank, Conditioning
 from ..restore.restorer import Restorer
 from .random_cameras import RandomCamera, random_camera
@@ -27,10 +34,12 @@ VALIDATION = 100_000  # number of the first camera for validation
 @dataclass(frozen=True)
 class PooledOptics(Optics):
     """PSFs that are looked up. stored: float16 [n, 3, window, window], at the middles of n equal parts of a
-    camera's range, which stands for the inverse depths `drawn` (least, largest) of the scenes."""
+    camera's range, which stands for the inverse depths `drawn` (least, largest) of the scenes; widest: blur
+    without mask by which the ends of the range differ, in pixels."""
 
     stored: Tensor
     drawn: tuple[float, float]
+    widest: float
 
     def with_height(self, height: Tensor | None) -> PooledOptics:
         return self
@@ -39,6 +48,17 @@ class PooledOptics(Optics):
         low, high = self.drawn
         part = (inverse_depths - low) / (high - low) * len(self.stored)
         return self.stored[part.long().clamp(0, len(self.stored) - 1)].to(torch.float32)
+
+    def view(self, view: View, layers: int, occlusion: str) -> tuple[Tensor, Tensor]:
+        """A view of the three colours whose depths are among `drawn`: unexposed photo without noise, [3, y,
+        x], and the fraction of light that left the PSFs' window, [3]."""
+        nodes = depth_nodes(view.inverse_depth, layers, 0.0)
+        kernels = HeldKernels(self.psfs(nodes), nodes, view.wavelengths)
+        each = torch.eye(3, device=self.device)
+        gap = (self.drawn[1] - self.drawn[0]) / self.widest
+        image = OCCLUSIONS[occlusion](view, Blurring(kernels, each, METHODS["layered"], gap))
+        glare, truncated = glare_of(view, kernels, each)
+        return view.crop_margin(image) + glare[:, None, None], truncated
 
 
 @dataclass(frozen=True)
@@ -108,6 +128,7 @@ def _pooled(
         device,
         psf.to(torch.float16).to(device),
         recipe.capture.inverse_depth_per_m,
+        blur_per_dioptre(drawn.camera) * (drawn.depths[1] - drawn.depths[0]),
     )
     return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known)
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
+from ..capture.sensor import automatic_exposure
 from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
@@ -25,8 +26,12 @@ from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
 from ..render.view import View
 from ..scene.family import members
+from .camera_pool import PooledOptics
 from .reader import TrainingReader, Wanted
 from .system import Captured, Optics, Scenes, captured
+
+LEAST_SPAN = 0.02
+"""In 1/m: a view that spans less is one plane, and stays far."""
 
 
 class Views(TrainingReader):
@@ -40,7 +45,8 @@ class Views(TrainingReader):
     in `expose`. exposure: factors on the automatic exposure, drawn for each patch, evenly in their logarithm;
     white_balance: as of `natural`. once: each view is photographed once, by the mask with errors of
     fabrication of its own, and patches are cut from the photos, which makes a step as cheap as one of
-    photographs; only for a mask that does not learn.
+    photographs; only for a mask that does not learn. For many cameras depths are stretched to each one's
+    range, and bands are three.
     """
 
     slow: ClassVar[bool] = True
@@ -59,6 +65,11 @@ class Views(TrainingReader):
 
     def open(self, wanted: Wanted) -> ViewSource:
         doe = wanted.recipe.doe
+        if wanted.recipe.cameras and (self.once or self.bands != "three" or self.sub_apertures > 1):
+            raise InputError(
+                "views for the many [cameras] are photographed by stored PSFs, anew each time: leave out "
+                "once, bands and sub_apertures"
+            )
         if self.once and doe.learn and (doe.learning_rate_rad > 0 or doe.design_steps > 0):
             raise InputError(
                 "once = true: photos of a mask that learns are soon of another mask; leave it out, or keep "
@@ -68,7 +79,10 @@ class Views(TrainingReader):
         held_back = 1.0 if wanted.for_validation else data.validation
         how = wanted.base, wanted.cache, wanted.progress
         noise = doe.height_noise_nm * 1e-9
-        return open_views(self, data.patch_px, held_back, wanted.optics, *how, height_noise=noise)
+        depths = wanted.recipe.capture.inverse_depth_per_m if wanted.recipe.cameras else None
+        return open_views(
+            self, data.patch_px, held_back, wanted.optics, *how, height_noise=noise, stretched=depths
+        )
 
 
 @dataclass(frozen=True)
@@ -112,7 +126,11 @@ class ViewParts:
 
 
 def photographed(view: View, table: Views, optics: Optics) -> Shot:
-    """A view as a source's table says."""
+    """A view as a source's table says; by one of many cameras, a view that is made `ready`."""
+    if isinstance(optics, PooledOptics):
+        part = crop(view, 0, 0, view.height, view.width, optics.window // 2).to(optics.device)
+        clean, truncated = optics.view(part, table.layers, table.occlusion)
+        return Shot(clean, part.crop_margin(part.all_in_focus()), truncated.mean())
     camera = _camera(optics.camera, table.bands)
     fidelity = Fidelity(
         layers=table.layers,
@@ -190,10 +208,12 @@ def open_views(
     progress: Progress | None,
     *,
     height_noise: float = 0.0,
+    stretched: tuple[float, float] | None = None,
 ) -> ViewSource:
     """Render or fetch the views of a source. optics: with the mask's height map, where views are photographed
     once; base: where relative scene files start; held_back: share that is never trained on, of each scene's
-    members, or of each view's rows; height_noise: standard deviation in metres of the errors of fabrication.
+    members, or of each view's rows; height_noise: standard deviation in metres of the errors of fabrication;
+    stretched: inverse depths that views are made `ready` for.
 
     Raises InputError for scenes that cannot be used.
     """
@@ -209,7 +229,9 @@ def open_views(
         view = render(recipe, folder, cache=cache)
         digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         view = in_colours(view) if table.bands == "three" else view
-        if not table.once:
+        if stretched is not None:
+            view = ready(view, stretched)
+        elif not table.once:
             _check_sampling(view, optics, recipe.name)
         last = held_back == 1 or (table.members > 0 and index % table.members >= table.members - kept)
         views[last].append(_once(view, table, optics, height_noise, index) if table.once else view)
@@ -223,6 +245,19 @@ def open_views(
     training, validating = map(tuple, views)
     return ViewSource(
         training, validating, table, patch, optics.window // 2, held_back, described, described["sha256"]
+    )
+
+
+def ready(view: View, depths: tuple[float, float]) -> View:
+    """A view for many cameras: exposed automatically, what it spans in depth stretched to `depths` (least,
+    largest inverse depth in 1/m). So does a camera's range end where what it photographs does."""
+    low, high = view.inverse_depth.aminmax()
+    share = (view.inverse_depth - low) / (high - low).clamp_min(LEAST_SPAN)
+    exposure = automatic_exposure(view.crop_margin(view.all_in_focus()))
+    return replace(
+        view,
+        inverse_depth=depths[0] + (depths[1] - depths[0]) * share,
+        radiance=exposure * view.radiance,
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from ..errors import InputError
 from .blur_likelihood import BLOCK, block_transfer, explain
@@ -35,6 +36,10 @@ validation their mean is better than either, and seldom worse than Wiener deconv
 LITTLE_PSNR = 24.0
 BETWEEN = 3  # PSFs for each distance that is told apart
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
+BRIGHTENED = 0.7
+"""Of full scale: so much the brightest place of a dim photo has at most when it is brightened, to be restored
+as the photo of a sensor with as much more noise. Filters for its own noise take its contrast for usual."""
+LEAST_BRIGHTENED, MOST_BRIGHTENED = 4, 64
 MORE_MAPS = 3  # expected error of the likely filters, that of one filter for all, the noise
 
 
@@ -78,6 +83,8 @@ class CameraBank(FilterBank):
             self.register_buffer(name, value, persistent=False)
         self.register_buffer("expected", torch.zeros(groups + 1), persistent=False)
         self.noise = NOISE
+        self._psf: Tensor | None = None
+        self._brightened: dict[int, CameraBank] = {}
         point = torch.zeros(3, 3, support, support)
         point[range(3), range(3), support // 2, support // 2] = 1
         self.filters = torch.cat([self.filters, *[point] * len(BLIND)])
@@ -111,6 +118,20 @@ class CameraBank(FilterBank):
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         self.use(self.condition(psf, noise))
+        self._psf = psf.to(torch.float16)
+        self._brightened.clear()
+
+    def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
+        factor = brightening(photo)
+        if factor == 1 or self._psf is None:
+            return self, 1.0
+        if factor not in self._brightened:
+            other = CameraBank(**self.settings())  # pyrefly: ignore[bad-argument-type] - its own
+            other.load_state_dict(self.state_dict())
+            other = other.eval().to(self.belief)
+            other.use(self.condition(self._psf.to(torch.float64), factor * self.noise))
+            self._brightened[factor] = other
+        return self._brightened[factor], float(factor)
 
     @torch.no_grad()
     def condition(self, psf: Tensor, noise: float) -> Conditioning:
@@ -165,6 +186,16 @@ class CameraBank(FilterBank):
         return torch.cat(
             [likely[:, None], constants[:, None, None].expand(len(weights), 2, *likely.shape[1:])], 1
         )
+
+
+def brightening(photo: Tensor) -> int:
+    """The largest power of 2 that leaves a photo [3, y, x] at `BRIGHTENED` or below, single pixels apart; 1
+    where it is less than `LEAST_BRIGHTENED`."""
+    brightest = float(functional.avg_pool2d(photo[None], 3, 1, 1).max())
+    factor = 1
+    while 2 * factor * brightest <= BRIGHTENED and factor < MOST_BRIGHTENED:
+        factor *= 2
+    return factor if factor >= LEAST_BRIGHTENED else 1
 
 
 def _middle(size: int) -> slice:

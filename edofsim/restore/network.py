@@ -54,11 +54,12 @@ def apply_network(
     if not torch.isfinite(image).all():
         raise InputError("the photo holds values that are not finite; nothing can be restored from it")
     network = network.eval().to(image.device)
+    network, factor = network.brightened_for(image)
     precision = next((weights.dtype for weights in network.parameters()), image.dtype)
-    photo = image.to(precision)
+    photo = factor * image.to(precision)
     with torch.inference_mode():
         restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
-        return keep_light(photo, restored, glare).clamp(0, 1).to(image.dtype)
+        return (keep_light(photo, restored, glare) / factor).clamp(0, 1).to(image.dtype)
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,14 +10,18 @@ import torch
 
 from edofsim.errors import InputError
 from edofsim.learn.camera_pool import PooledOptics, camera_pool
+from edofsim.learn.edges import Edges
 from edofsim.learn.random_cameras import random_camera, widest_blur_px
 from edofsim.learn.setup import prepare
+from edofsim.learn.system import Planes
 from edofsim.learn.trainer import draw_batch, train
+from edofsim.learn.views import ready
 from edofsim.learn.workers import Workers
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.recipe.kinds import MASKS
 from edofsim.recipe.load import Loaded, load_train
 from edofsim.recipe.train import CamerasTable, TrainRecipe
+from edofsim.render.view import View
 from edofsim.restore.camera_bank import CameraBank
 from edofsim.restore.checkpoint import load_checkpoint
 from edofsim.restore.network import build_network
@@ -103,10 +108,101 @@ def test_cameras_for_validation_are_others() -> None:
 def test_psfs_are_looked_up_where_the_scene_stands_in_its_range() -> None:
     stored = torch.arange(4.0).reshape(4, 1, 1, 1).expand(4, 3, 2, 2).to(torch.float16)
     camera = random_camera(EVERY, 1, 0, 0, NOISE).camera
-    optics = PooledOptics(camera, 2, torch.device("cpu"), stored, (0.0, 2.0))
+    optics = PooledOptics(camera, 2, torch.device("cpu"), stored, (0.0, 2.0), 5.0)
     found = optics.psfs(torch.tensor([0.0, 0.49, 0.51, 1.9, 2.0]))
     assert found[:, 0, 0, 0].tolist() == [0, 0, 1, 3, 3]
     assert found.dtype == torch.float32
+
+
+def _stored(window: int = 8, depths: int = 6) -> PooledOptics:
+    """PSFs of random numbers, a tenth of whose light is beyond their window."""
+    values = torch.rand(depths, 3, window, window, generator=torch.Generator().manual_seed(2))
+    stored = (0.9 * values / values.sum((-1, -2), keepdim=True)).to(torch.float16)
+    camera = random_camera(EVERY, 1, 0, 0, NOISE).camera
+    return PooledOptics(camera, window, torch.device("cpu"), stored, (0.0, 2.0), 5.0)
+
+
+def _radiance(rows: int, columns: int, seed: int) -> torch.Tensor:
+    return torch.rand(3, rows, columns, generator=torch.Generator().manual_seed(seed))
+
+
+def _flat(radiance: torch.Tensor, inverse_depth: torch.Tensor | float, margin: int) -> View:
+    return View.flat(radiance, inverse_depth, wavelengths=PAPER_COLOURS, pixel_angle=1e-3, margin=margin)
+
+
+def test_a_view_through_stored_psfs_is_the_sum_of_its_points() -> None:
+    """Each pixel's light spread by the PSF of its depth, one after the other."""
+    optics, margin, window = _stored(), 4, 8
+    radiance = _radiance(14, 13, 5)
+    depth = torch.randint(6, (14, 13), generator=torch.Generator().manual_seed(6)) / 3 + 1 / 6
+    found, truncated = optics.view(_flat(radiance, depth, margin), 8, "none")
+    wanted = torch.zeros(3, 14 + 2 * window, 13 + 2 * window)
+    for row in range(14):
+        for column in range(13):
+            psf = optics.psfs(depth[row, column][None])[0]
+            place = row - window // 2 + window, column - window // 2 + window
+            spread = radiance[:, row, column, None, None] * psf
+            wanted[:, place[0] : place[0] + window, place[1] : place[1] + window] += spread
+    wanted = wanted[:, window + margin : window + 14 - margin, window + margin : window + 13 - margin]
+    lost = 1 - torch.stack([optics.psfs(each[None])[0].sum((-1, -2)) for each in depth.flatten()], 1)
+    glare = (radiance.flatten(1) * lost).mean(1)
+    assert torch.allclose(found, wanted + glare[:, None, None], atol=1e-5)
+    assert torch.allclose(truncated, glare / radiance.flatten(1).mean(1), atol=1e-5)
+
+
+def test_a_view_of_one_depth_is_the_plane_of_a_photograph() -> None:
+    optics, radiance = _stored(), _radiance(24, 24, 7)
+    found, _ = optics.view(_flat(radiance, 1.2, 4), 16, "hidden")
+    depth, mean = torch.tensor([1.2]), radiance.mean((-1, -2))[None]
+    plane = Planes(radiance[None, :, 1:, 1:], depth, mean=mean).photograph(optics)
+    assert found.shape == (3, 16, 16)
+    assert torch.allclose(found, plane.clean[0], atol=1e-5)
+
+
+def test_what_lies_behind_an_edge_of_a_view_is_seen_past_it() -> None:
+    """One picture in front of another, hidden light known: as photographs with an edge are composited."""
+    optics, near, far = _stored(), _radiance(24, 24, 8), _radiance(24, 24, 9)
+    optics = replace(optics, stored=optics.stored / 0.9)  # no glare, which both take from other pictures
+    cover = torch.zeros(24, 24)
+    cover[:, :11] = 1
+    seen = _flat(cover * near + (1 - cover) * far, 0.5 + cover, 4)
+    pixels = torch.nonzero(cover.flatten() > 0).squeeze(1)
+    order = torch.cat([torch.arange(576), pixels]).argsort(stable=True)
+
+    def with_hidden(visible: torch.Tensor, behind: torch.Tensor) -> torch.Tensor:
+        return torch.cat([visible, behind.to(visible)], -1)[..., order]
+
+    view = replace(
+        seen,
+        pixel=with_hidden(seen.pixel, pixels),
+        coverage=with_hidden(seen.coverage, torch.ones(len(pixels))),
+        inverse_depth=with_hidden(seen.inverse_depth, torch.full((len(pixels),), 0.5)),
+        radiance=with_hidden(seen.radiance, far.flatten(1)[:, pixels]),
+        hidden=with_hidden(seen.hidden, torch.ones(len(pixels))),
+    )
+    found, _ = optics.view(view, 16, "hidden")
+    sharp = torch.stack([far, near])[..., 1:, 1:]
+    covers = cover[None, None, 1:, 1:].expand(2, 1, -1, -1)
+    edge = Edges(sharp, covers, torch.tensor([0.5, 1.5])).photograph(optics)
+    assert torch.allclose(found, edge.clean[1], atol=1e-4)
+    assert not torch.allclose(optics.view(seen, 16, "hidden")[0], found, atol=1e-2)
+
+
+def test_a_view_is_stretched_to_the_range_of_the_cameras() -> None:
+    depth = torch.linspace(0.4, 0.9, 144).reshape(12, 12)
+    found = ready(_flat(0.01 * _radiance(12, 12, 1), depth, 2), (0.0, 2.0))
+    assert found.inverse_depth.aminmax() == (0, 2)
+    assert torch.allclose(found.inverse_depth.diff(), 2 / 0.5 * depth.flatten().diff(), atol=1e-4)
+    assert 0.5 < found.all_in_focus().max() < 2
+    flat = ready(_flat(_radiance(12, 12, 1), 0.7, 2), (0.5, 2.0))
+    assert flat.inverse_depth.aminmax() == (0.5, 0.5)
+
+
+@pytest.mark.parametrize("wrong", [{"once": True}, {"bands": "all"}, {"sub_apertures": 2}])
+def test_views_for_many_cameras_go_by_stored_psfs(wrong: dict[str, object]) -> None:
+    data = {"patch_px": 48, "sources": [{"kind": "views", "scenes": ["clutter"], **wrong}]}
+    with pytest.raises(InputError, match="stored PSFs"):
+        prepare(_recipe(data=data), None, WORKERS)
 
 
 def test_each_step_has_a_camera_whose_noise_and_filters_are_used() -> None:

@@ -105,6 +105,31 @@ def test_told_a_blur_it_takes_it_away_untrained() -> None:
     assert left < 0.5 * (photo[inside] - sharp[inside]).square().mean()
 
 
+def test_a_dim_photo_is_restored_as_one_of_more_noise() -> None:
+    """Brightened by a power of 2; single bright pixels do not keep it from that."""
+    network = CameraBank(**SMALL).eval()
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    photo = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
+    photo[:, 20:40, 20:40] = 1.0
+    assert network.brightened_for(photo / 8) == (network, 1)  # told no camera
+    network.set_camera(psf, 0.002)
+    assert network.brightened_for(photo) == (network, 1)
+    assert network.brightened_for(photo / 3) == (network, 1)
+    louder, factor = network.brightened_for(photo / 6)
+    hot = photo / 9
+    hot[0, 5, 5] = 0.7
+    assert factor == 4 and network.brightened_for(hot)[0] is louder
+    other = CameraBank(**SMALL).eval()
+    other.load_state_dict(network.state_dict())
+    other.set_camera(psf, 0.008)
+    dim = photo / 6
+    expected = apply_network(other, 4 * dim) / 4
+    found = apply_network(network, dim).clamp_max(1 / 4)  # what is beyond full scale is kept
+    torch.testing.assert_close(found, expected, atol=6e-3, rtol=0)
+    network.set_camera(psf, 0.001)
+    assert network.brightened_for(photo / 6)[0] is not louder
+
+
 def test_filters_are_those_of_the_noise_and_of_the_whole_range() -> None:
     network = CameraBank(**SMALL)
     psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
