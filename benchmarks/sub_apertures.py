@@ -1,10 +1,10 @@
 """What fewer sub-apertures, and their change in coarse pixels, leave out of what sub-apertures change.
 
 `python -m benchmarks.sub_apertures [SCENE...] [--json FILE]` photographs the middles of shipped scenes
-(`--whole`: all of them, which takes long) through three masks and prints what the constants of `edofsim/plan/effects/sub_apertures.py` stand for, as
-root mean squares over that of the whole change: what a coarse photo shows of it (`seen`); what fewer
-sub-apertures leave out (`fewer`), and pixels of two and four (`coarse, 2`), beside what is foretold of these
-(`foretold, fewer`, `foretold, 2`).
+(`--whole`: all of them, which takes long) through three masks and prints what the constants of
+`edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over that of the whole change: what a
+coarse photo shows of it (`seen`); what fewer sub-apertures leave out (`fewer`), and pixels of two and four
+(`coarse, 2`), beside what is foretold of these (`foretold, fewer`, `foretold, 2`).
 """
 
 from __future__ import annotations

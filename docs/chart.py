@@ -1,6 +1,7 @@
 """The chart of the README, drawn from kept figures: `python docs/chart.py` writes `_static/cost.png`.
 
-It is the chart that `edofsim cost desk --repeats 1` draws, from the file `results/json/cost.json` of such a run.
+It is the chart that `edofsim cost desk --repeats 1` draws, from the file `results/json/cost.json` of such a
+run.
 """
 
 from __future__ import annotations
