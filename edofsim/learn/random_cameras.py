@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..capture.prepare import blur_per_dioptre
 from ..errors import EdofsimError, InputError
 from ..optics import Camera
 from ..optics.height import designed_map
@@ -69,7 +70,7 @@ def widest_blur_px(drawn: RandomCamera) -> float:
     camera = drawn.camera
     focus = 1 / camera.recipe.focus.distance_m
     away = max(abs(depth - focus) for depth in drawn.depths)
-    return 2 * camera.aperture_radius * camera.sensor_distance * away / camera.pixel
+    return blur_per_dioptre(camera) * away
 
 
 def _drawn(

@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..optics.camera import focus_distance
 
@@ -23,7 +24,7 @@ def closer_about_focus(camera: Camera, inverse_depths: Tensor) -> Tensor:
     geometric blur and b as wide as keeps steps about the focus at `FINEST_PX`.
     """
     focus = 1 / float(focus_distance(camera, GREEN))
-    per_dioptre = 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
+    per_dioptre = blur_per_dioptre(camera)
     blur = (inverse_depths - focus) * per_dioptre
     first, last = float(blur[0]), float(blur[-1])
     steps = max(1, len(blur) - 1)

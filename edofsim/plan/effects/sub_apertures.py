@@ -21,14 +21,14 @@ LEFT_BY_FEWER = {"smooth": 0.3, "rough": 0.6}
 """What 4 x 4 leave out, of what 2 x 2 leave out of what 4 x 4 show: a rough mask differs from one
 sub-aperture to the next."""
 SMOOTH = ("clear", "cubic")
-"""Masks that were seen to be."""
+"""Masks whose shares were those of the first kind; others are taken for rough."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
 """And what pixels so many times as wide leave out of the change: the first times what averages over pixels
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
 times the root of the width.
 
-All from shipped scenes and from members 902 of families, whole, through three masks (`python -m
-benchmarks.sub_apertures`)."""
+Those of fewer and of coarse pixels are from whole frames of six shipped scenes and members 902 of families,
+the first from middles of shipped scenes, which `python -m benchmarks.sub_apertures` shows all of."""
 
 
 def absent(facts: Facts) -> str:
