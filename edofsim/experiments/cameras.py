@@ -35,8 +35,7 @@ from ..restore.checkpoint import (
     load_checkpoint,
 )
 from ..restore.conditioning import conditioned_on
-from ..restore.network import apply_network
-from ..restore.restore import with_share
+from ..restore.restore import for_any_camera
 from ..restore.scores import psnr, within_scale
 from .experiment import Findings
 from .kept import Kept, key_of
@@ -170,8 +169,7 @@ def _planes(
     network = conditioned_on(*about)
 
     def restored(photo: Tensor, glare: Tensor) -> Tensor:
-        linear = filtered(photo, stack, glare)
-        return with_share(network, apply_network(network, photo, glare=glare), linear)
+        return for_any_camera(network, photo, stack, READ_NOISE, glare)
 
     contestants = [
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),

@@ -20,12 +20,16 @@ from ..optics.sampling import plan_sampling
 from ..recipe.train import CamerasTable, TrainRecipe
 from ..render.view import View
 from ..restore.camera_bank import CameraBank, Conditioning
+from ..restore.depths import closer_about_focus
+from ..restore.light import without_glare
+from ..restore.restore import deconvolved
 from ..restore.restorer import Restorer
 from .random_cameras import RandomCamera, random_camera
 from .schedule import generator_of
-from .system import Optics
+from .system import Captured, Optics
 
 DRAWN = 8  # purpose of random numbers
+FILTER_DEPTHS = 9  # that Wiener deconvolution reckons with
 LARGEST_PUPIL = 1400  # samples across: larger ones take too long
 TRUNCATED = 0.6  # cameras that throw more of the light out of the window are not trained with
 VALIDATION = 100_000  # number of the first camera for validation
@@ -74,6 +78,19 @@ class Pooled:
         assert isinstance(network, CameraBank)
         network.use(self.known)
 
+    def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
+        """The photo without its glare, and where the network sees it what Wiener deconvolution makes of that,
+        as in use."""
+        psf = captured.psf
+        glare = captured.truncated.expand(3) if psf is None else 1 - psf.sum((-1, -2))
+        photo = without_glare(photo, glare)
+        if not network.sees_linear:
+            return photo
+        stored = self.optics.stored
+        between = torch.linspace(0, len(stored) - 1, FILTER_DEPTHS).round().long()
+        linear = deconvolved(photo, stored[between].to(photo), self.read_noise)
+        return torch.cat([photo, linear], 1)
+
 
 @dataclass(frozen=True)
 class CameraPool:
@@ -116,12 +133,18 @@ def _pooled(
 ) -> Pooled:
     for attempt in range(100):
         drawn = random_camera(table, recipe.seed, number, attempt, recipe.capture.read_noise)
-        psf = _psfs(drawn, table.window_px, network.psf_depths(drawn.depths))
-        if psf is not None and float(1 - psf.sum((-1, -2)).mean()) <= TRUNCATED:
+        depths = network.psf_depths(drawn.depths)
+        psf = _psfs(drawn, table.window_px, depths)
+        if psf is None or float(1 - psf.sum((-1, -2)).mean()) > TRUNCATED:
+            continue
+        # what it is told is of other depths than photos are taken by, as in use
+        closer = closer_about_focus(drawn.camera, depths)
+        told = psf if torch.equal(closer, depths) else _psfs(drawn, table.window_px, closer)
+        if told is not None:
             break
     else:
         raise InputError("cameras: hardly one within these ranges keeps its light in window_px; widen it")
-    known = network.condition(psf, drawn.read_noise)
+    known = network.condition(told, drawn.read_noise)
     optics = PooledOptics(
         drawn.camera,
         table.window_px,

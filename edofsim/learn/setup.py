@@ -168,9 +168,10 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
     if table.start is not None:
         checkpoint = load_checkpoint(table.start, camera)
         network = checkpoint.network
-        if network.kind != table.kind:
+        other = network.any_camera and {**network.settings(), **table.settings} != network.settings()
+        if network.kind != table.kind or other:
             try:
-                network = network_class(table.kind).grown(network)
+                network = network_class(table.kind).grown(network, table.settings)
             except InputError as error:
                 raise InputError(f"network.start = {table.start!r}: {error}") from None
         return network, tuple(history_of(checkpoint))

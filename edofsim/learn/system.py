@@ -168,6 +168,9 @@ class PooledCamera(Protocol):
     def tell(self, network: Restorer) -> None:
         """Condition the network on it."""
 
+    def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
+        """What the network is given of a photo [batch, 3, y, x], [batch, channel, y, x]."""
+
 
 @dataclass(frozen=True)
 class Draw:
@@ -228,7 +231,8 @@ class System(nn.Module):
             captured = draw.scenes.photograph(draw.camera.optics)
             draw.camera.tell(self.network)
         photo = _noisy(captured.clean, draw)
-        restored = self.restore(photo, height)
+        seen = photo if draw.camera is None else draw.camera.seen(self.network, photo, captured)
+        restored = self.restore(seen, height)
         # what is shown ends at full scale, as the truth does
         restored = torch.where(captured.ideal < 1, restored, restored.clamp_max(1))
         if self.light_kept:
@@ -253,7 +257,7 @@ class System(nn.Module):
         return draw.scenes.photograph(self.optics.with_height(height))
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
-        """[batch, 3, y, x] to the same, float32."""
+        """What the network sees to [batch, 3, y, x], float32."""
         if self.network.psfs == "designed":
             return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)

@@ -8,6 +8,7 @@ it, and how much error each of these is expected to leave.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from torch.nn import functional
 from ..errors import InputError
 from .blur_likelihood import BLOCK, block_transfer, explain
 from .filter_bank import BEYOND, FilterBank, compressed
+from .light import without_truncated
 from .linear import NOISE, colour_error, local_filters
 from .local_unet import Trunk
 from .photograph_statistics import transfer_functions
@@ -59,7 +61,8 @@ class Conditioning:
 class CameraBank(FilterBank):
     """A `FilterBank` whose network fits any camera. Until it is told one, it takes photos for sharp ones.
 
-    groups, support, distances, width, blocks, kernel: see `FilterBank`.
+    groups, support, distances, width, blocks, kernel: see `FilterBank`. linear: whether the U-Net sees what
+    Wiener deconvolution makes of the photo: its photos have three more channels then, which hold that.
     """
 
     kind = "camera-bank"
@@ -73,9 +76,12 @@ class CameraBank(FilterBank):
         width: int = 24,
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
+        linear: bool = False,
     ) -> None:
         super().__init__(groups, support, distances, width, blocks, kernel)
-        self.trunk = Trunk(6 + 3 * len(BLIND), 3, width, blocks, kernel, side=groups + MORE_MAPS)
+        self.sees_linear = linear
+        self.images = 6 + 3 * len(BLIND) + 3 * linear
+        self.trunk = Trunk(self.images, 3, width, blocks, kernel, side=groups + MORE_MAPS)
         # filters of a camera are no part of what was trained
         for name in ("filters", "transfer"):
             value = getattr(self, name)
@@ -83,29 +89,34 @@ class CameraBank(FilterBank):
             self.register_buffer(name, value, persistent=False)
         self.register_buffer("expected", torch.zeros(groups + 1), persistent=False)
         self.noise = NOISE
-        self._psf: Tensor | None = None
+        self._told: tuple[Tensor, float] | None = None
         self._brightened: dict[int, CameraBank] = {}
         point = torch.zeros(3, 3, support, support)
         point[range(3), range(3), support // 2, support // 2] = 1
         self.filters = torch.cat([self.filters, *[point] * len(BLIND)])
 
     @classmethod
-    def grown(cls, network: Restorer) -> CameraBank:
-        """One with the weights of a `FilterBank`, which at first ignores what that was not given. Raises
-        InputError for another network."""
-        if not isinstance(network, FilterBank) or isinstance(network, CameraBank):
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> CameraBank:
+        """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
+        makes; at first it ignores what that was not given. Raises InputError for another network."""
+        if not isinstance(network, FilterBank) or network.sees_linear:
             raise InputError(f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}")
-        found = cls(**network.settings())  # pyrefly: ignore[bad-argument-type] - those of its own class
+        # pyrefly: ignore[bad-argument-type] - those of its own class
+        found = cls(**{**network.settings(), **(settings or {})})
         weights = network.trunk.state_dict()
         first = weights["first.weight"]
-        # unshuffled pixels of photo and chosen, then the maps of the groups
-        images, maps = 4 * 6, 4 * (6 + 3 * len(BLIND))
+        # unshuffled pixels of images, then maps
+        images = 4 * (6 + 3 * len(BLIND) if isinstance(network, CameraBank) else 6)
+        maps, count = 4 * found.images, first.shape[1] - images
         wider = first.new_zeros(found.trunk.first.weight.shape)
         wider[:, :images] = first[:, :images]
-        wider[:, maps : maps + network.groups] = first[:, images:]
+        wider[:, maps : maps + count] = first[:, images:]
         found.trunk.load_state_dict({**weights, "first.weight": wider})
         found.belief.data.copy_(network.belief)
         return found
+
+    def settings(self) -> dict[str, object]:
+        return {**super().settings(), **({"linear": True} if self.sees_linear else {})}
 
     def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
         """`BETWEEN` for each distance that it tells apart: the middles of equal parts of the range."""
@@ -118,18 +129,19 @@ class CameraBank(FilterBank):
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         self.use(self.condition(psf, noise))
-        self._psf = psf.to(torch.float16)
+        self._told = psf.to(torch.float16), noise
         self._brightened.clear()
 
     def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
         factor = brightening(photo)
-        if factor == 1 or self._psf is None:
+        if factor == 1 or self._told is None:
             return self, 1.0
+        psf, noise = self._told
         if factor not in self._brightened:
             other = CameraBank(**self.settings())  # pyrefly: ignore[bad-argument-type] - its own
             other.load_state_dict(self.state_dict())
             other = other.eval().to(self.belief)
-            other.use(self.condition(self._psf.to(torch.float64), factor * self.noise))
+            other.use(self.condition(psf.to(torch.float64), factor * max(noise, LEAST_NOISE)))
             self._brightened[factor] = other
         return self._brightened[factor], float(factor)
 
@@ -138,8 +150,9 @@ class CameraBank(FilterBank):
         """What follows from PSFs and the standard deviation of the noise, relative to full scale.
 
         psf: [depth, 3, y, x] at `psf_depths`: a filter is for all that lies within its part of the range,
-        where the blur may change by pixels."""
-        noise = max(noise, LEAST_NOISE)
+        where the blur may change by pixels. Light that leaves their window is taken off a photo before, as
+        much as in the mean over the range; what then is left has more contrast, and more noise."""
+        psf, noise = without_truncated(psf, max(noise, LEAST_NOISE))
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
         matrix, constant = explain(transfer.to(torch.complex64), BETWEEN)
@@ -168,13 +181,14 @@ class CameraBank(FilterBank):
         return SHARES[reached < LITTLE_PSNR]
 
     def _restored(self, photo: Tensor) -> Tensor:
-        photo = self._within(photo)
+        photo, linear = self._within(photo).tensor_split([3], 1)
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             filtered = self.filtered(photo)
             chosen = (filtered[:, : self.groups] * weights[:, :, None]).sum(1)
             blind = filtered[:, self.groups :].flatten(1, 2)
-        seen = compressed(torch.cat([photo, chosen, blind], 1)).contiguous(memory_format=torch.channels_last)
+        images = torch.cat([photo, chosen, blind, linear], 1)
+        seen = compressed(images).contiguous(memory_format=torch.channels_last)
         restored = self.trunk(seen, torch.cat([weights, self._maps(weights)], 1))
         return chosen.clamp(-BEYOND, 1 + BEYOND) + restored.to(photo.dtype)
 

@@ -67,7 +67,8 @@ def _not_negative(image: Tensor) -> Tensor:
 def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
     """A photo [.., 3, y, x] without its glare: `glare` [3] is the part of the light that is spread evenly.
 
-    What is spread is the mean of the world; beyond the frame that goes on as its border does.
+    Of several photos `glare` is [.., 3]. What is spread is the mean of the world; beyond the frame that goes
+    on as its border does.
     """
     mean = photo
     for axis in (-2, -1):
@@ -76,8 +77,15 @@ def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
         count[-1] += AROUND_PX
         weight = (count / count.sum())[:, None] if axis == -2 else count / count.sum()
         mean = (mean * weight).sum(axis, keepdim=True)
-    part = glare.to(photo)[:, None, None]
+    part = glare.to(photo)[..., None, None]
     return (photo - part * mean) / (1 - part)
+
+
+def without_truncated(psf: Tensor, noise: float) -> tuple[Tensor, float]:
+    """PSFs [depth, 3, y, x] and the noise of photos without what in the mean over the depths leaves their
+    window: what comes back evenly over a photo leaves the rest less contrast."""
+    kept = psf.sum((-1, -2)).mean(0)
+    return psf / kept[:, None, None], noise / float(kept.mean())
 
 
 def smooth(cells: Tensor, deviation_px: float) -> Tensor:

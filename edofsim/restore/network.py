@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ..errors import InputError
 from ..recipe.kinds import NETWORKS
 from .borders import ALONG_REACH
-from .light import keep_light
+from .light import keep_light, without_glare
 from .restorer import Restorer
 
 
@@ -37,12 +37,19 @@ def weights_of(network: nn.Module) -> int:
 
 
 def apply_network(
-    network: Restorer, image: Tensor, *, glare: Tensor | None = None, tile: int = 512
+    network: Restorer,
+    image: Tensor,
+    *,
+    glare: Tensor | None = None,
+    linear: Tensor | None = None,
+    tile: int = 512,
 ) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
     Its lowest spatial frequencies are the photo's, see `light`. glare: [3], the part of the light that is
-    spread evenly over the photo, as the camera's mask is known to be made; None for none.
+    spread evenly over the photo, as the camera's mask is known to be made; None for none. A network for any
+    camera is given the photo without it. linear: [3, y, x], what Wiener deconvolution makes of that, for one
+    that `sees_linear`; None for the photo itself.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
@@ -54,22 +61,27 @@ def apply_network(
     if not torch.isfinite(image).all():
         raise InputError("the photo holds values that are not finite; nothing can be restored from it")
     network = network.eval().to(image.device)
+    if network.any_camera and glare is not None:
+        image, glare = without_glare(image, glare), None
     network, factor = network.brightened_for(image)
     precision = next((weights.dtype for weights in network.parameters()), image.dtype)
     photo = factor * image.to(precision)
     with torch.inference_mode():
-        restored = _restored(network, photo[None].contiguous(memory_format=torch.channels_last), tile)
+        seen = photo
+        if network.sees_linear:
+            seen = torch.cat([photo, photo if linear is None else factor * linear.to(photo)])
+        restored = _restored(network, seen[None].contiguous(memory_format=torch.channels_last), tile)
         return (keep_light(photo, restored, glare) / factor).clamp(0, 1).to(image.dtype)
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:
-    """What the network makes of a photo [1, 3, y, x], not clamped, [3, y, x]."""
+    """What the network makes of a photo [1, channel, y, x], not clamped, [3, y, x]."""
     if network.radius is None:
         return network.unclamped(photo)[0]
     rows, columns = photo.shape[-2:]
     around = -(-(network.radius + ALONG_REACH) // network.multiple) * network.multiple
     tile = -(-tile // network.multiple) * network.multiple
-    restored = photo.new_empty(photo.shape[1:])
+    restored = photo.new_empty(3, rows, columns)
     for top in range(0, rows, tile):
         for left in range(0, columns, tile):
             above, before = max(0, top - around), max(0, left - around)

@@ -8,7 +8,7 @@ from torch import Tensor
 from ..optics import Camera, psf_bank, response
 from .checkpoint import Checkpoint
 from .conditioning import conditioned_on, refusal
-from .light import without_glare
+from .light import without_glare, without_truncated
 from .network import apply_network
 from .restorer import Restorer
 from .wiener import wiener
@@ -36,26 +36,34 @@ def restore(
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
-    linear = None
-    if checkpoint is None or checkpoint.network.any_camera:
+    if checkpoint is None or why is not None:
         psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
         linear = wiener(without_glare(image, glare), psf, camera.read_noise)
-    if checkpoint is not None and why is None:
-        network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
-        if truncated is None:
-            lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
-            truncated = 1 - lens.sum((-1, -2))[0]
-        glare = 1 - (1 - glare) * (1 - truncated.to(glare))
-        sharp = apply_network(network, image, glare=glare)
-        return sharp if linear is None else with_share(network, sharp, linear), checkpoint.name
-    assert linear is not None
-    return linear, f"Wiener, as {why}" if why else "Wiener"
+        return linear, f"Wiener, as {why}" if why else "Wiener"
+    network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
+    if truncated is None:
+        lens = channel_psfs(camera, wavelengths, inverse_depths.double().mean()[None])
+        truncated = 1 - lens.sum((-1, -2))[0]
+    glare = 1 - (1 - glare) * (1 - truncated.to(glare))
+    if not network.any_camera:
+        return apply_network(network, image, glare=glare), checkpoint.name
+    psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
+    return for_any_camera(network, image, psf, camera.read_noise, glare), checkpoint.name
 
 
-def with_share(network: Restorer, sharp: Tensor, linear: Tensor) -> Tensor:
-    """What a network for any camera makes of a photo, with its share of Wiener deconvolution; both [channel,
-    y, x], within [0, 1]."""
-    return sharp.lerp(linear.clamp(0, 1), network.linear_share())
+def for_any_camera(network: Restorer, image: Tensor, psf: Tensor, noise: float, glare: Tensor) -> Tensor:
+    """What a network for any camera that was told this one makes of a photo [channel, y, x], with its share
+    of Wiener deconvolution, in [0, 1]. psf, noise: of `deconvolved`; glare: [channel], all that is spread
+    evenly over the photo."""
+    light = without_glare(image, glare)
+    linear = deconvolved(light, psf, noise)
+    return apply_network(network, light, linear=linear).lerp(linear.clamp(0, 1), network.linear_share())
+
+
+def deconvolved(photo: Tensor, psf: Tensor, noise: float) -> Tensor:
+    """Wiener deconvolution of photos [.., channel, y, x] without glare by PSFs [depth, channel, y, x], whose
+    depths are equally likely. noise: standard deviation before the glare was taken off."""
+    return wiener(photo, *without_truncated(psf, noise))
 
 
 def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:

@@ -24,12 +24,14 @@ class Restorer(nn.Module):
     of a training, those of the mask as it is then, so that gradients reach the mask through them; the
     last ones are kept.
 
-    any_camera: it was trained over many cameras, and is told each new one (`set_camera`).
+    any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
+    photos have three more channels, what Wiener deconvolution makes of the photo.
     """
 
     kind: ClassVar[str]
     psfs: ClassVar[Literal["none", "mean", "designed"]] = "none"
     any_camera: ClassVar[bool] = False
+    sees_linear: bool = False
     radius: int | None = None
     multiple: int = 1
     border: int = 0
@@ -68,8 +70,9 @@ class Restorer(nn.Module):
         return self, 1.0
 
     @classmethod
-    def grown(cls, network: Restorer) -> Restorer:
-        """One with the weights of a network of another kind. Raises InputError where that cannot be."""
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> Restorer:
+        """One with the weights of a network of another kind, or of its own with other settings. settings: in
+        place of that network's. Raises InputError where that cannot be."""
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
     def unclamped(self, photo: Tensor) -> Tensor:

@@ -18,10 +18,10 @@ the filter of a lens without a mask, which raises some frequencies a lot, makes 
 def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | None = None) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
-    image: [channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
+    image: [.., channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
     of several, equally likely; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
     noise: standard deviation relative to full scale 1. beyond_px: pixels that the image is continued by
-    beyond its border, before its mirror images go on; None for `BEYOND_PX`. Returns [channel, y, x].
+    beyond its border, before its mirror images go on; None for `BEYOND_PX`. Returns the image's shape.
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
@@ -31,7 +31,7 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | N
     Raises InputError where channels differ or the noise is negative.
     """
     stack = psf if psf.ndim == 4 else psf[None]
-    if stack.ndim != 4 or image.ndim != 3 or stack.shape[1] != image.shape[0]:
+    if stack.ndim != 4 or image.ndim < 3 or stack.shape[1] != image.shape[-3]:
         raise InputError(
             f"Wiener filter: an image {list(image.shape)} and PSFs {list(psf.shape)} do not fit; "
             "give [channel, y, x] and [depth, channel, y, x] with the same channels"
