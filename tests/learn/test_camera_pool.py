@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn.camera_pool import PooledOptics, camera_pool
+from edofsim.learn.camera_pool import Pooled, PooledOptics, camera_pool
 from edofsim.learn.edges import Edges
 from edofsim.learn.random_cameras import random_camera, widest_blur_px
 from edofsim.learn.setup import prepare
@@ -24,7 +24,9 @@ from edofsim.recipe.train import CamerasTable, TrainRecipe
 from edofsim.render.view import View
 from edofsim.restore.camera_bank import CameraBank
 from edofsim.restore.checkpoint import load_checkpoint
+from edofsim.restore.light import without_glare
 from edofsim.restore.network import build_network
+from edofsim.restore.restore import deconvolved
 
 WORKERS = Workers(0, 1, torch.device("cpu"))
 SMALL = {"groups": 2, "distances": 2, "support": 5, "width": 4, "blocks": [1, 1]}
@@ -217,6 +219,35 @@ def test_each_step_has_a_camera_whose_noise_and_filters_are_used() -> None:
         assert torch.equal(setup.system.network.filters, draw.camera.known.filters)
         seen.add(draw.camera.name)
     assert len(seen) > 1
+
+
+def test_the_network_sees_photos_without_glare_and_what_wiener_deconvolution_makes() -> None:
+    """As in use: by the light that leaves the windows of the photo's own PSFs."""
+    network = build_network("camera-bank", {**SMALL, "linear": True})
+    pooled = Pooled("one", _stored(), 0.01, CameraBank(**SMALL).condition(_stored().stored.float(), 0.01))
+    radiance = torch.rand(2, 3, 47, 47)
+    captured = Planes(radiance, torch.tensor([0.3, 1.5])).photograph(pooled.optics)
+    seen = pooled.seen(network, captured.clean, captured)
+    assert seen.shape == (2, 6, 40, 40)
+    for photo, psf, found in zip(captured.clean, captured.psf, seen, strict=True):
+        light = without_glare(photo, 1 - psf.sum((-1, -2)))
+        torch.testing.assert_close(found[:3], light)
+        between = pooled.optics.stored[torch.linspace(0, 5, 9).round().long()].float()
+        torch.testing.assert_close(found[3:], deconvolved(light, between, 0.01), atol=1e-4, rtol=0)
+    alone = pooled.seen(build_network("camera-bank", SMALL), captured.clean, captured)
+    assert torch.equal(alone, seen[:, :3])
+
+
+def test_what_a_network_is_told_are_psfs_at_the_depths_of_use() -> None:
+    """Of a lens with a large blur closer about its focus than those that photos are taken by."""
+    random = {**RANDOM, "count": 1, "validation": 1, "blur_px": [20, 40], "masks": ["clear"], "window_px": 48}
+    recipe = _recipe(cameras=random).recipe
+    network = build_network("camera-bank", SMALL)
+    pool = camera_pool(recipe, network, torch.device("cpu"), None)
+    assert pool is not None and isinstance(network, CameraBank)
+    pooled = pool.training[0]
+    even = network.condition(pooled.optics.stored.float(), pooled.read_noise)
+    assert (pooled.known.filters - even.filters).abs().max() > 1e-3
 
 
 def test_a_training_goes_on_as_if_it_had_not_been_interrupted(

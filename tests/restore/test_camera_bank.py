@@ -22,9 +22,10 @@ from edofsim.restore.choice import choose_network, said_of, usual_network
 from edofsim.restore.conditioning import conditioned_on, refusal
 from edofsim.restore.depths import FINEST_PX, closer_about_focus
 from edofsim.restore.filter_bank import FilterBank
+from edofsim.restore.light import without_glare
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
-from edofsim.restore.restore import restore
+from edofsim.restore.restore import deconvolved, restore
 
 SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
 DEPTHS = torch.tensor([0.8, 1.2], dtype=torch.float64)
@@ -76,9 +77,53 @@ def test_grown_from_a_bank_it_restores_as_that_does() -> None:
     assert (expected - photo).abs().max() > 0.1
 
 
+def test_grown_to_see_wiener_deconvolution_it_restores_as_before() -> None:
+    torch.manual_seed(1)
+    before = CameraBank(**SMALL)
+    with torch.no_grad():
+        for parameter in before.parameters():
+            parameter.add_(0.05 * torch.randn(parameter.shape))
+    grown = CameraBank.grown(before, {"linear": True})
+    assert grown.settings() == {**before.settings(), "linear": True}
+    for network in (before.eval(), grown.eval()):
+        network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0), 0.01)
+    photo, linear = torch.rand(2, 3, 64, 64).unbind()
+    expected = apply_network(before, photo)
+    torch.testing.assert_close(apply_network(grown, photo, linear=linear), expected, atol=1e-5, rtol=0)
+    with torch.no_grad():
+        grown.trunk.first.weight.add_(0.05)
+    found = [apply_network(grown, photo, linear=seen) for seen in (linear, photo, None)]
+    assert (found[0] - found[1]).abs().max() > 1e-3
+    assert torch.equal(found[1], found[2])
+
+
 def test_it_grows_out_of_nothing_else() -> None:
-    with pytest.raises(InputError, match="'dcnn'"):
-        CameraBank.grown(build_network("dcnn"))
+    for other in (build_network("dcnn"), CameraBank(**SMALL, linear=True)):
+        with pytest.raises(InputError, match=repr(other.kind) + "$"):
+            CameraBank.grown(other)
+
+
+def test_light_that_leaves_the_windows_of_psfs_is_taken_off_first() -> None:
+    """Half of the light of a plane spread evenly: its photo is restored as one of twice the noise that lost
+    nothing."""
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    whole, half = CameraBank(**SMALL).eval(), CameraBank(**SMALL).eval()
+    whole.set_camera(psf, 0.01)
+    half.set_camera(psf / 2, 0.005)
+    torch.testing.assert_close(half.filters, whole.filters)
+    assert half.noise == pytest.approx(whole.noise)
+    photo = torch.rand(3, 64, 64)
+    glare = torch.full((3,), 0.5)
+    light = without_glare(photo, glare)
+    torch.testing.assert_close(apply_network(half, photo, glare=glare), apply_network(whole, light))
+    expected = deconvolved(light, psf, 0.01)
+    torch.testing.assert_close(deconvolved(light, psf / 2, 0.005), expected, atol=1e-5, rtol=0)
+
+
+def test_photos_side_by_side_are_deconvolved_as_each_by_itself() -> None:
+    psf, photos = _discs([1, 3, 5, 7]), torch.rand(2, 3, 40, 40)
+    found = deconvolved(photos, psf, 0.01)
+    torch.testing.assert_close(found, torch.stack([deconvolved(each, psf, 0.01) for each in photos]))
 
 
 def test_a_camera_that_it_is_told_is_no_part_of_its_weights() -> None:
@@ -213,8 +258,9 @@ def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Chec
     photo = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(4))
     camera = _camera()
     network = conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS)
-    linear = restore(photo, camera, PAPER_COLOURS, DEPTHS)[0].clamp(0, 1)
+    psf = psf_bank(camera, PAPER_COLOURS, DEPTHS).values
     truncated = 1 - psf_bank(camera, PAPER_COLOURS, DEPTHS.mean()[None]).values[0].sum((-1, -2))
+    linear = deconvolved(without_glare(photo, truncated), psf, camera.read_noise).clamp(0, 1)
     own = apply_network(network, photo, glare=truncated)
     expected = (1 - SHARES[0]) * own + SHARES[0] * linear
     sharp, _ = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
