@@ -14,7 +14,7 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from ..optics import Camera, defocus
+from ..optics import Camera, defocus, share_told
 from ..render.view import View
 from .band_groups import Gathering, every_band, gathered, gathered_kernels, gathered_view
 from .band_limit import BandLimit
@@ -53,8 +53,8 @@ class Imaging:
     """The optics of a fidelity, with their PSFs at hand.
 
     window: side of the PSFs in pixels; widest: of the recipe's; reach: pixels around the frame that light
-    comes from; gathering: bands to groups; blurring: with the groups' PSFs; `image` and `light` may be called
-    for any view of the axes.
+    comes from; gathering: bands to groups; blurring: with the groups' PSFs; told: share of what the pupil
+    would tell that the sub-apertures do; `image` and `light` may be called for any view of the axes.
     """
 
     fidelity: Fidelity
@@ -63,6 +63,7 @@ class Imaging:
     gathering: Gathering
     blurring: Blurring
     sub_apertures: tuple[Kernels, ...] = field(default=(), repr=False)
+    told: float = 1.0
 
     @property
     def reach(self) -> int:
@@ -92,10 +93,11 @@ class Imaging:
         return light.crop_margin(way(light, self.blurring, *([] if layout is None else [layout])))
 
     def change_by_sub_apertures(self, light: View, layout: Layout | None = None) -> Tensor:
-        """What compositing each sub-aperture by itself changes in the image: [channel, y, x] of the frame."""
+        """What compositing each place of the pupil by itself changes in the image, [channel, y, x] of the
+        frame, from what the sub-apertures tell of it."""
         side = self.fidelity.sub_aperture_pixel
         change = change_by_sub_apertures(light, self.blurring, self.sub_apertures, side, layout)
-        return light.crop_margin(change)
+        return light.crop_margin(change) / self.told
 
 
 def imaging_of(
@@ -169,7 +171,8 @@ def sub_aperture_imaging(
         METHODS[coarse.method],
         gap=1 / blur_per_dioptre(camera),
     )
-    return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held))
+    told = share_told(camera, coarse.sub_apertures)
+    return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held), told)
 
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:

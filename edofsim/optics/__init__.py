@@ -6,7 +6,7 @@ from .materials import MATERIALS, Material, material
 from .psf import mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, add_noise, response, response_curves
-from .sub_apertures import sub_aperture_psfs
+from .sub_apertures import share_told, sub_aperture_psfs
 
 __all__ = [
     "MATERIALS",
@@ -27,5 +27,6 @@ __all__ = [
     "response",
     "response_curves",
     "sampling_bound",
+    "share_told",
     "sub_aperture_psfs",
 ]

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial, reduce
+from functools import lru_cache, partial, reduce
 
 import torch
 from torch import Tensor
@@ -22,6 +22,7 @@ from torch import Tensor
 from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid
+from .masks import Mask, mask_amplitude
 from .propagation import Part, Wave, propagate, shared_energies
 from .psf import axes_of, wave_at
 from .pupil import aperture
@@ -35,6 +36,8 @@ DARK = 0.2
 
 COARSER = 4 / 3
 """How much farther apart samples are where pixels are coarse, which sum over finer detail anyway."""
+SHARE_SAMPLES = 130
+"""Across the pupil, for `share_told`."""
 HELD_BYTES = 256 << 20
 """Of parts that are computed together: they share work."""
 
@@ -87,6 +90,33 @@ def sub_aperture_psfs(
         of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
         for number in range(len(several)):
             yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
+
+
+def share_told(camera: Camera, across: int) -> float:
+    """How much of what rays through all places of the pupil would tell of an edge that `across` x `across`
+    sub-apertures do, to second order: at most 1.
+
+    What an edge hides of what lies behind it depends on how the light of the two goes together over the
+    pupil. Where both change evenly across it, that is in proportion to the variance of the places that light
+    comes through, and what is lost by taking each sub-aperture as a whole, to the variance within it.
+    """
+    return _share_told(camera.mask, across)
+
+
+@lru_cache(maxsize=64)
+def _share_told(mask: Mask, across: int) -> float:
+    grid = PupilGrid(SHARE_SAMPLES, 2 / (SHARE_SAMPLES - 2), 1.0)
+    intensity = mask_amplitude(mask, grid)[1].double()
+    along, parts = partition(grid, across, intensity)
+    light, place = intensity.sum(), grid.centres
+    middle = torch.stack([(intensity.sum(1) @ place), (intensity.sum(0) @ place)]) / light
+    whole = (intensity * grid.radius_squared()).sum() - light * middle.square().sum()
+    told = torch.zeros((), dtype=torch.float64)
+    for part in parts:
+        seen = _window(along, part) * intensity
+        own = torch.stack([seen.sum(1) @ place, seen.sum(0) @ place]) / seen.sum()
+        told += seen.sum() * (own - middle).square().sum()
+    return float(told / whole)
 
 
 def coarse_window(pixels: int, side: int) -> int:

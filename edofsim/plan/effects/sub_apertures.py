@@ -13,15 +13,12 @@ from ...capture.fidelity import FULL_SUB_APERTURES
 from ..effect import Effect, Level
 from ..facts import Facts, photographed
 
-FEWER = 4
+FEWER = 3
 SEEN = 0.75
-"""Of what sub-apertures change, what a coarse photo through 4 x 4 shows."""
+"""Of what sub-apertures change, what a coarse photo through 3 x 3 shows."""
 FEWEST = 2
-LEFT_BY_FEWER = {"smooth": 0.3, "rough": 0.6}
-"""What 4 x 4 leave out, of what 2 x 2 leave out of what 4 x 4 show: a rough mask differs from one
-sub-aperture to the next."""
-SMOOTH = ("clear", "cubic")
-"""Masks whose shares were those of the first kind; others are taken for rough."""
+LEFT_BY_FEWER = 0.6
+"""What 3 x 3 leave out, of what 2 x 2 leave out of what 3 x 3 show."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
 """And what pixels so many times as wide leave out of the change: the first times what averages over pixels
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
@@ -67,8 +64,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     else:
         few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
         seen, *by_fewest = photographed(facts, few, sub_apertures=most)
-        smooth = facts.camera.height_map is None and facts.camera.recipe.mask.kind in SMOOTH
-        fewer = LEFT_BY_FEWER["smooth" if smooth else "rough"] * (full - most) / (FULL_SUB_APERTURES - FEWER)
+        fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
         fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
     whole = seen / SEEN
     coarse = facts.coarse
