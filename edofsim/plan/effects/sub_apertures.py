@@ -24,8 +24,8 @@ LEFT_BY_COARSE = 1.7, 1.2, 0.064
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
 times the root of the width.
 
-Those of fewer and of coarse pixels are from whole frames of six shipped scenes and members 902 of families,
-the first from middles of shipped scenes, which `python -m benchmarks.sub_apertures` shows all of."""
+Those of coarse pixels are from whole frames of six shipped scenes and members 902 of families, the others
+from middles of shipped scenes, which `python -m benchmarks.sub_apertures` shows all of."""
 
 
 def absent(facts: Facts) -> str:
