@@ -35,7 +35,7 @@ from .render import View, cached, render
 from .restore import restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between, restoring
-from .restore.scores import DepthScore, Score, score, score_by_depth, within_scale
+from .restore.scores import DepthScore, Score, score_by_depth, within_scale
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def run(
         truth = within_scale(photo.ideal)
 
         def judged(image: Tensor) -> tuple[Score, tuple[DepthScore, ...]]:
-            return score(image, truth), score_by_depth(image, truth, inverse_depth)
+            return score_by_depth(image, truth, inverse_depth)
 
         found = in_threads(judged, list(images.values()), truth.device)
         scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}

@@ -238,6 +238,12 @@ def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
     return replace(how, band_groups=1, group_wavelengths=1 if coarse else 2, layers=layers)
 
 
+def coarse_pupil_will_do(of_sub_apertures: Fidelity) -> bool:
+    """Whether sub-apertures, so simulated, tell their change through a pupil that is sampled as coarsely as
+    may be: a fine one is for the light that a height map scatters far, next to nothing of the change."""
+    return of_sub_apertures.pupil_sampling_um is None and not of_sub_apertures.sub_apertures_in_full
+
+
 def edge_pixels(view: View, gap: float) -> int:
     """Pixels that see two surfaces, or whose neighbour below or to the right is nearer or farther by `gap`
     (1/m), where blurs begin to differ."""

@@ -21,7 +21,14 @@ from .band_limit import BandLimit
 from .blurring import Blurring
 from .checks import check_view
 from .crop import crop, with_margin
-from .fidelity import Fidelity, coarsest_pupil_um, of_sub_apertures, pupil_is_free, simpler_camera
+from .fidelity import (
+    Fidelity,
+    coarse_pupil_will_do,
+    coarsest_pupil_um,
+    of_sub_apertures,
+    pupil_is_free,
+    simpler_camera,
+)
 from .kernels import Kernels
 from .methods import METHODS
 from .occlusion import OCCLUSIONS
@@ -146,8 +153,7 @@ def sub_aperture_imaging(
     coarse = of_sub_apertures(fidelity)
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
-    if not coarse.sub_apertures_in_full and coarse.pupil_sampling_um is None and pupil_is_free(camera):
-        # a fine pupil is for the light that a height map scatters far: next to nothing of what is changed
+    if coarse_pupil_will_do(coarse) and pupil_is_free(camera):
         finely = coarsest_pupil_um(camera, gathering.wavelengths, nodes, window)
         coarse = coarse.changed({"pupil_sampling_um": finely})
     through = kernels_of_sub_apertures(

@@ -36,7 +36,7 @@ from ..render import View, render
 from ..render.keys import view_key
 from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
-from ..restore.scores import Score, depth_ranges, score, score_parts, within_scale
+from ..restore.scores import depth_ranges, score_parts, within_scale
 from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
 from .kept import Kept
@@ -293,7 +293,7 @@ def _scores(
     image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
 ) -> Iterable[tuple[Region, tuple[float, float, int]]]:
     image, truth = within_scale(image).cpu(), truth.cpu()
-    parts: list[Score] = [score(image, truth), *score_parts(image, truth, list(regions.values()))]
+    parts = score_parts(image, truth, [None, *regions.values()])
     for place, each in zip(((WHOLE, 0.0, math.inf), *regions), parts, strict=True):
         yield place, (each.psnr_db, each.ssim, each.pixels)
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, of_sub_apertures, simpler_camera
+from ..capture.fidelity import Fidelity, coarse_pupil_will_do, of_sub_apertures, simpler_camera
 from ..capture.light import SMALLER
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
@@ -113,7 +113,7 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    if coarse.pupil_sampling_um is None and not coarse.sub_apertures_in_full and shape.pupil_um is not None:
+    if coarse_pupil_will_do(coarse) and shape.pupil_um is not None:
         samples = _pupil_samples(camera, coarse.changed({"pupil_sampling_um": shape.pupil_um}), window, shape)
     side = coarse.sub_aperture_pixel
     width = coarse_window(window, side)

@@ -73,19 +73,20 @@ def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
 
 def score(image: Tensor, truth: Tensor) -> Score:
     """PSNR and SSIM over the whole image, [channel, y, x] each."""
-    similarity = ssim_map(image, truth)
-    return Score(
-        psnr(image, truth), math.nan if similarity is None else float(similarity.mean()), truth[0].numel()
-    )
+    return score_parts(image, truth, [None])[0]
 
 
-def score_parts(image: Tensor, truth: Tensor, parts: Sequence[Tensor]) -> list[Score]:
-    """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least."""
+def score_parts(image: Tensor, truth: Tensor, parts: Sequence[Tensor | None]) -> list[Score]:
+    """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least; None: all of
+    it."""
     similarity = ssim_map(image, truth)
     found = []
     for mask in parts:
-        mean_ssim = math.nan if similarity is None else float(similarity[mask.cpu()].mean())
-        found.append(Score(psnr(image, truth, mask), mean_ssim, int(mask.sum())))
+        alike = math.nan
+        if similarity is not None:
+            alike = float((similarity if mask is None else similarity[mask.cpu()]).mean())
+        pixels = truth[0].numel() if mask is None else int(mask.sum())
+        found.append(Score(psnr(image, truth, mask), alike, pixels))
     return found
 
 
@@ -107,11 +108,13 @@ def depth_ranges(
 
 def score_by_depth(
     image: Tensor, truth: Tensor, inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
-) -> tuple[DepthScore, ...]:
-    """Scores of the pixels in each depth range that holds any (see `depth_ranges`)."""
+) -> tuple[Score, tuple[DepthScore, ...]]:
+    """The score of the whole image, and those of the pixels in each depth range that holds any (see
+    `depth_ranges`)."""
     ranges = depth_ranges(inverse_depth, edges_m)
-    scores = score_parts(image, truth, [mask for _, _, mask in ranges])
-    return tuple(DepthScore(near, far, each) for (near, far, _), each in zip(ranges, scores, strict=True))
+    whole, *scores = score_parts(image, truth, [None, *(mask for _, _, mask in ranges)])
+    parts = (DepthScore(near, far, each) for (near, far, _), each in zip(ranges, scores, strict=True))
+    return whole, tuple(parts)
 
 
 def _same_shape(image: Tensor, truth: Tensor) -> None:

@@ -35,7 +35,7 @@ from edofsim.report import (
     write_page,
     write_report,
 )
-from edofsim.restore.scores import DepthScore, Score, score, score_by_depth
+from edofsim.restore.scores import DepthScore, Score, score_by_depth
 
 VOID = {"meta", "img", "input", "source", "br", "link"}
 
@@ -81,7 +81,7 @@ BARE = {"psfs": None, "mtfs": None, "height_m": None, "mask_width_m": None}  # q
 
 
 def image_score(image: torch.Tensor, ideal: torch.Tensor, depth: torch.Tensor) -> ImageScore:
-    return ImageScore(score(image, ideal), score_by_depth(image, ideal, depth))
+    return ImageScore(*score_by_depth(image, ideal, depth))
 
 
 def report(rows: int = 96, columns: int = 128, **changes) -> RunReport:
