@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.tables import kept_tables
 from ..errors import InputError
 from .camera import Camera
 
@@ -136,7 +137,11 @@ def _read_csv(text: str, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _from_colour_science(title: str) -> tuple[np.ndarray, np.ndarray]:
-    import colour  # takes seconds: only where it is asked for
+    def make() -> dict[str, np.ndarray]:
+        from colour import MSDS_CAMERA_SENSITIVITIES
 
-    sensitivities = colour.MSDS_CAMERA_SENSITIVITIES[title]
-    return np.asarray(sensitivities.wavelengths, float), np.asarray(sensitivities.values, float).clip(0).T
+        found = MSDS_CAMERA_SENSITIVITIES[title]
+        return {"": np.vstack([found.wavelengths, np.asarray(found.values).clip(0).T])}
+
+    nm, *curves = kept_tables(f"sensor {title}", make)[""]
+    return nm, np.stack(curves)

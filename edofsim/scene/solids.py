@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
 
 from ..errors import InputError
 from .model import TriangleMesh
@@ -211,6 +210,8 @@ def smooth_path(points: np.ndarray, closed: bool = False) -> np.ndarray:
     if len(points) == 2:
         return points
     knots = np.concatenate([[0], np.cumsum(np.sqrt(steps))])
+    from scipy.interpolate import CubicSpline  # takes half a second: only for objects along a curve
+
     spline = CubicSpline(knots, points, bc_type="periodic" if closed else "natural")
     path = spline(np.linspace(0, knots[-1], 12 * len(points)))
     return path[:-1] if closed else path

@@ -9,13 +9,13 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import re
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..core.images import srgb_decode
+from ..core.tables import kept_tables
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -63,17 +63,33 @@ def _inside(nm: np.ndarray, first: float, last: float, slack_nm: float, what: st
         )
 
 
-def _interpolated(
-    sd: colour.SpectralDistribution, wavelengths: np.ndarray, slack: float, what: str
-) -> np.ndarray:
-    """Linear interpolation of a colour-science spectrum, constant for `slack` metres beyond its ends."""
+def _interpolated(table: np.ndarray, wavelengths: np.ndarray, slack: float, what: str) -> np.ndarray:
+    """Linear interpolation of a table of `_rows`, constant for `slack` metres beyond its ends.
+
+    Returns [band] of the first of its curves.
+    """
     nm = np.asarray(wavelengths, float) * 1e9
-    x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
+    x, y = table[:2]
     _inside(nm, x[0], x[-1], slack * 1e9, what)
     return np.interp(nm, x, y)
 
 
-@lru_cache(maxsize=1)
+def _rows(sd: colour.SpectralDistribution | colour.MultiSpectralDistributions) -> np.ndarray:
+    """Wavelengths (nm) and the curves of a spectrum of colour-science, float64 [1 + curve, n]."""
+    return np.vstack([np.asarray(sd.wavelengths, float), np.asarray(sd.values, float).T])
+
+
+def _observer() -> np.ndarray:
+    """Wavelengths (nm) and the three colour matching functions of CIE 1931, [4, n]."""
+
+    def make() -> dict[str, np.ndarray]:
+        from colour import MSDS_CMFS
+
+        return {"": _rows(MSDS_CMFS["CIE 1931 2 Degree Standard Observer"])}
+
+    return kept_tables("observer of CIE 1931", make)[""]
+
+
 def _measured_surfaces() -> dict[str, colour.SpectralDistribution]:
     from colour import SDS_COLOURCHECKERS
 
@@ -91,10 +107,16 @@ def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
 
     wavelengths: [band] m. Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
     """
-    from colour import SDS_COLOURCHECKERS
 
-    sds = SDS_COLOURCHECKERS["ColorChecker N Ohta"]
-    return {n: _interpolated(sd, wavelengths, MAX_EXTRAPOLATION, f"the patch {n!r}") for n, sd in sds.items()}
+    def make() -> dict[str, np.ndarray]:
+        from colour import SDS_COLOURCHECKERS
+
+        return {name: _rows(sd) for name, sd in SDS_COLOURCHECKERS["ColorChecker N Ohta"].items()}
+
+    return {
+        name: _interpolated(table, wavelengths, MAX_EXTRAPOLATION, f"the patch {name!r}")
+        for name, table in kept_tables("patches of N. Ohta", make).items()
+    }
 
 
 def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
@@ -102,12 +124,16 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
 
     They sum to 1 at every wavelength, so that white is white and no reflectance exceeds 1.
     """
-    from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019 as BASIS
+
+    def make() -> dict[str, np.ndarray]:
+        from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
+
+        return {"": _rows(MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019)}
 
     nm = np.asarray(wavelengths, float) * 1e9
     _inside(nm, 380, 780, MAX_EXTRAPOLATION * 1e9, "the basis for sRGB photographs (Mallett and Yuksel)")
-    x = np.asarray(BASIS.wavelengths, float)
-    basis = np.stack([np.interp(nm, x, column) for column in np.asarray(BASIS.values, float).T])
+    x, *columns = kept_tables("basis for sRGB of Mallett and Yuksel", make)[""]
+    basis = np.stack([np.interp(nm, x, column) for column in columns])
     return basis / basis.sum(axis=0)
 
 
@@ -124,13 +150,16 @@ def srgb_weights(wavelengths: np.ndarray) -> np.ndarray:
 
     By the observer of CIE 1931; the illuminant D65 comes out white, (1, 1, 1), however few the bands are.
     """
-    from colour import MSDS_CMFS, RGB_COLOURSPACES
+
+    def make() -> dict[str, np.ndarray]:
+        from colour import RGB_COLOURSPACES
+
+        return {"": RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB}
 
     nm = np.asarray(wavelengths, float) * 1e9
-    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    x = np.asarray(cmfs.wavelengths, float)
-    observer = np.stack([np.interp(nm, x, column) for column in np.asarray(cmfs.values, float).T])
-    weights = np.asarray(RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB) @ observer
+    x, *columns = _observer()
+    observer = np.stack([np.interp(nm, x, column) for column in columns])
+    weights = kept_tables("XYZ to sRGB", make)[""] @ observer
     white = weights @ illuminant("D65", wavelengths)
     if (white <= 0).any():  # too few bands to tell colours apart: all is grey
         weights = np.broadcast_to(observer[1] + 1e-9, weights.shape)
@@ -155,11 +184,15 @@ def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
         return np.full(len(wavelengths), float(value))
     if value.startswith("#"):
         return hex_to_linear(value) @ srgb_basis(wavelengths)
-    surfaces = _measured_surfaces()
+
+    def make() -> dict[str, np.ndarray]:
+        return {name: _rows(sd) for name, sd in _measured_surfaces().items()}
+
+    surfaces = kept_tables("measured surfaces", make)
     if value.lower() not in surfaces:
         raise _unknown("reflectance", value, list(surfaces))
-    sd = surfaces[value.lower()]
-    return np.clip(_interpolated(sd, wavelengths, MAX_EXTRAPOLATION, f"the reflectance {value!r}"), 0, 1)
+    table = surfaces[value.lower()]
+    return np.clip(_interpolated(table, wavelengths, MAX_EXTRAPOLATION, f"the reflectance {value!r}"), 0, 1)
 
 
 def luminance(values: np.ndarray, nm: np.ndarray) -> float:
@@ -167,19 +200,17 @@ def luminance(values: np.ndarray, nm: np.ndarray) -> float:
 
     values, nm: [n], equally spaced wavelengths in nanometres.
     """
-    from colour import MSDS_CMFS
-
-    cmfs = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
-    weight = np.interp(nm, np.asarray(cmfs.wavelengths, float), np.asarray(cmfs.values, float)[:, 1])
+    x, _, sensitivity, _ = _observer()
+    weight = np.interp(nm, x, sensitivity)
     return float((weight * values).sum() / weight.sum())
 
 
-def _luminance_normalised(sd: colour.SpectralDistribution) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths (nm) and values of a spectrum scaled to the luminance of the constant spectrum 1.
+def _luminance_normalised(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wavelengths (nm) and values of `_rows` scaled to the luminance of the constant spectrum 1.
 
     The scale is taken from the whole spectrum, so that it does not depend on the bands of a view.
     """
-    x, y = np.asarray(sd.wavelengths, float), np.asarray(sd.values, float)
+    x, y = table
     nm = np.arange(max(380, x[0]), min(780, x[-1]) + 0.5)
     return x, y / luminance(np.interp(nm, x, y), nm)
 
@@ -190,16 +221,20 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
     Scaled so that its luminance is that of the constant spectrum 1. No value is invented outside the
     data: raises InputError there, and for unknown names (with the nearest ones).
     """
-    from colour import SDS_ILLUMINANTS, SDS_LIGHT_SOURCES
 
-    known: dict[str, colour.SpectralDistribution] = {}
-    for key, entry in (*SDS_LIGHT_SOURCES.items(), *SDS_ILLUMINANTS.items()):
-        group = entry.items() if hasattr(entry, "items") else [(key, entry)]
-        known.update({str(key): sd for key, sd in group})
-    by_lower = {key.lower(): sd for key, sd in known.items()}
-    if name.lower() not in by_lower:
-        raise _unknown("illuminant", name, list(known))
-    x, y = _luminance_normalised(by_lower[name.lower()])
+    def make() -> dict[str, np.ndarray]:
+        from colour import SDS_ILLUMINANTS, SDS_LIGHT_SOURCES
+
+        known: dict[str, colour.SpectralDistribution] = {}
+        for key, entry in (*SDS_LIGHT_SOURCES.items(), *SDS_ILLUMINANTS.items()):
+            group = entry.items() if hasattr(entry, "items") else [(key, entry)]
+            known.update({str(key): sd for key, sd in group})
+        by_lower = {key.lower(): sd for key, sd in known.items()}
+        if name.lower() not in by_lower:
+            raise _unknown("illuminant", name, list(known))
+        return {"": _rows(by_lower[name.lower()])}
+
+    x, y = _luminance_normalised(kept_tables(f"illuminant {name.lower()}", make)[""])
     nm = np.asarray(wavelengths, float) * 1e9
     _inside(nm, x[0], x[-1], 0, f"the illuminant {name!r}")
     return np.interp(nm, x, y)
@@ -207,12 +242,16 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
 def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
     """CIE daylight of a correlated colour temperature (4000 to 25000 K), scaled as `illuminant`."""
-    from colour import sd_CIE_illuminant_D_series
-    from colour.temperature import CCT_to_xy_CIE_D
+
+    def make() -> dict[str, np.ndarray]:
+        from colour import sd_CIE_illuminant_D_series
+        from colour.temperature import CCT_to_xy_CIE_D
+
+        return {"": _rows(sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(cct_k)))}
 
     if not 4000 <= cct_k <= 25000:
         raise InputError(f"daylight of {cct_k:g} K is not defined by the CIE: choose 4000 to 25000 K")
-    x, y = _luminance_normalised(sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(cct_k)))
+    x, y = _luminance_normalised(kept_tables(f"daylight {float(cct_k)!r}", make)[""])
     nm = np.asarray(wavelengths, float) * 1e9
     _inside(nm, x[0], x[-1], 0, f"daylight of {cct_k:g} K")
     return np.interp(nm, x, y)
