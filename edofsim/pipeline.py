@@ -32,7 +32,7 @@ from .plan import (
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import View, cached, render
-from .restore import restore
+from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between, restoring
 from .restore.scores import DepthScore, Score, score_by_depth, within_scale
@@ -40,8 +40,12 @@ from .restore.scores import DepthScore, Score, score_by_depth, within_scale
 
 @dataclass(frozen=True)
 class Run:
-    """All that the main job made. Images are linear [channel, y, x], full scale 1; wiener: the photo restored
-    by Wiener deconvolution, for comparison where a network restored."""
+    """All that the main job made. Images are linear [channel, y, x], full scale 1.
+
+    wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
+    `channel_psfs` at the inverse depths `psf_depths` [depth] in 1/m, from far to near, that stand for the
+    scene.
+    """
 
     scene: Loaded[SceneRecipe]
     camera: Loaded[CameraRecipe]
@@ -51,6 +55,8 @@ class Run:
     view: View
     plan: Plan
     photo: Photo
+    psfs: Tensor
+    psf_depths: Tensor
     restored: Tensor
     restored_by: str
     wiener: Tensor | None
@@ -124,20 +130,23 @@ def run(
         learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):
         lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
-    with watch.stage("restore", 0.92, 0.94):
+    with watch.stage("psfs", 0.92, 0.93):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
+        psfs = channel_psfs(optics, view.wavelengths, depths)
+    with watch.stage("restore", 0.93, 0.94):
         restored, by = restore(
             photo.image,
             optics,
             view.wavelengths,
             depths,
             checkpoint=checkpoint,
+            psfs=psfs,
             truncated=photo.truncated,
         )
     wiener = None
     if checkpoint is not None:
         with watch.stage("wiener", 0.94, 0.96):
-            wiener, _ = restore(photo.image, optics, view.wavelengths, depths)
+            wiener, _ = restore(photo.image, optics, view.wavelengths, depths, psfs=psfs)
     with watch.stage("score", 0.96, 0.98):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
         images = {
@@ -164,6 +173,8 @@ def run(
         view=view,
         plan=plan,
         photo=photo,
+        psfs=psfs,
+        psf_depths=depths,
         restored=restored,
         restored_by=by,
         wiener=wiener,

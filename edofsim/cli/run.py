@@ -69,7 +69,7 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,restore,wiener,score,report,total}, seconds.processor (of
+    seconds.{render,plan,expose,lens_alone,psfs,restore,wiener,score,report,total}, seconds.processor (of
     all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved (planning against the
     seconds that it saves), and what `edofsim plan` says.
     """

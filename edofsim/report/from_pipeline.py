@@ -22,7 +22,6 @@ from ..optics.threads import in_threads
 from ..plan import Plan, overall
 from ..record import machine, versions
 from ..render.view import View
-from ..restore import channel_psfs
 from .model import ImageScore, PlanRow, Psfs, RunReport
 from .plot import Plot
 from .run_page import write_report
@@ -30,8 +29,6 @@ from .run_page import write_report
 if TYPE_CHECKING:
     from ..pipeline import Run
 
-PSF_DEPTHS = 6
-"""Of the point spread functions, evenly spaced in dioptres over the scene."""
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
 QUICK = Fidelity(occlusion="normalised", layers=8, oversampling=1)
@@ -47,9 +44,8 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     """
     camera = result.optics
     height, width = _relief(camera)
-    dioptres = _spaced(result.view, PSF_DEPTHS)
-    psfs = channel_psfs(camera, result.view.wavelengths, torch.tensor(dioptres))
-    depths_m = tuple(1 / each if each > 0 else math.inf for each in dioptres)
+    shown = slice(None, None, 2)  # of the depths from far to near
+    depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths.tolist()[shown][::-1])
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,
@@ -62,7 +58,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         wiener=result.wiener,
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
-        psfs=Psfs(psfs, depths_m, camera.pixel * 1e6),
+        psfs=Psfs(result.psfs[shown].flip(0), depths_m, camera.pixel * 1e6),
         height_m=height,
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,

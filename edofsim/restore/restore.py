@@ -21,6 +21,7 @@ def restore(
     inverse_depths: Tensor,
     *,
     checkpoint: Checkpoint | None = None,
+    psfs: Tensor | None = None,
     glare: Tensor | None = None,
     truncated: Tensor | None = None,
 ) -> tuple[Tensor, str]:
@@ -29,16 +30,17 @@ def restore(
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and the inverse depths [depth] in 1/m that the photo may hold, each depth
     equally likely. A filter bank is conditioned on the wavelengths, see `conditioning`; where a network for
-    any camera cannot restore, Wiener deconvolution does, and the words say why. glare: [channel], the
-    part of the light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask
-    that was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
-    known (`Photo.truncated`), None for that of the camera's PSFs at the mean depth.
+    any camera cannot restore, Wiener deconvolution does, and the words say why. psfs: `channel_psfs` of
+    these wavelengths and depths, None where they are still to be made. glare: [channel], the part of the
+    light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask that was
+    made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is known
+    (`Photo.truncated`), None for that of the camera's PSFs at the mean depth.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:
-        psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-        linear = wiener(without_glare(image, glare), psf, camera.read_noise)
+        psf = channel_psfs(camera, wavelengths, inverse_depths) if psfs is None else psfs
+        linear = wiener(without_glare(image, glare), psf.to(image), camera.read_noise)
         return linear, f"Wiener, as {why}" if why else "Wiener"
     network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
     if truncated is None:
@@ -47,8 +49,8 @@ def restore(
     glare = 1 - (1 - glare) * (1 - truncated.to(glare))
     if not network.any_camera:
         return apply_network(network, image, glare=glare), checkpoint.name
-    psf = channel_psfs(camera, wavelengths, inverse_depths).to(image)
-    return for_any_camera(network, image, psf, camera.read_noise, glare), checkpoint.name
+    psf = channel_psfs(camera, wavelengths, inverse_depths) if psfs is None else psfs
+    return for_any_camera(network, image, psf.to(image), camera.read_noise, glare), checkpoint.name
 
 
 def for_any_camera(network: Restorer, image: Tensor, psf: Tensor, noise: float, glare: Tensor) -> Tensor:

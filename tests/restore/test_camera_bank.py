@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -25,7 +26,7 @@ from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.light import without_glare
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
-from edofsim.restore.restore import deconvolved, restore
+from edofsim.restore.restore import channel_psfs, deconvolved, restore
 
 SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
 DEPTHS = torch.tensor([0.8, 1.2], dtype=torch.float64)
@@ -265,6 +266,23 @@ def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Chec
     expected = (1 - SHARES[0]) * own + SHARES[0] * linear
     sharp, _ = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
     torch.testing.assert_close(sharp, expected, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("network", [True, False])
+def test_psfs_that_are_known_are_not_made_again(
+    monkeypatch: pytest.MonkeyPatch, checkpoint: Checkpoint, network: bool
+) -> None:
+    photo, camera = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(4)), _camera()
+    used, truncated = checkpoint if network else None, torch.zeros(3)
+    own, by = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=used, truncated=truncated)
+    psfs = channel_psfs(camera, PAPER_COLOURS, DEPTHS)
+    monkeypatch.setattr(
+        sys.modules[restore.__module__], "channel_psfs", lambda *told: pytest.fail("made again")
+    )
+    told = {"checkpoint": used, "truncated": truncated}
+    assert torch.equal(restore(photo, camera, PAPER_COLOURS, DEPTHS, psfs=psfs, **told)[0], own)
+    other = restore(photo, camera, PAPER_COLOURS, DEPTHS, psfs=psfs.roll(3, -1), **told)
+    assert other[1] == by and not torch.allclose(other[0], own, atol=1e-3)
 
 
 def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(checkpoint: Checkpoint) -> None:
