@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import accumulate
 
 import torch
 from torch import Tensor
@@ -40,11 +41,11 @@ def normalised(view: View, blurring: Blurring) -> Tensor:
     coverage divided by the blurred coverage of the layer and all behind it. [channel, y, x], padded frame.
     """
     layers = list(_layers(view, blurring))
-    behind = torch.stack([coverage for _, coverage in layers]).flip(0).cumsum(0).flip(0)
+    behind = list(accumulate(coverage for _, coverage in reversed(layers)))
     photo, clear = torch.zeros_like(behind[0]), torch.ones_like(behind[0])
-    for (light, coverage), whole in zip(layers, behind, strict=True):
+    for (light, coverage), whole in zip(layers, reversed(behind), strict=True):
         there = whole.clamp_min(LITTLE)
-        photo = photo + clear * light / there
+        photo = torch.addcdiv(photo, clear * light, there)
         clear = clear * (1 - coverage / there).clamp(0, 1)
     return photo
 
@@ -57,6 +58,6 @@ def _layers(view: View, blurring: Blurring) -> Iterator[tuple[Tensor, Tensor]]:
     node = cell + (share > 0.5).long()
     snapped = view.inverse_depth.index_put((which,), nodes[node])
     layered = replace(view, inverse_depth=snapped)
-    for each in torch.unique(node).flip(0):
+    for each in torch.bincount(node).nonzero().flip(0):
         members = which[node == each]
         yield blurring.light(layered, members), blurring.coverage(layered, members, view.coverage[members])
