@@ -190,6 +190,12 @@ MUTANTS: tuple[Mutant, ...] = (
         lambda: scaled(imaging, "change_by_sub_apertures", 2.0),
     ),
     Mutant(
+        "sub-apertures taken for all",
+        "what a few sub-apertures show of a change is not made up for what they cannot tell",
+        ("occlusion",),
+        lambda: swapped(imaging, "share_told", lambda camera, across: 1.0),
+    ),
+    Mutant(
         "sub-apertures given up",
         "the whole pupil stands in for those with half of their light outside the window",
         ("occlusion",),
