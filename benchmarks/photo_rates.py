@@ -14,7 +14,9 @@ import torch
 from scipy.optimize import nnls
 
 from edofsim.capture.fidelity import Fidelity
+from edofsim.capture.occlusion.slabs import cuts, hides
 from edofsim.capture.photograph import capture, nodes_of
+from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.optics.masks.cubic import CubicMask
@@ -116,7 +118,9 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
         (small, cubic, SUB_APERTURE_RUNS, 1),
         (large, camera.with_height(relief), SUB_APERTURE_RUNS, 1),
     ):
-        shape = shape_of(view, with_mask)
+        gap = 1 / blur_per_dioptre(with_mask)
+        hidden = hides(view, gap)
+        shape = shape_of(view, with_mask, hidden, cuts(view, gap, hidden))
         for run in runs:
             found = _fastest(view, with_mask, run, times_each, time.process_time)
             paces.append(pace())

@@ -201,10 +201,11 @@ def describe() -> tuple[Knob, ...]:
     )
 
 
-def full_fidelity(camera: Camera, view: View) -> Fidelity:
-    """Everything that a camera and a view have."""
+def full_fidelity(camera: Camera, view: View, edges: int | None = None) -> Fidelity:
+    """Everything that a camera and a view have. edges: its `edge_pixels`, where they are known."""
     known = "hidden" if bool(view.hidden.any()) else "normalised"
-    occlusion = known if edge_pixels(view, 1 / blur_per_dioptre(camera)) else "none"
+    edges = edge_pixels(view, 1 / blur_per_dioptre(camera)) if edges is None else edges
+    occlusion = known if edges else "none"
     across = sub_apertures_told_apart(camera, view) if occlusion == "hidden" else 1
     finest = max(FINEST, camera.oversampling(float(view.wavelengths.min())))
     return Fidelity(oversampling=finest, occlusion=occlusion, sub_apertures=across)

@@ -127,8 +127,8 @@ def depth_nodes(
     if layers == "auto":
         step = DEFOCUS_STEP * 10 ** ((50 - tolerance_db) / 40)
         layers = 2 + math.floor((high - low) * defocus_per_dioptre / step)
-    # a smooth depth map has as many depths as pixels: a few of them tell, without sorting all
-    sample = torch.unique(values[: 4 * layers])
+    # a smooth depth map has as many depths as pixels: a few from all over it tell, without sorting all
+    sample = torch.unique(values[:: max(1, values.numel() // (4 * layers))])
     if sample.numel() <= layers:
         distinct = torch.unique(values)
         if distinct.numel() <= layers:

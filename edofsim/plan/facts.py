@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
 from ..capture.imaging import spectrum_of
+from ..capture.occlusion.slabs import Hides, cuts, hides
 from ..capture.photograph import all_in_focus, nodes_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
@@ -63,7 +64,18 @@ class Facts:
         """What changes of PSFs are seen in."""
         light = {"response": self.response * self.exposure, "spectrum": self.spectrum}
         full = self.full.changed({"pupil_sampling_um": self.quick_pupil_um})
-        return spectra_of(self.view, self.camera, full, self.ideal, light, self.ends, self.depths)
+        behind = {"hidden": self.hides, "cuts": self.cuts}
+        return spectra_of(self.view, self.camera, full, self.ideal, light, self.ends, self.depths, **behind)
+
+    @cached_property
+    def hides(self) -> Hides:
+        """Which fragments hide which."""
+        return hides(self.view, 1 / blur_per_dioptre(self.camera))
+
+    @cached_property
+    def cuts(self) -> list[float]:
+        """Where the view is cut into slabs."""
+        return cuts(self.view, 1 / blur_per_dioptre(self.camera), self.hides)
 
     @cached_property
     def coarse(self) -> Coarse:
@@ -166,11 +178,12 @@ def facts_of(
     distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
     if distinct.numel() <= FEW_DEPTHS:
         distinct = torch.unique(depth)
+    edges = edge_pixels(view, 1 / blur_per_dioptre(camera))
     facts = Facts(
         view=view,
         camera=camera,
-        full=full_fidelity(camera, view),
-        edges=edge_pixels(view, 1 / blur_per_dioptre(camera)),
+        full=full_fidelity(camera, view, edges),
+        edges=edges,
         response=response,
         spectrum=spectrum_of(view),
         ideal=ideal,

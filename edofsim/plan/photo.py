@@ -224,7 +224,7 @@ def planner_of(
     restore: what restores the photo, for targets of the restored image.
     """
     facts = replace(facts or facts_of(view, camera), closely=restore is not None)
-    costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
+    costs = Costs(facts, shape_of(view, camera, facts.hides, facts.cuts), rates(), render_seconds)
     # what is remembered of estimates is too little to restore
     ask = estimate if restore else remembered
     found = ask(facts, effects or all_effects(), more, progress=progress)
@@ -258,7 +258,7 @@ def plan_photo(
     more = _levels_of(given)
     facts = replace(facts or facts_of(view, camera), closely=target.kind == "score")
     effects = all_effects()
-    costs = Costs(facts, shape_of(view, camera), rates(), render_seconds)
+    costs = Costs(facts, shape_of(view, camera, facts.hides, facts.cuts), rates(), render_seconds)
     asked, allowed = None, math.inf
     if not every_effect:
         allowed = allowed_error(target, facts)

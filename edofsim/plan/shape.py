@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,7 +12,7 @@ from torch import Tensor
 from ..capture.crop import crop, with_margin
 from ..capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ..capture.occlusion.hidden import Tile, tiles_to_composite
-from ..capture.occlusion.slabs import cuts, hides
+from ..capture.occlusion.slabs import Hides, cuts
 from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..render.view import View
@@ -95,12 +96,13 @@ class Shape:
         """The slabs of a part of the frame, with surroundings of `reach` pixels."""
         if tile not in self._known:
             part = crop(self.dark, tile.top, tile.left, tile.height, tile.width, self.reach)
-            self._known[tile] = _slabs_of(part, self.gap, self.ends)
+            self._known[tile] = _slabs_of(part, cuts(part, self.gap), self.ends)
         return self._known[tile]
 
 
-def shape_of(view: View, camera: Camera) -> Shape:
-    """Count a view once, for the work of any simulation of it."""
+def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) -> Shape:
+    """Count a view once, for the work of any simulation of it. hidden: which fragments hide which; slabs:
+    inverse depths at which it is cut into them."""
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
@@ -114,8 +116,8 @@ def shape_of(view: View, camera: Camera) -> Shape:
         visible=int((~view.hidden).sum()),
         ends=(low, high),
         wavelengths=tuple(view.wavelengths.tolist()),
-        whole=_slabs_of(view, gap, (low, high)),
-        edges=torch.unique(view.pixel[hides(view, gap).front]),
+        whole=_slabs_of(view, slabs, (low, high)),
+        edges=torch.unique(view.pixel[hidden.front]),
         reach=reach,
         gap=gap,
         dark=with_margin(dark, reach),
@@ -125,11 +127,11 @@ def shape_of(view: View, camera: Camera) -> Shape:
     )
 
 
-def _slabs_of(view: View, gap: float, ends: tuple[float, float]) -> Slabs:
+def _slabs_of(view: View, cut: Sequence[float], ends: tuple[float, float]) -> Slabs:
     low, high = ends
     depth = view.inverse_depth.double()
     place = ((depth - low) / max(high - low, 1e-12) * BINS).long().clamp(0, BINS - 1)
-    at = torch.tensor(sorted(cuts(view, gap)), dtype=torch.float64)
+    at = torch.tensor(sorted(cut), dtype=torch.float64)
     slab = torch.searchsorted(at, depth)
     occupied = torch.zeros(at.numel() + 1, BINS, dtype=torch.bool)
     occupied[slab, place] = True

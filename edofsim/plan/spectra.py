@@ -9,7 +9,7 @@ in the frame counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -19,8 +19,7 @@ from torch import Tensor
 from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
-from ..capture.occlusion.slabs import Hides, cuts, hides
-from ..capture.prepare import blur_per_dioptre
+from ..capture.occlusion.slabs import Hides
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
@@ -53,9 +52,10 @@ SOME = 20_000
 
 @dataclass(frozen=True)
 class Spectra:
-    """Tiles of a view. side: in pixels; seen: the fragments that lie in them; behind, before: those that
-    are hidden there, at their own depth and at that of what hides them; corners, shares: as `choose_tiles`
-    gives them; other fields as in `Facts`, response times exposure."""
+    """Tiles of a view. cuts: inverse depths between the view's slabs; side: of tiles, in pixels; seen: the
+    fragments that lie in them; behind, before: those that are hidden there, at their own depth and at that of
+    what hides them; corners, shares: as `choose_tiles` gives them; other fields as in `Facts`, response times
+    exposure."""
 
     view: View
     camera: Camera
@@ -64,6 +64,7 @@ class Spectra:
     spectrum: Tensor
     ends: tuple[float, float]
     depths: Tensor | None
+    cuts: Sequence[float]
     side: int
     seen: Fragments
     behind: Fragments
@@ -253,8 +254,8 @@ class Spectra:
             return None
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
         otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes).mean(1)
-        between = cuts(self.view, 1 / blur_per_dioptre(self.camera))
-        return passing(self._cover(nodes), otfs, nodes, torch.tensor(sorted(between), dtype=torch.float64))
+        between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
+        return passing(self._cover(nodes), otfs, nodes, between)
 
     def _image(self, nodes: Tensor, spectrum: Callable[[slice], Tensor]) -> Tensor:
         """What light at nodes becomes in a photo, dimmed by what is in front: [tile, channel, y, x].
@@ -375,13 +376,15 @@ def spectra_of(
     light: Mapping[str, Tensor],
     ends: tuple[float, float],
     depths: Tensor | None,
+    hidden: Hides,
+    cuts: Sequence[float],
     seed: int = 0,
 ) -> Spectra:
-    """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum."""
+    """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum; hidden:
+    which fragments hide which; cuts: inverse depths between its slabs."""
     side = min(max(camera.recipe.psf.window_px, SIDES_PX[0]), SIDES_PX[1])
     corners, shares = choose_tiles(view, ideal, camera, side, seed)
     seen = torch.nonzero(~view.hidden).squeeze(1)
-    hidden = hides(view, 1 / blur_per_dioptre(camera))
     if full.occlusion == "none":
         hidden = Hides(seen[:0], seen[:0])
 
@@ -396,6 +399,7 @@ def spectra_of(
         light["spectrum"],
         ends,
         depths,
+        cuts,
         side,
         fragments(seen, seen),
         fragments(hidden.behind, hidden.behind),

@@ -179,6 +179,8 @@ def _crashes(path: Path) -> bool:
 def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
     """The value of a dotted key in a MAT file; without a key, its only variable."""
     names = [name for name in data if not name.startswith("__")]
+    if not names:
+        raise InputError(f"{what}: {str(path)!r} holds no variable; save the array in one")
     if key is None:
         if len(names) != 1:
             raise InputError(

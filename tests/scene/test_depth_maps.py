@@ -108,6 +108,8 @@ def test_holes_can_be_refused():
         ({"path": "cube.npy"}, "needs \\[y, x\\]"),
         ({"path": "empty.npy"}, "no depth at all"),
         ({"path": "text.mat"}, "cannot be read"),
+        ({"path": "empty.mat"}, "holds no variable"),
+        ({"path": "empty.mat", "key": "depth"}, "holds no variable"),
         ({"path": "skimage:no_such"}, "brings no 'no_such'"),
         ({"path": "skimage:../../../etc/passwd"}, "brings no"),
     ],
@@ -118,5 +120,6 @@ def test_what_cannot_be_used_is_refused(tmp_path: Path, source: dict, complaint:
     np.save(tmp_path / "cube.npy", np.ones((2, 2, 2)))
     np.save(tmp_path / "empty.npy", np.full((2, 2), np.nan))
     (tmp_path / "text.mat").write_text("hello")
+    savemat(tmp_path / "empty.mat", {})
     with pytest.raises(InputError, match=complaint):
         read_inverse_depth(DepthMap(**source), tmp_path)

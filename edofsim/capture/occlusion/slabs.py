@@ -53,13 +53,13 @@ def hides(view: View, gap: float) -> Hides:
     return Hides(torch.cat([each.front for each in found]), torch.cat([each.behind for each in found]))
 
 
-def cuts(view: View, gap: float) -> list[float]:
+def cuts(view: View, gap: float, found: Hides | None = None) -> list[float]:
     """Inverse depths at which the view is cut into slabs, from near to far: those at which the light that
     cuts leave wrong is least. A cut is wrong in as much coverage as lies beside it, and costs time besides
     (`PRICE`); a pair that no cut parts is wrong in the coverage of what hides, for each `gap` between
-    the two once.
+    the two once. found: what `hides` gives, where that is known.
     """
-    found = hides(view, gap)
+    found = hides(view, gap) if found is None else found
     if not found.front.numel():
         return []
     depth = view.inverse_depth.detach().double().cpu()

@@ -15,6 +15,7 @@ from ...capture.blurring import Blurring
 from ...capture.kernels import HeldKernels, Kernels
 from ...capture.occlusion import OCCLUSIONS, layers, none, slabs
 from ...capture.occlusion.slabs import Hides
+from ...optics import Camera
 from ...render.view import View
 from .mutant import Mutant, scaled, swapped, together
 
@@ -41,6 +42,10 @@ def _composed(compose: Compose, *names: str) -> Callable[[], AbstractContextMana
 
 def _dark(view: View, blurring: Blurring) -> Tensor:
     return 0 * none(view, blurring)
+
+
+def _all_told(camera: Camera, across: int) -> float:
+    return 1.0
 
 
 def _reversed(inner: Callable[[Slabs, int], Tensor]) -> Callable[[Slabs, int], Tensor]:
@@ -193,7 +198,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "sub-apertures taken for all",
         "what a few sub-apertures show of a change is not made up for what they cannot tell",
         ("occlusion",),
-        lambda: swapped(imaging, "share_told", lambda camera, across: 1.0),
+        lambda: swapped(imaging, "share_told", _all_told),
     ),
     Mutant(
         "sub-apertures given up",
