@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..capture.planes import photograph, surroundings
-from .system import Captured, Optics, captured
+from .system import Captured, Optics, captured, colour_psfs
 
 SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most
 
@@ -22,8 +22,8 @@ SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least 
 @dataclass(frozen=True)
 class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
-    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates: see
-    `Planes`."""
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates, broadband:
+    see `Planes`."""
 
     sharp: Tensor
     cover: Tensor
@@ -31,11 +31,12 @@ class Edges:
     psf: Tensor | None = None
     mean: Tensor | None = None
     saturates: bool = False
+    broadband: bool = False
 
     def photograph(self, optics: Optics) -> Captured:
-        """Each colour sees one wavelength, as in the paper."""
+        """With the light of `Planes`."""
         sharp, cover = self.sharp.to(optics.device), self.cover.to(optics.device)
-        psf = optics.psfs(self.inverse_depths) if self.psf is None else self.psf
+        psf = colour_psfs(optics, self.inverse_depths, self.broadband) if self.psf is None else self.psf
         far = torch.arange(len(sharp)) - 1
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first
@@ -47,11 +48,12 @@ class Edges:
         before, after = surroundings(optics.window)
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]
-        return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, saturates=self.saturates)
+        how = {"saturates": self.saturates, "broadband": self.broadband}
+        return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, **how)
 
-    def reusing(self, psf: Tensor | None) -> Edges:
+    def reusing(self, psf: Tensor, broadband: bool) -> Edges:
         """With the PSFs of another photo, of ascending inverse depths."""
-        return replace(self, psf=psf)
+        return replace(self, psf=psf, broadband=broadband)
 
 
 def draw_covers(count: int, size: int, generator: torch.Generator) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import torch
@@ -13,7 +13,7 @@ from ..capture.planes import surroundings
 from ..core.json_values import Json
 from ..errors import InputError
 from ..recipe.base import renamed
-from ..recipe.train import TrainRecipe
+from ..recipe.train import Range, TrainRecipe
 from .edges import Edges, draw_covers
 from .highlights import with_highlights
 from .reader import TrainingReader, Wanted
@@ -29,7 +29,9 @@ class Photographs(TrainingReader):
 
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     saturated_highlights: Annotated[float, Field(ge=0, le=1)] = 0.0
+    broadband: Annotated[float, Field(ge=0, le=1)] = 0.0
     vary: Variation = Variation()
+    inverse_depth_per_m: Range | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -42,7 +44,9 @@ class NaturalImages(Photographs):
     as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of
     the steps whose photographs stand one in front of another, with an edge of depth in each patch.
     saturated_highlights: share of the patches with highlights many times brighter than full scale; in half of
-    the steps the photo is clipped there. vary: of exposure and colours."""
+    the steps the photo is clipped there. broadband: share of the steps in which the sensor sees all
+    wavelengths through its response, in place of three lines; each colour's light is the same in all that it
+    sees. vary: of exposure and colours. inverse_depth_per_m: in place of that of `capture`."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
@@ -57,7 +61,8 @@ class NaturalImages(Photographs):
 
 class PackagedImages(Photographs):
     """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
-    saturated_highlights, vary: as of `natural`."""
+    saturated_highlights, broadband, vary, inverse_depth_per_m: as of
+    `natural`."""
 
     kind: Literal["packaged"] = "packaged"
 
@@ -69,8 +74,9 @@ class PackagedImages(Photographs):
 @dataclass(frozen=True)
 class PlaneSource:
     """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
-    of the steps each one is in front of another, and a share of them has saturated highlights; vary: of
-    exposure and colours, of which validation has the exposures beside the pictures as they are."""
+    of the steps each one is in front of another, and a share of them has saturated highlights; broadband:
+    share of the steps, and of validation; vary: of exposure and colours, of which validation has the
+    exposures beside the pictures as they are."""
 
     training: Images
     held_back: Images
@@ -81,6 +87,7 @@ class PlaneSource:
     sha256: str
     edges: float = 0.0
     saturated_highlights: float = 0.0
+    broadband: float = 0.0
     vary: Variation = Variation()
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
@@ -93,13 +100,15 @@ class PlaneSource:
         if self.saturated_highlights > 0:
             sharp = with_highlights(sharp, self.saturated_highlights, generator)
             saturates = float(torch.rand((), generator=generator)) < 0.5
+        broadband = self.broadband > 0 and float(torch.rand((), generator=generator)) < self.broadband
+        planes = Planes(sharp, depths, mean=means, saturates=saturates, broadband=broadband)
         if self.edges == 0:
-            return Planes(sharp, depths, mean=means, saturates=saturates)
+            return planes
         depths = depths.sort().values  # as the parts of a step share their PSFs
         if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
-            return Planes(sharp, depths, mean=means, saturates=saturates)
+            return replace(planes, inverse_depths=depths)
         covers = draw_covers(count, sharp.shape[-1], generator)
-        return Edges(sharp, covers, depths, mean=means, saturates=saturates)
+        return Edges(sharp, covers, depths, mean=means, saturates=saturates, broadband=broadband)
 
     def validation(self, count: int) -> list[Scenes]:
         sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
@@ -112,7 +121,11 @@ class PlaneSource:
         depths = depths[torch.arange(count) * _stride(count) % count]
         step = VALIDATION_BATCH
         parts = [slice(i, i + step) for i in range(0, count, step)]
-        return [Planes(sharp[part], depths[part], mean=means[part]) for part in parts]
+        lines = [float(index) >= self.broadband * len(parts) for index in range(len(parts))]
+        return [
+            Planes(sharp[part], depths[part], mean=means[part], broadband=not line)
+            for part, line in zip(parts, lines, strict=True)
+        ]
 
 
 def _stride(count: int) -> int:
@@ -140,10 +153,11 @@ def plane_source(
         held_back,
         recipe.data.patch_px,
         window,
-        recipe.capture.inverse_depth_per_m,
+        table.inverse_depth_per_m or recipe.capture.inverse_depth_per_m,
         described,
         images.sha256,
         table.edges,
         table.saturated_highlights,
+        table.broadband,
         table.vary,
     )

@@ -168,7 +168,7 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
     if table.start is not None:
         checkpoint = load_checkpoint(table.start, camera)
         network = checkpoint.network
-        other = network.any_camera and {**network.settings(), **table.settings} != network.settings()
+        other = {**network.settings(), **table.settings} != network.settings()
         if network.kind != table.kind or other:
             try:
                 network = network_class(table.kind).grown(network, table.settings)

@@ -77,10 +77,11 @@ class Optics:
         """`psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window]. Raises
         InputError as `mean_response_psfs`."""
         wavelengths = self._response_wavelengths(0.5)
+        camera = self._sampled(wavelengths, inverse_depths)
         bank = psf_bank(
-            self.camera, wavelengths, inverse_depths, window_px=self.window, device=self.device
+            camera, wavelengths, inverse_depths, window_px=self.window, device=self.device
         ).values
-        weights = response(self.camera, wavelengths)
+        weights = response(camera, wavelengths)
         return torch.einsum("cb,dbyx->dcyx", weights.to(bank), bank)
 
     def _response_wavelengths(self, shift: float) -> Tensor:
@@ -107,19 +108,28 @@ class Optics:
 @dataclass(frozen=True)
 class Captured:
     """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; truncated: scalar, the
-    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one."""
+    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one;
+    broadband: whether the sensor saw all wavelengths through its response, in place of three lines."""
 
     clean: Tensor
     ideal: Tensor
     truncated: Tensor
     psf: Tensor | None = None
+    broadband: bool = False
 
 
 def captured(
-    clean: Tensor, ideal: Tensor, truncated: Tensor, psf: Tensor | None = None, *, saturates: bool
+    clean: Tensor,
+    ideal: Tensor,
+    truncated: Tensor,
+    psf: Tensor | None = None,
+    *,
+    saturates: bool,
+    broadband: bool = False,
 ) -> Captured:
     """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates."""
-    return Captured(clean.clamp_max(1) if saturates else clean, ideal.clamp_max(1), truncated, psf)
+    clean = clean.clamp_max(1) if saturates else clean
+    return Captured(clean, ideal.clamp_max(1), truncated, psf, broadband)
 
 
 class Scenes(Protocol):
@@ -128,8 +138,8 @@ class Scenes(Protocol):
     def photograph(self, optics: Optics) -> Captured:
         """The photo without noise, by the mask as it is made."""
 
-    def reusing(self, psf: Tensor | None) -> Scenes:
-        """The same scenes with the PSFs of an earlier photo, where they can be used again."""
+    def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
+        """The same scenes with the PSFs of an earlier photo, and its light, where they can be used again."""
 
 
 @dataclass(frozen=True)
@@ -137,26 +147,33 @@ class Planes:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
     of an earlier photo, [batch, 3, window, window], in place of the depths; mean: of the pictures that the
     patches are from, [batch, 3], None for the patches' own; saturates: whether the photo is clipped at full
-    scale."""
+    scale; broadband: see `Captured`."""
 
     sharp: Tensor
     inverse_depths: Tensor
     psf: Tensor | None = None
     mean: Tensor | None = None
     saturates: bool = False
+    broadband: bool = False
 
     def photograph(self, optics: Optics) -> Captured:
-        """Each colour sees one wavelength, as in the paper."""
+        """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees."""
         sharp = self.sharp.to(optics.device)
-        psf = optics.psfs(self.inverse_depths) if self.psf is None else self.psf
+        psf = colour_psfs(optics, self.inverse_depths, self.broadband) if self.psf is None else self.psf
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
         truncated = 1 - psf.sum((-1, -2)).mean()
-        return captured(photograph(sharp, psf, mean), ideal, truncated, psf, saturates=self.saturates)
+        how = {"saturates": self.saturates, "broadband": self.broadband}
+        return captured(photograph(sharp, psf, mean), ideal, truncated, psf, **how)
 
-    def reusing(self, psf: Tensor | None) -> Scenes:
-        return replace(self, psf=psf)
+    def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
+        return replace(self, psf=psf, broadband=broadband)
+
+
+def colour_psfs(optics: Optics, inverse_depths: Tensor, broadband: bool) -> Tensor:
+    """PSFs of the sensor's colours, [depth, 3, window, window], see `Captured`."""
+    return optics.response_psfs(inverse_depths) if broadband else optics.psfs(inverse_depths)
 
 
 class PooledCamera(Protocol):
@@ -186,13 +203,15 @@ class Draw:
 
 @dataclass(frozen=True)
 class JudgedPhotos:
-    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]; psf: see `Captured`."""
+    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]; psf, broadband: see
+    `Captured`."""
 
     loss: Tensor
     photo: Tensor
     restored: Tensor
     ideal: Tensor
     psf: Tensor | None
+    broadband: bool
 
 
 class System(nn.Module):
@@ -221,12 +240,14 @@ class System(nn.Module):
         self.optics, self.loss_weights = optics, loss
         self.height_noise, self.in_bfloat16, self.light_kept = height_noise, bfloat16, light_kept
         self.mask, self.network = mask, network
+        self._known: dict[bool, object] = {}
 
     def forward(self, draw: Draw) -> JudgedPhotos:
         """A photo of the drawn scenes, restored and judged."""
         height = self.mask()
         if draw.camera is None:
             captured = self.capture(draw, height)
+            self.tell(captured.broadband)
         else:
             captured = draw.scenes.photograph(draw.camera.optics)
             draw.camera.tell(self.network)
@@ -241,7 +262,7 @@ class System(nn.Module):
         loss = restoration_loss(restored, ideal, self.loss_weights)
         loss = loss + self.truncated_energy * captured.truncated
         psf = None if captured.psf is None else captured.psf.detach()
-        return JudgedPhotos(loss, photo, restored, ideal, psf)
+        return JudgedPhotos(loss, photo, restored, ideal, psf, captured.broadband)
 
     def _inside(self, image: Tensor) -> Tensor:
         """Without the border that the network cannot know, where a patch is wide enough."""
@@ -269,16 +290,34 @@ class System(nn.Module):
         """Give a network that is conditioned on the optics the PSFs of the mask as it is, made with the mean
         error of fabrication."""
         if self.network.psfs == "mean" and not self.network.any_camera:
-            depths = self.network.psf_depths(self.depth_range)
-            with torch.no_grad():
-                height = self.mask()
-                optics = self.optics.with_height(height)
-                psf = optics.psfs(depths) if height is None else optics.mean_psfs(depths, self.height_noise)
-                self.network.set_psfs(psf)
+            self.network.set_psfs(self._mean_psfs(broadband=False))
+
+    @torch.no_grad()
+    def _mean_psfs(self, broadband: bool) -> Tensor:
+        depths = self.network.psf_depths(self.depth_range)
+        height = self.mask()
+        optics = self.optics.with_height(height)
+        if height is None:
+            return colour_psfs(optics, depths, broadband)
+        mean = optics.mean_response_psfs if broadband else optics.mean_psfs
+        return mean(depths, self.height_noise)
+
+    def tell(self, broadband: bool) -> None:
+        """Condition the network on the light that the sensor sees, where some of it is broadband. What is
+        saved knows three lines."""
+        if self.network.psfs != "mean" or self.network.any_camera or not (broadband or self._known):
+            return
+        if not self._known:
+            self._known[False] = self.network.known()
+        if broadband not in self._known:
+            self.network.set_psfs(self._mean_psfs(broadband))
+            self._known[broadband] = self.network.known()
+        self.network.use(self._known[broadband])
 
     def settle(self) -> None:
         """Give a network that restores by the PSFs of each step those of the mask as it is now, for its
-        checkpoint."""
+        checkpoint, and one that is conditioned on them those of the three colours."""
+        self.tell(broadband=False)
         if self.network.psfs == "designed":
             with torch.no_grad():
                 self.network.set_psfs(self._designed_psfs(self.mask()))

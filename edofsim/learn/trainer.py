@@ -212,7 +212,7 @@ def _step(loop: _Loop, fraction: float) -> JudgedPhotos:
     for part in range(1, settings.network_steps):
         draw = draw_batch(loop.setup, loop.position.step, loop.workers, part)
         if first.psf is not None and loop.setup.pool is None:
-            draw = replace(draw, scenes=draw.scenes.reusing(first.psf))
+            draw = replace(draw, scenes=draw.scenes.reusing(first.psf, first.broadband))
         _update(loop, draw, frozen)
     return first
 
@@ -383,6 +383,7 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
 
 
 def _save(loop: _Loop) -> None:
+    loop.setup.system.tell(broadband=False)
     recipe, sha256 = _plain(loop.setup.recipe), loop.setup.data.sha256
     save_state(
         loop.out / "state.safetensors", loop.setup.system, loop.optimiser, loop.position, recipe, sha256

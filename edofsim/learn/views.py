@@ -5,21 +5,25 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 import torch
 from pydantic import Field
+from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
+from ..capture.photo import PHOTO_MODEL_VERSION
 from ..capture.sensor import automatic_exposure
 from ..core.json_values import Json
 from ..core.progress import Progress
+from ..core.store import Store, user_folder
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
+from ..optics import cache as bank_cache
 from ..optics.sampling import plan_sampling
 from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
@@ -119,9 +123,9 @@ class ViewParts:
         clean = torch.stack([shot.clean for shot in shots]).to(optics.device) * factors
         ideal = torch.stack([shot.ideal for shot in shots]).to(optics.device) * factors
         truncated = torch.stack([shot.truncated for shot in shots]).mean().to(optics.device)
-        return captured(clean, ideal, truncated, saturates=True)
+        return captured(clean, ideal, truncated, saturates=True, broadband=self.table.bands == "all")
 
-    def reusing(self, psf: Tensor | None) -> Scenes:
+    def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
         return self
 
 
@@ -284,7 +288,42 @@ def _once(view: View, table: Views, optics: Optics, height_noise: float, index: 
         generator = torch.Generator().manual_seed(index)
         error = torch.randn(height.shape, generator=generator, dtype=height.dtype)
         optics = optics.with_height(height + height_noise * error.to(height.device))
-    return photographed(view, table, optics)
+    key = _shot_key(view, table, optics)
+    known = SHOTS.find(key, _folder())
+    if known is None:
+        known = photographed(view, table, optics)
+        SHOTS.keep(key, known, _folder())
+    return Shot(*(tensor.to(optics.device) for tensor in (known.clean, known.ideal, known.truncated)))
+
+
+def _shot_key(view: View, table: Views, optics: Optics) -> str:
+    """SHA-256 of all that decides a photo."""
+    how = table.model_dump(mode="json", include={"bands", "layers", "occlusion", "sub_apertures"})
+    ends = torch.stack(view.inverse_depth.aminmax()).double().cpu()
+    psfs = bank_cache.key(optics.camera, view.wavelengths, ends, optics.window, None, torch.float32)
+    said = {"model": PHOTO_MODEL_VERSION, "how": how, "psfs": psfs, "sensor": optics.camera.recipe.sensor}
+    digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
+    for field in fields(view):
+        value = getattr(view, field.name)
+        if isinstance(value, Tensor):
+            digest.update(field.name.encode() + value.cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _folder() -> Path:
+    return user_folder() / "training-photos"
+
+
+def _write_shot(shot: Shot, path: Path) -> None:
+    save_file({field.name: getattr(shot, field.name).cpu().contiguous() for field in fields(shot)}, path)
+
+
+def _read_shot(path: Path) -> Shot:
+    return Shot(**load_file(path))
+
+
+SHOTS = Store("{}.safetensors", _read_shot, _write_shot, most_files=1000)
+"""Photos of views that a training takes once: taking them again would cost seconds each."""
 
 
 def scenes_of(table: Views, patch: int, held_back: float, base: Path) -> list[tuple[SceneRecipe, Path]]:

@@ -171,8 +171,9 @@ class CameraBank(FilterBank):
         expected = ((psnr - MIDDLE_PSNR) / PSNR_SCALE).to(torch.float32)
         return Conditioning(filters.flatten(0, 1).to(torch.float32), matrix, constant, expected, noise)
 
-    def use(self, known: Conditioning) -> None:
-        """Restore photos of that camera from now on."""
+    def use(self, known: object) -> None:
+        """Restore photos of that camera from now on. known: a `Conditioning`."""
+        assert isinstance(known, Conditioning)
         where = self.belief.device
         self.filters, self.expected = known.filters.to(where), known.expected.to(where)
         self._matrix, self._constant = known.matrix.to(where), known.constant.to(where)

@@ -2,54 +2,96 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils.fusion import fuse_conv_bn_weights
 
+from ..errors import InputError
 from .borders import continued
 from .restorer import Restorer
 
-DILATIONS = (1, 2, 3, 2, 1)
 KERNELS = 32
+DILATIONS = (1, 2, 3, 2, 1)
 LEAK = 0.01
-RADIUS = sum(DILATIONS) + 1 + 2
-"""Pixels that an output pixel sees around it."""
+REFINED = 2  # pixels that the transposed convolutions see around them
 
 
 class DCnn(Restorer):
-    """Five dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
+    """Dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
 
-    A block is a 3x3 convolution with 32 kernels, batch normalisation and a leaky ReLU; the dilations are
-    1, 2, 3, 2, 1. A 3x3 convolution gives three channels, which are added to the photo; two transposed
-    3x3 convolutions follow, and the clamp of Eq. `Clip`. 39,243 weights.
+    A block is a 3x3 convolution, batch normalisation and a leaky ReLU. A 3x3 convolution gives three
+    channels, which are added to the photo; two transposed 3x3 convolutions follow, and the clamp of Eq.
+    `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
+    that see 25 pixels.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.
     """
 
     kind = "dcnn"
-    radius = RADIUS
 
-    def __init__(self) -> None:
+    def __init__(self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS) -> None:
         super().__init__()
+        if kernels < 1 or not dilations or min(dilations) < 1:
+            raise ValueError(f"{kernels} kernels, dilations {dilations}: at least 1 of each, from 1 on")
+        self.kernels, self.dilations = kernels, tuple(dilations)
+        self.reach = sum(self.dilations) + 1  # of the residual
+        self.radius = self.reach + REFINED
         layers: list[nn.Module] = []
         channels = 3
-        for dilation in DILATIONS:
+        for dilation in self.dilations:
             layers += [
-                nn.Conv2d(channels, KERNELS, 3, padding=dilation, dilation=dilation),
-                nn.BatchNorm2d(KERNELS),
+                nn.Conv2d(channels, kernels, 3, padding=dilation, dilation=dilation),
+                nn.BatchNorm2d(kernels),
                 nn.LeakyReLU(LEAK),
             ]
-            channels = KERNELS
+            channels = kernels
         layers.append(nn.Conv2d(channels, 3, 3, padding=1))
         self.residual = nn.Sequential(*layers)
-        refine = [nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(2)]
+        refine = [nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(REFINED)]
         for layer in refine:
             nn.init.dirac_(layer.weight)
             assert layer.bias is not None
             nn.init.zeros_(layer.bias)
         self.refine = nn.Sequential(*refine)
+
+    def settings(self) -> dict[str, object]:
+        if (self.kernels, self.dilations) == (KERNELS, DILATIONS):
+            return {}
+        return {"kernels": self.kernels, "dilations": list(self.dilations)}
+
+    @classmethod
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> DCnn:
+        """A larger one that at first restores as a smaller one does (Net2Net: Chen et al., ICLR 2016).
+
+        Blocks whose dilations the smaller one lacks hand on what they get, but for the leak; kernels that it
+        lacks start at random, and nothing goes by them yet. Raises InputError for another network, and for
+        one that is not smaller.
+        """
+        if not isinstance(network, DCnn):
+            raise InputError(f"a {cls.kind!r} grows out of a smaller one, not out of a {network.kind!r}")
+        # pyrefly: ignore[bad-argument-type] - those of its own class
+        found = cls(**{**network.settings(), **(settings or {})})
+        places = _places(network.dilations, found.dilations)
+        if places is None or found.kernels < network.kernels:
+            raise InputError(
+                f"a D-CNN of {network.kernels} kernels and dilations {list(network.dilations)} does not fit "
+                f"into one of {found.kernels} and {list(found.dilations)}"
+            )
+        with torch.no_grad():
+            for index in range(len(found.dilations)):
+                _hand_on(found.residual[3 * index], found.residual[3 * index + 1], network.kernels)
+            for old, new in enumerate(places):
+                for part in (0, 1):
+                    _copy_into(network.residual[3 * old + part], found.residual[3 * new + part])
+            last = found.residual[-1]
+            for value in last.parameters():
+                value.zero_()
+            _copy_into(network.residual[-1], last)
+            found.refine.load_state_dict(network.refine.state_dict())
+        return found
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
@@ -60,11 +102,12 @@ class DCnn(Restorer):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
-        beyond = continued(photo, RADIUS)
-        if not self.training:
-            return self._in_use(beyond.contiguous(memory_format=torch.channels_last))
-        rows, columns = photo.shape[-2:]
-        return self._sharp(beyond)[..., RADIUS : RADIUS + rows, RADIUS : RADIUS + columns]
+        reach = self.reach + REFINED
+        beyond = continued(photo, reach)
+        if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
+            return self._by_fixed_statistics(beyond.contiguous(memory_format=torch.channels_last))
+        rows, columns = (slice(reach, reach + size) for size in photo.shape[-2:])
+        return self._sharp(beyond)[..., rows, columns]
 
     def _sharp(self, photo: Tensor) -> Tensor:
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's
@@ -72,26 +115,59 @@ class DCnn(Restorer):
         with torch.autocast(photo.device.type, enabled=False):
             return self.refine(sharp)
 
-    def _in_use(self, beyond: Tensor) -> Tensor:
-        """The same of a photo that goes on for `RADIUS` pixels, which become its border and are left out
-        layer by layer. Each normalisation, whose statistics are fixed in use, is folded into the convolution
+    def _by_fixed_statistics(self, beyond: Tensor) -> Tensor:
+        """The same of a photo that goes on for `radius` pixels, which become its border and are left out
+        layer by layer. Each normalisation, whose statistics are fixed, is folded into the convolution
         before it: fewer passes over memory, the same image but for rounding."""
         *blocks, last = self.residual
         assert isinstance(last, nn.Conv2d)
         seen = beyond
         for convolution, normalisation in zip(blocks[::3], blocks[1::3], strict=True):
             assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
-            mean, variance = normalisation.running_mean, normalisation.running_var
-            assert mean is not None and variance is not None
-            known = mean, variance, normalisation.eps, normalisation.weight, normalisation.bias
-            folded = fuse_conv_bn_weights(convolution.weight, convolution.bias, *known)
-            seen = functional.conv2d(seen, *folded, dilation=convolution.dilation)
+            mean, variance, bias = normalisation.running_mean, normalisation.running_var, convolution.bias
+            assert mean is not None and variance is not None and bias is not None
+            factor = normalisation.weight * (variance + normalisation.eps).rsqrt()
+            weight = convolution.weight * factor[:, None, None, None]
+            bias = (bias - mean) * factor + normalisation.bias
+            seen = functional.conv2d(seen, weight, bias, dilation=convolution.dilation)
             seen = functional.leaky_relu_(seen, LEAK)
         residual = functional.conv2d(seen, last.weight, last.bias)
-        left = sum(DILATIONS) + 1
+        left = self.reach
         sharp = beyond[..., left:-left, left:-left] + residual.to(beyond.dtype)
         with torch.autocast(beyond.device.type, enabled=False):
             for layer in self.refine:
                 assert isinstance(layer, nn.ConvTranspose2d)
                 sharp = functional.conv_transpose2d(sharp, layer.weight, layer.bias, padding=2)
         return sharp
+
+
+def _places(few: Sequence[int], many: Sequence[int]) -> list[int] | None:
+    """Where the dilations of a smaller network stand among those of a larger one, the first as the first;
+    None where they do not."""
+    places: list[int] = []
+    for dilation in few:
+        first = places[-1] + 1 if places else 0
+        if dilation not in many[first:]:
+            return None
+        places.append(list(many).index(dilation, first))
+    return places if places[0] == 0 else None
+
+
+def _hand_on(convolution: nn.Module, normalisation: nn.Module, kernels: int) -> None:
+    """Make a block give its first `kernels` channels as it gets them."""
+    assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
+    assert convolution.bias is not None and normalisation.running_var is not None
+    convolution.weight[:kernels] = 0
+    middle = range(min(kernels, convolution.in_channels))
+    convolution.weight[middle, middle, 1, 1] = 1
+    convolution.bias.zero_()
+    normalisation.running_var.fill_(1 - normalisation.eps)
+
+
+def _copy_into(small: nn.Module, large: nn.Module) -> None:
+    """The first values of each array of a layer; what the larger one gets besides counts for nothing."""
+    own, into = small.state_dict(), large.state_dict()
+    for name, value in own.items():
+        if value.ndim == 4:
+            into[name][: value.shape[0]] = 0
+        into[name][tuple(slice(size) for size in value.shape)] = value

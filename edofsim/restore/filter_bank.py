@@ -10,15 +10,20 @@ with PSFs of their own.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..errors import InputError, first_line
 from .blur_likelihood import BLOCK, STEP, block_transfer, explain, log_likelihood, spread
 from .borders import continued
 from .linear import colour_error, local_filters
 from .local_unet import Trunk
 from .photograph_statistics import transfer_functions
+from .residual_unet import ResidualTrunk
 from .restorer import Restorer
 
 BEYOND = 0.25
@@ -30,13 +35,28 @@ BRIGHTEST = 100.0
 # how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
 # are no Gaussian processes
 BELIEF = (0.01, 0.05)
+PARTS = 4  # of the depth range: of each a second U-Net sees the likeliest restoration
+UNLIKELY = 1e-4  # weights below are alike
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a bank knows of how a camera blurs: its buffers of the same names, and what `explain` makes."""
+
+    filters: Tensor
+    transfer: Tensor
+    matrix: Tensor
+    constant: Tensor
 
 
 class FilterBank(Restorer):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
     support: width of the filters in pixels, odd; distances: so many for each filter are told
-    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. Untaught, it returns the photo.
+    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. second_channels, second_blocks: of a second
+    one, a `ResidualTrunk` (none where they are empty). It sees what the first restores, beside the photo and
+    the likeliest restoration within each of `PARTS` parts of the range, and adds what that lacks; the first
+    is kept as it was. Untaught, it returns the photo.
 
     filters: [groups * 3 out, 3 in, support, support]; transfer: real and imaginary part of the transfer
     functions of a block, [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16; neither is trained (`set_filters`).
@@ -53,6 +73,8 @@ class FilterBank(Restorer):
         width: int = 24,
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
+        second_channels: tuple[int, ...] = (),
+        second_blocks: tuple[int, ...] = (),
     ) -> None:
         super().__init__()
         if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
@@ -60,10 +82,20 @@ class FilterBank(Restorer):
         self.groups, self.support, self.depths = groups, support, groups * distances
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         self.trunk = Trunk(6, 3, width, blocks, kernel, side=groups)
+        self.second: ResidualTrunk | None = None
+        if second_channels:
+            if groups % PARTS:
+                raise ValueError(f"{groups} groups: a second U-Net asks for a multiple of {PARTS}")
+            self.requires_grad_(False)
+            self.second = ResidualTrunk(9 + 3 * PARTS, 3, second_channels, second_blocks, side=groups)
+        self.saved_in_half = self.second is not None
         self.border = support // 2
         self.multiple = max(self.trunk.multiple, STEP)
         # to the middles of the places around, of their neighbours, and to the end of a block
         self.radius = self.trunk.radius + max(support // 2, 2 * STEP + BLOCK // 2)
+        if self.second is not None:
+            self.multiple = max(self.multiple, self.second.multiple)
+            self.radius += self.second.radius
         # channels last asks for four axes
         self.register_buffer("filters", torch.zeros(groups * 3, 3, support, support))
         self.register_buffer(
@@ -71,6 +103,7 @@ class FilterBank(Restorer):
         )
         self.register_buffer("_matrix", torch.empty(0), persistent=False)
         self.register_buffer("_constant", torch.empty(0), persistent=False)
+        self._transferred: tuple[Tensor, Tensor] | None = None
         self.register_load_state_dict_post_hook(_loaded)
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
@@ -78,7 +111,25 @@ class FilterBank(Restorer):
 
     def settings(self) -> dict[str, object]:
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
+        if self.second is not None:
+            own |= {f"second_{name}": value for name, value in self.second.settings().items()}
         return {**own, **self.trunk.settings()}
+
+    @classmethod
+    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> FilterBank:
+        """The same with a second U-Net, which adds nothing yet. Raises InputError for another network, and
+        for settings that change more than that."""
+        if not isinstance(network, FilterBank) or network.kind != cls.kind or network.second is not None:
+            raise InputError(
+                f"a {cls.kind!r} grows out of one without a second U-Net, not out of a {network.kind!r}"
+            )
+        # pyrefly: ignore[bad-argument-type] - those of its own class
+        found = cls(**{**network.settings(), **(settings or {})})
+        try:
+            found.load_state_dict(found.state_dict() | network.state_dict())
+        except RuntimeError as error:
+            raise InputError(f"a {cls.kind!r} grows by a second U-Net alone: {first_line(error)}") from None
+        return found
 
     def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
         """The middles of equal parts of the range."""
@@ -97,9 +148,18 @@ class FilterBank(Restorer):
         [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
-        self.filters.copy_(filters.flatten(0, 1))
-        self.transfer.copy_(torch.view_as_real(transfer).flatten(0, 1))
+        # new ones: others may still hold the old
+        self.filters = filters.flatten(0, 1).to(self.filters)
+        self.transfer = torch.view_as_real(transfer).flatten(0, 1).to(self.transfer)
         self._explain()
+
+    def known(self) -> Known:
+        return Known(self.filters, self.transfer, self._matrix, self._constant)
+
+    def use(self, known: object) -> None:
+        assert isinstance(known, Known)
+        self.filters, self.transfer = known.filters, known.transfer
+        self._matrix, self._constant = known.matrix, known.constant
 
     def _explain(self) -> None:
         transfer = torch.view_as_complex(self.transfer.float().contiguous()).unflatten(0, (self.depths, 3))
@@ -123,10 +183,15 @@ class FilterBank(Restorer):
     def _restored(self, photo: Tensor) -> Tensor:
         photo = self._within(photo)
         with torch.autocast(photo.device.type, enabled=False):
-            weights = self.weights(photo)
-            chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
+            weights, filtered = self.weights(photo), self.filtered(photo)
+            chosen = (filtered * weights[:, :, None]).sum(1)
         seen = compressed(torch.cat([photo, chosen], 1)).contiguous(memory_format=torch.channels_last)
-        return chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
+        restored = chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
+        if self.second is None:
+            return restored
+        parts = likeliest(filtered, weights).flatten(1, 2)
+        seen = torch.cat([seen, compressed(restored), compressed(parts)], 1)
+        return restored + self.second(seen, weights).to(photo.dtype)
 
     def _within(self, photo: Tensor) -> Tensor:
         return photo.clamp(-BRIGHTEST, BRIGHTEST)
@@ -135,11 +200,24 @@ class FilterBank(Restorer):
         """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it."""
         reach, (rows, columns) = self.support // 2, photo.shape[-2:]
         padded = functional.pad(photo, (reach,) * 4, mode="replicate")
-        size = tuple(-(-n // 16) * 16 for n in padded.shape[-2:])  # quick to transform
+        tall, wide = (-(-n // 16) * 16 for n in padded.shape[-2:])  # quick to transform
+        transfer = self._filters_transfer(tall, wide)
+        seen = torch.fft.rfft2(padded.contiguous(), s=(tall, wide))[:, None, None]
+        spectrum = seen[:, :, :, 0] * transfer[:, :, 0]
+        for colour in (1, 2):
+            spectrum.addcmul_(seen[:, :, :, colour], transfer[:, :, colour])
+        return torch.fft.irfft(torch.fft.ifft(spectrum, dim=-2)[..., :rows, :], n=wide)[..., :columns]
+
+    def _filters_transfer(self, tall: int, wide: int) -> Tensor:
+        """Of the filters, [group, 3 out, 3 in, tall, wide // 2 + 1]; kept in training, whose patches are all
+        of one size."""
+        kept = self._transferred
+        if kept is not None and kept[0] is self.filters and kept[1].shape[-2:] == (tall, wide // 2 + 1):
+            return kept[1]
         # a convolution of torch does not turn its kernel round: neither does the conjugate
-        transfer = torch.fft.rfft2(self.filters, s=size).conj().unflatten(0, (-1, 3))
-        spectrum = torch.einsum("byxc,gocyx->bgoyx", torch.fft.rfft2(padded, s=size).movedim(1, -1), transfer)
-        return torch.fft.irfft2(spectrum, s=size)[..., :rows, :columns]
+        transfer = torch.fft.rfft2(self.filters, s=(tall, wide)).conj().resolve_conj().unflatten(0, (-1, 3))
+        self._transferred = (self.filters, transfer) if self.training else None
+        return transfer
 
     def weights(self, photo: Tensor) -> Tensor:
         """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
@@ -166,6 +244,14 @@ def compressed(image: Tensor) -> Tensor:
     within = image.clamp(-BEYOND, 1 + BEYOND)
     excess = image - within
     return within + excess.sign() * excess.abs().log1p()
+
+
+def likeliest(filtered: Tensor, weights: Tensor) -> Tensor:
+    """Of restorations [batch, group, 3, y, x] with weights [batch, group, y, x] the weighed mean within each
+    of `PARTS` parts of the groups, [batch, part, 3, y, x]."""
+    share = weights.unflatten(1, (PARTS, -1)) + UNLIKELY
+    share = share / share.sum(2, keepdim=True)
+    return (filtered.unflatten(1, (PARTS, -1)) * share[:, :, :, None]).sum(2)
 
 
 def _loaded(network: FilterBank, _: object) -> None:

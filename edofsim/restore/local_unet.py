@@ -92,9 +92,9 @@ class Trunk(nn.Module):
     def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
         """images: [batch, inputs, y, x]; side: [batch, side, y, x]."""
         rows, columns = images.shape[-2:]
-        fine = functional.pixel_unshuffle(self._padded(images), 2)
+        fine = functional.pixel_unshuffle(padded_to(images, self.multiple), 2)
         if side is not None:
-            fine = torch.cat([fine, functional.avg_pool2d(self._padded(side), 2)], 1)
+            fine = torch.cat([fine, functional.avg_pool2d(padded_to(side, self.multiple), 2)], 1)
         features = self.first(fine)
         skipped = []
         for level, blocks in enumerate(self.down_blocks):
@@ -106,11 +106,6 @@ class Trunk(nn.Module):
             features = skipped[level] + functional.pixel_shuffle(self.ups[level](features), 2)
             features = self.up_blocks[level](features)
         return functional.pixel_shuffle(self.last(features), 2)[..., :rows, :columns]
-
-    def _padded(self, images: Tensor) -> Tensor:
-        rows, columns = images.shape[-2:]
-        padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
-        return functional.pad(images, padding, mode="replicate") if any(padding) else images
 
 
 class GatedBlock(nn.Module):
@@ -147,6 +142,13 @@ class ChannelNorm(nn.Module):
     def forward(self, features: Tensor) -> Tensor:
         last = features.permute(0, 2, 3, 1)
         return functional.layer_norm(last, last.shape[-1:], self.weight, self.bias, 1e-6).permute(0, 3, 1, 2)
+
+
+def padded_to(images: Tensor, multiple: int) -> Tensor:
+    """Images [batch, channel, y, x], their last pixels repeated until both sides are such multiples."""
+    rows, columns = images.shape[-2:]
+    padding = (0, -columns % multiple, 0, -rows % multiple)
+    return functional.pad(images, padding, mode="replicate") if any(padding) else images
 
 
 def _gate(features: Tensor) -> Tensor:

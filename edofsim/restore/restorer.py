@@ -25,13 +25,15 @@ class Restorer(nn.Module):
     last ones are kept.
 
     any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
-    photos have three more channels, what Wiener deconvolution makes of the photo.
+    photos have three more channels, what Wiener deconvolution makes of the photo. saved_in_half: its
+    checkpoint holds weights in half precision.
     """
 
     kind: ClassVar[str]
     psfs: ClassVar[Literal["none", "mean", "designed"]] = "none"
     any_camera: ClassVar[bool] = False
     sees_linear: bool = False
+    saved_in_half: bool = False
     radius: int | None = None
     multiple: int = 1
     border: int = 0
@@ -52,6 +54,14 @@ class Restorer(nn.Module):
 
     def set_psfs(self, psf: Tensor) -> None:
         """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
+        raise NotImplementedError
+
+    def known(self) -> object:
+        """What it was told by `set_psfs`, to be used again."""
+        raise NotImplementedError
+
+    def use(self, known: object) -> None:
+        """Go by that again."""
         raise NotImplementedError
 
     def set_camera(self, psf: Tensor, noise: float) -> None:

@@ -156,7 +156,9 @@ def test_the_untrained_shape_is_checked_before_the_work() -> None:
     with pytest.raises(InputError, match="local-unet"):
         build_network("unet")
     with pytest.raises(InputError, match="cannot be built"):
-        build_network("dcnn", {"kernels": 64})
+        build_network("dcnn", {"widths": 64})
+    with pytest.raises(InputError, match="dilations"):
+        build_network("dcnn", {"dilations": [1, 0]})
 
 
 def _told_bank() -> torch.nn.Module:

@@ -1,0 +1,210 @@
+"""Networks that grow out of smaller ones: at first they restore as those do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import conv2d
+
+from edofsim.errors import InputError
+from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
+from edofsim.restore.dcnn import DCnn
+from edofsim.restore.filter_bank import PARTS, FilterBank, likeliest
+from edofsim.restore.network import apply_network, build_network
+from edofsim.restore.residual_unet import ResidualTrunk
+
+WIDER = {"kernels": 40, "dilations": [1, 2, 3, 4, 2, 1]}
+SECOND = {"second_channels": [8, 12], "second_blocks": [1, 1]}
+
+
+def _photo(seed: int, *shape: int) -> Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+def _shaken(network: nn.Module, seed: int = 3, by: float = 0.05) -> nn.Module:
+    """With no zero weights, so that every path in it matters."""
+    generator = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for parameter in network.parameters():
+            parameter.add_(by * torch.randn(parameter.shape, generator=generator))
+    return network.eval()
+
+
+def _small_bank() -> FilterBank:
+    bank = build_network(
+        "filter-bank", {"groups": 4, "distances": 1, "support": 9, "width": 4, "blocks": [1]}
+    )
+    assert isinstance(bank, FilterBank)
+    psf = torch.zeros(4, 3, 9, 9)
+    for reach in range(4):
+        psf[reach, :, 4 - reach : 5 + reach, 4 - reach : 5 + reach] = 1 / (2 * reach + 1) ** 2
+    filters = 0.02 * torch.randn(4, 3, 3, 9, 9, generator=torch.Generator().manual_seed(8))
+    filters[:, range(3), range(3), 4, 4] += torch.linspace(0.5, 0.9, 4)[:, None]
+    bank.set_filters(filters, psf)
+    _shaken(bank.trunk)
+    return bank.eval()
+
+
+def test_more_kernels_change_nothing_at_first() -> None:
+    small = _shaken(DCnn()).double()
+    assert isinstance(small, DCnn)
+    for name, statistics in small.named_buffers():
+        if "running" in name:
+            statistics.copy_(0.5 + _photo(5, *statistics.shape))
+    large = DCnn.grown(small, {"kernels": 40}).eval().double()
+    photo = _photo(1, 1, 3, 20, 24).double()
+    torch.testing.assert_close(large.unclamped(photo), small.unclamped(photo), rtol=0, atol=1e-12)
+    assert large.settings() == {"kernels": 40, "dilations": [1, 2, 3, 2, 1]}
+    assert all(p.grad is None for p in large.parameters())
+    large.unclamped(photo).square().mean().backward()
+    # what is new learns: what it gives counts for nothing yet, and its gradient is not zero
+    assert large.residual[3].weight.grad[:32, 32:].abs().max() > 0
+
+
+def test_more_blocks_hand_on_what_they_get() -> None:
+    """All that is not negative; the rest they make a hundred times smaller, as the leak does."""
+    small = _shaken(DCnn())
+    with torch.no_grad():  # no negative values: the leak, and so the new block, has nothing to do
+        for parameter in small.residual.parameters():
+            parameter.abs_()
+    assert isinstance(small, DCnn)
+    large = DCnn.grown(small, WIDER).eval()
+    photo = _photo(2, 1, 3, 60, 60).double()
+    assert large.radius == small.radius + 4
+    inside = slice(large.radius, -large.radius)  # beyond the border a photo goes on farther for a larger one
+    found, expected = (net.double().unclamped(photo)[..., inside, inside] for net in (large, small))
+    torch.testing.assert_close(found, expected, rtol=1e-7, atol=0)
+
+
+def test_a_d_cnn_that_does_not_fit_is_refused() -> None:
+    small = DCnn()
+    for settings in ({"kernels": 16}, {"dilations": [1, 2, 3]}, {"dilations": [2, 1, 2, 3, 2, 1]}):
+        with pytest.raises(InputError, match="does not fit"):
+            DCnn.grown(small, settings)
+    with pytest.raises(InputError, match="not out of a 'local-unet'"):
+        DCnn.grown(build_network("local-unet"), WIDER)
+
+
+def test_a_large_d_cnn_is_rebuilt_by_its_checkpoint(tmp_path: Path) -> None:
+    large = _shaken(DCnn.grown(DCnn(), WIDER))
+    path = save_checkpoint(tmp_path / "large.safetensors", large, {"name": "large"})
+    found, photo = load_checkpoint(path).network, _photo(4, 3, 40, 30)
+    assert torch.equal(apply_network(found, photo), apply_network(large, photo))
+
+
+def test_fixed_statistics_are_folded_in_training_too() -> None:
+    """With gradients, in float64: as layer by layer."""
+    network = _shaken(DCnn()).double()
+    photo = _photo(6, 1, 3, 18, 22).double()
+    gradients = []
+    for folded in (True, False):
+        network.zero_grad()
+        if folded:
+            image = network.unclamped(photo)
+        else:
+            beyond = network._sharp(_continued(photo, network.radius))
+            reach = network.radius
+            image = beyond[..., reach:-reach, reach:-reach]
+        image.pow(3).sum().backward()
+        gradients.append([p.grad.clone() for p in network.parameters()])
+    for first, second in zip(*gradients, strict=True):
+        torch.testing.assert_close(first, second, rtol=1e-8, atol=1e-8)
+
+
+def _continued(photo: Tensor, reach: int) -> Tensor:
+    from edofsim.restore.borders import continued
+
+    return continued(photo, reach)
+
+
+def test_a_second_u_net_adds_nothing_at_first_and_then_sees_everything() -> None:
+    bank = _small_bank()
+    grown = FilterBank.grown(bank, SECOND).eval()
+    photo = _photo(7, 3, 60, 52)
+    assert torch.equal(apply_network(grown, photo), apply_network(bank, photo))
+    assert [name for name, p in grown.named_parameters() if p.requires_grad] == [
+        name for name, _ in grown.named_parameters() if name.startswith("second.")
+    ]
+    assert grown.second is not None
+    _shaken(grown.second)
+    seen: list[Tensor] = []
+    grown.second.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    apply_network(grown, photo)
+    assert seen[0].shape[1] == 3 * (3 + PARTS)
+    again = FilterBank(**grown.settings())
+    again.load_state_dict(grown.state_dict())
+    assert torch.equal(apply_network(again, photo), apply_network(grown, photo))
+
+
+def test_a_second_u_net_is_refused_where_it_cannot_be() -> None:
+    bank = _small_bank()
+    with pytest.raises(InputError, match="cannot be built"):
+        build_network("filter-bank", {"groups": 3, **SECOND})
+    with pytest.raises(InputError, match="cannot be built"):
+        build_network("filter-bank", {"second_channels": [8], "second_blocks": [1, 1]})
+    with pytest.raises(InputError, match="second U-Net alone"):
+        FilterBank.grown(bank, {"width": 8, **SECOND})
+    for other in (FilterBank.grown(bank, SECOND), build_network("dcnn"), build_network("camera-bank")):
+        with pytest.raises(InputError, match="without a second U-Net"):
+            FilterBank.grown(other, SECOND)
+
+
+def test_the_likeliest_restoration_of_each_part() -> None:
+    """Of each part its likely one; where none is likely, about their mean."""
+    filtered = torch.arange(8.0)[None, :, None, None, None].expand(1, 8, 3, 2, 2)
+    weights = torch.zeros(1, 8, 2, 2)
+    weights[:, 1] = 0.75
+    weights[:, 4:6] = 0.125
+    found = likeliest(filtered, weights)
+    assert found.shape == (1, PARTS, 3, 2, 2)
+    expected = torch.tensor([1.0, 2.5, 4.5, 6.5])
+    torch.testing.assert_close(found[0, :, 0, 0, 0], expected, rtol=0, atol=1e-3)
+
+
+def test_large_weights_are_saved_in_half_precision(tmp_path: Path) -> None:
+    bank = FilterBank.grown(_small_bank(), SECOND)
+    assert bank.second is not None
+    _shaken(bank.second)
+    path = save_checkpoint(tmp_path / "bank.safetensors", bank, {"name": "bank"})
+    network = load_checkpoint(path).network
+    trained = {name for name, _ in bank.named_parameters()}
+    for name, value in network.state_dict().items():
+        own = bank.state_dict()[name]
+        assert value.dtype == own.dtype
+        if name in trained:
+            torch.testing.assert_close(value, own, rtol=2**-11, atol=1e-4)
+        else:  # but for numbers below the normal range
+            torch.testing.assert_close(value, own, rtol=0, atol=6.2e-5 if own.dtype == torch.half else 0)
+    photo = _photo(9, 3, 48, 48)
+    assert (apply_network(network, photo) - apply_network(bank, photo)).abs().max() < 2e-3
+    plain = _small_bank()
+    path = save_checkpoint(tmp_path / "plain.safetensors", plain, {"name": "plain"})
+    assert torch.equal(load_checkpoint(path).network.trunk.first.weight, plain.trunk.first.weight)
+
+
+def test_the_residual_u_net_sees_no_further_than_its_radius() -> None:
+    trunk = ResidualTrunk(3, 3, (8, 8), (1, 1), side=2)
+    _shaken(trunk, by=0.2)
+    size = 2 * trunk.radius + 40
+    images, side = _photo(1, 1, 3, size, size), _photo(2, 1, 2, size, size)
+    place, images_ = size // 2, images.clone().requires_grad_()
+    trunk(images_, side)[0, :, place, place].sum().backward()
+    reached = images_.grad.abs().sum((0, 1)).nonzero()
+    assert (reached - place).abs().max() <= trunk.radius
+    assert (reached - place).abs().max() > trunk.radius // 2
+
+
+def test_filters_are_applied_as_a_convolution_does() -> None:
+    """In training too, where what is known of them is kept, and after they are replaced."""
+    bank = _small_bank()
+    photo = _photo(3, 2, 3, 37, 30)
+    padded = torch.nn.functional.pad(photo, (4,) * 4, mode="replicate").double()
+    for training in (False, True):
+        bank.train(training)
+        for _ in range(2):
+            expected = conv2d(padded, bank.filters.double()).unflatten(1, (-1, 3))
+            torch.testing.assert_close(bank.filtered(photo).double(), expected, rtol=0, atol=1e-5)
+            bank.filters = bank.filters.flip(-1)
