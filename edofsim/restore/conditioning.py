@@ -28,7 +28,7 @@ from .restorer import Restorer
 WIDEST_PX = 512
 """Of PSFs for the network for any camera: more would fill the memory."""
 ENOUGH = 10
-"""Bands: of more, neighbours are taken together for the network for any camera."""
+"""Bands: of more, neighbours are taken together."""
 
 # by the network of the checkpoint: computing one takes seconds, and scenes come with the same bands
 _CONDITIONED: WeakKeyDictionary[Restorer, dict[tuple[object, ...], Restorer]] = WeakKeyDictionary()
@@ -87,13 +87,20 @@ def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths
     if key not in known:
         # band by band: of all together wide windows would fill the memory
         psf = torch.zeros(len(depths), len(weights), window, window)
-        for few in torch.arange(len(wavelengths)).split(max(1, len(wavelengths) // ENOUGH)):
-            middle = few[len(few) // 2]
-            values = psf_bank(camera, wavelengths[middle][None], depths).values
-            psf += weights[:, few].sum(1).to(values)[:, None, None] * values
+        for wavelength, weight in zip(*_enough(wavelengths, weights), strict=True):
+            values = psf_bank(camera, wavelength[None], depths).values
+            psf += weight.to(values)[:, None, None] * values
         known[key] = copy.deepcopy(network).cpu()
         known[key].set_camera(psf, camera.read_noise)
     return known[key]
+
+
+def _enough(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Wavelengths [n] that stand for all of wavelengths [band], and the colours' weights [n, channel] of
+    those beside them; weights: [channel, band]."""
+    groups = torch.arange(len(wavelengths)).split(max(1, len(wavelengths) // ENOUGH))
+    middles = torch.stack([few[len(few) // 2] for few in groups])
+    return wavelengths[middles], torch.stack([weights[:, few].sum(1) for few in groups])
 
 
 def forget() -> None:
@@ -110,6 +117,7 @@ def _channel_psfs(
     # they allow is fine enough for filters
     psf = CameraRecipe(name="default").psf
     recipe = recipe_with_mask(camera.recipe, checkpoint).model_copy(update={"fabrication": None, "psf": psf})
+    wavelengths, weights = _enough(wavelengths, weights)
     coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
     psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
     own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
@@ -119,7 +127,7 @@ def _channel_psfs(
         own = own.with_height(checkpoint.height)
         error = _training(checkpoint).doe.height_noise_nm * 1e-9
         bands = mean_psfs(own, wavelengths.double(), inverse, error, window_px=window)
-    return torch.einsum("cb,dbyx->dcyx", weights.to(bands), bands)
+    return torch.einsum("bc,dbyx->dcyx", weights.to(bands), bands)
 
 
 def _training(checkpoint: Checkpoint) -> TrainRecipe:

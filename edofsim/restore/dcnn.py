@@ -9,36 +9,54 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ..errors import InputError
+from .blur_likelihood import STEP
 from .borders import continued
+from .distances import DistanceTold
 from .restorer import Restorer
 
 KERNELS = 32
 DILATIONS = (1, 2, 3, 2, 1)
 LEAK = 0.01
+BETWEEN = 2  # distances in each part that is told apart
+BELIEF = (0.027, 0.075)
+"""How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
 REFINED = 2  # pixels that the transposed convolutions see around them
 
 
-class DCnn(Restorer):
+class DCnn(DistanceTold):
     """Dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
 
     A block is a 3x3 convolution, batch normalisation and a leaky ReLU. A 3x3 convolution gives three
     channels, which are added to the photo; two transposed 3x3 convolutions follow, and the clamp of Eq.
     `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
-    that see 25 pixels.
+    that see 25 pixels. distances: so many parts of the depth range. Of each the last convolution has three
+    channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
+    all distances restores what is near badly, and so does a network that cannot tell them apart.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.
     """
 
     kind = "dcnn"
+    told = ("transfer", "_matrix", "_constant")
 
-    def __init__(self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS) -> None:
+    def __init__(
+        self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS, distances: int = 0
+    ) -> None:
         super().__init__()
-        if kernels < 1 or not dilations or min(dilations) < 1:
-            raise ValueError(f"{kernels} kernels, dilations {dilations}: at least 1 of each, from 1 on")
-        self.kernels, self.dilations = kernels, tuple(dilations)
+        if kernels < 1 or not dilations or min(dilations) < 1 or distances < 0:
+            raise ValueError(
+                f"{kernels} kernels, dilations {dilations}, {distances} distances: kernels and dilations "
+                "from 1 on, distances from 0 on"
+            )
+        self.kernels, self.dilations, self.distances = kernels, tuple(dilations), distances
         self.reach = sum(self.dilations) + 1  # of the residual
         self.radius = self.reach + REFINED
+        if distances:
+            self.psfs = "mean"
+            self._ask_distances(BETWEEN * distances)
+            self.radius += self.reach_of_distances
+            self.multiple = STEP
         layers: list[nn.Module] = []
         channels = 3
         for dilation in self.dilations:
@@ -48,7 +66,7 @@ class DCnn(Restorer):
                 nn.LeakyReLU(LEAK),
             ]
             channels = kernels
-        layers.append(nn.Conv2d(channels, 3, 3, padding=1))
+        layers.append(nn.Conv2d(channels, 3 * max(1, distances), 3, padding=1))
         self.residual = nn.Sequential(*layers)
         refine = [nn.ConvTranspose2d(3, 3, 3, padding=1) for _ in range(REFINED)]
         for layer in refine:
@@ -58,9 +76,21 @@ class DCnn(Restorer):
         self.refine = nn.Sequential(*refine)
 
     def settings(self) -> dict[str, object]:
-        if (self.kernels, self.dilations) == (KERNELS, DILATIONS):
-            return {}
-        return {"kernels": self.kernels, "dilations": list(self.dilations)}
+        own: dict[str, object] = {}
+        if (self.kernels, self.dilations) != (KERNELS, DILATIONS):
+            own = {"kernels": self.kernels, "dilations": list(self.dilations)}
+        return {**own, **({"distances": self.distances} if self.distances else {})}
+
+    def set_psfs(self, psf: Tensor) -> None:
+        self.set_distances(psf)
+
+    def likely(self, photo: Tensor) -> Tensor | None:
+        """How likely each part of the depth range is at each pixel of a photo [batch, 3, y, x], [batch,
+        distances, y, x]; None where it asks for none."""
+        if not self.distances:
+            return None
+        with torch.no_grad(), torch.autocast(photo.device.type, enabled=False):
+            return self.depth_probability(photo, BELIEF).unflatten(1, (self.distances, -1)).sum(2)
 
     @classmethod
     def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> DCnn:
@@ -75,21 +105,26 @@ class DCnn(Restorer):
         # pyrefly: ignore[bad-argument-type] - those of its own class
         found = cls(**{**network.settings(), **(settings or {})})
         places = _places(network.dilations, found.dilations)
-        if places is None or found.kernels < network.kernels:
+        if places is None or found.kernels < network.kernels or network.distances not in (0, found.distances):
             raise InputError(
                 f"a D-CNN of {network.kernels} kernels and dilations {list(network.dilations)} does not fit "
                 f"into one of {found.kernels} and {list(found.dilations)}"
             )
+        if network.distances:
+            found.use(network.known())
         with torch.no_grad():
             for index in range(len(found.dilations)):
                 _hand_on(found.residual[3 * index], found.residual[3 * index + 1], network.kernels)
             for old, new in enumerate(places):
                 for part in (0, 1):
                     _copy_into(network.residual[3 * old + part], found.residual[3 * new + part])
-            last = found.residual[-1]
-            for value in last.parameters():
+            first, last = network.residual[-1], found.residual[-1]
+            assert isinstance(first, nn.Conv2d) and isinstance(last, nn.Conv2d)
+            for value, own in zip(last.parameters(), first.parameters(), strict=True):
                 value.zero_()
-            _copy_into(network.residual[-1], last)
+                # what is told of distances is the same for all at first
+                own = own.repeat(len(value) // len(own), *[1] * (own.ndim - 1))
+                value[tuple(slice(size) for size in own.shape)] = own
             found.refine.load_state_dict(network.refine.state_dict())
         return found
 
@@ -97,25 +132,28 @@ class DCnn(Restorer):
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
 
         In use a photo is continued beyond its border (see `borders`); in training black lies there."""
-        sharp = self._sharp(photo) if self.training else self.unclamped(photo)
+        sharp = self._sharp(photo, self.likely(photo)) if self.training else self.unclamped(photo)
         return sharp.clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
         reach = self.reach + REFINED
-        beyond = continued(photo, reach)
+        beyond, likely = continued(photo, reach), self.likely(photo)
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
-            return self._by_fixed_statistics(beyond.contiguous(memory_format=torch.channels_last))
+            beyond = beyond.contiguous(memory_format=torch.channels_last)
+            return self._by_fixed_statistics(beyond, likely)
+        if likely is not None:
+            likely = functional.pad(likely, (reach,) * 4, mode="replicate")
         rows, columns = (slice(reach, reach + size) for size in photo.shape[-2:])
-        return self._sharp(beyond)[..., rows, columns]
+        return self._sharp(beyond, likely)[..., rows, columns]
 
-    def _sharp(self, photo: Tensor) -> Tensor:
+    def _sharp(self, photo: Tensor, likely: Tensor | None) -> Tensor:
         # the sum is kept in the photo's own precision: its grey levels are finer than bfloat16's
-        sharp = photo + self.residual(photo).to(photo.dtype)
+        sharp = photo + _weighed(self.residual(photo), likely).to(photo.dtype)
         with torch.autocast(photo.device.type, enabled=False):
             return self.refine(sharp)
 
-    def _by_fixed_statistics(self, beyond: Tensor) -> Tensor:
+    def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None) -> Tensor:
         """The same of a photo that goes on for `radius` pixels, which become its border and are left out
         layer by layer. Each normalisation, whose statistics are fixed, is folded into the convolution
         before it: fewer passes over memory, the same image but for rounding."""
@@ -131,7 +169,9 @@ class DCnn(Restorer):
             bias = (bias - mean) * factor + normalisation.bias
             seen = functional.conv2d(seen, weight, bias, dilation=convolution.dilation)
             seen = functional.leaky_relu_(seen, LEAK)
-        residual = functional.conv2d(seen, last.weight, last.bias)
+        if likely is not None:
+            likely = functional.pad(likely, (REFINED,) * 4, mode="replicate")
+        residual = _weighed(functional.conv2d(seen, last.weight, last.bias), likely)
         left = self.reach
         sharp = beyond[..., left:-left, left:-left] + residual.to(beyond.dtype)
         with torch.autocast(beyond.device.type, enabled=False):
@@ -139,6 +179,14 @@ class DCnn(Restorer):
                 assert isinstance(layer, nn.ConvTranspose2d)
                 sharp = functional.conv_transpose2d(sharp, layer.weight, layer.bias, padding=2)
         return sharp
+
+
+def _weighed(residuals: Tensor, likely: Tensor | None) -> Tensor:
+    """Residuals of each distance, [batch, distances * 3, y, x], by how likely it is: [batch, 3, y, x]."""
+    if likely is None:
+        return residuals
+    each = residuals.unflatten(1, (likely.shape[1], 3))
+    return (each * likely[:, :, None].to(each.dtype)).sum(1)
 
 
 def _places(few: Sequence[int], many: Sequence[int]) -> list[int] | None:

@@ -11,18 +11,17 @@ with PSFs of their own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from ..errors import InputError, first_line
-from .blur_likelihood import BLOCK, STEP, block_transfer, explain, log_likelihood, spread
+from .blur_likelihood import STEP
 from .borders import continued
+from .distances import DistanceTold
 from .linear import colour_error, local_filters
 from .local_unet import Trunk
-from .photograph_statistics import transfer_functions
 from .residual_unet import ResidualTrunk
 from .restorer import Restorer
 
@@ -39,17 +38,7 @@ PARTS = 4  # of the depth range: of each a second U-Net sees the likeliest resto
 UNLIKELY = 1e-4  # weights below are alike
 
 
-@dataclass(frozen=True)
-class Known:
-    """What a bank knows of how a camera blurs: its buffers of the same names, and what `explain` makes."""
-
-    filters: Tensor
-    transfer: Tensor
-    matrix: Tensor
-    constant: Tensor
-
-
-class FilterBank(Restorer):
+class FilterBank(DistanceTold):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
     support: width of the filters in pixels, odd; distances: so many for each filter are told
@@ -58,12 +47,12 @@ class FilterBank(Restorer):
     the likeliest restoration within each of `PARTS` parts of the range, and adds what that lacks; the first
     is kept as it was. Untaught, it returns the photo.
 
-    filters: [groups * 3 out, 3 in, support, support]; transfer: real and imaginary part of the transfer
-    functions of a block, [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16; neither is trained (`set_filters`).
+    filters: [groups * 3 out, 3 in, support, support], not trained (`set_filters`).
     """
 
     kind = "filter-bank"
     psfs = "mean"
+    told = ("filters", "transfer", "_matrix", "_constant")
 
     def __init__(
         self,
@@ -79,7 +68,7 @@ class FilterBank(Restorer):
         super().__init__()
         if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
             raise ValueError(f"{groups} groups, {distances} distances, {support} pixels: at least 1, and odd")
-        self.groups, self.support, self.depths = groups, support, groups * distances
+        self.groups, self.support = groups, support
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         self.trunk = Trunk(6, 3, width, blocks, kernel, side=groups)
         self.second: ResidualTrunk | None = None
@@ -91,28 +80,27 @@ class FilterBank(Restorer):
         self.saved_in_half = self.second is not None
         self.border = support // 2
         self.multiple = max(self.trunk.multiple, STEP)
-        # to the middles of the places around, of their neighbours, and to the end of a block
-        self.radius = self.trunk.radius + max(support // 2, 2 * STEP + BLOCK // 2)
+        self.radius = self.trunk.radius + max(support // 2, self.reach_of_distances)
         if self.second is not None:
             self.multiple = max(self.multiple, self.second.multiple)
             self.radius += self.second.radius
         # channels last asks for four axes
         self.register_buffer("filters", torch.zeros(groups * 3, 3, support, support))
-        self.register_buffer(
-            "transfer", torch.zeros(self.depths * 3, BLOCK, BLOCK // 2 + 1, 2, dtype=torch.float16)
-        )
-        self.register_buffer("_matrix", torch.empty(0), persistent=False)
-        self.register_buffer("_constant", torch.empty(0), persistent=False)
         self._transferred: tuple[Tensor, Tensor] | None = None
-        self.register_load_state_dict_post_hook(_loaded)
+        self._ask_distances(groups * distances)
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
 
     def settings(self) -> dict[str, object]:
+        if self.second is None:
+            return self.first_settings()
+        second = {f"second_{name}": value for name, value in self.second.settings().items()}
+        return {**self.first_settings(), **second}
+
+    def first_settings(self) -> dict[str, object]:
+        """Those of the same without its second U-Net."""
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
-        if self.second is not None:
-            own |= {f"second_{name}": value for name, value in self.second.settings().items()}
         return {**own, **self.trunk.settings()}
 
     @classmethod
@@ -131,11 +119,6 @@ class FilterBank(Restorer):
             raise InputError(f"a {cls.kind!r} grows by a second U-Net alone: {first_line(error)}") from None
         return found
 
-    def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
-        """The middles of equal parts of the range."""
-        low, high = depth_range
-        return low + (high - low) * (torch.arange(self.depths, dtype=torch.float64) + 0.5) / self.depths
-
     def set_psfs(self, psf: Tensor) -> None:
         self.set_filters(local_filters(psf, self.support, self.groups), psf)
 
@@ -146,24 +129,8 @@ class FilterBank(Restorer):
     def set_filters(self, filters: Tensor, psf: Tensor) -> None:
         """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
         [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
-        size = BLOCK * -(-psf.shape[-1] // BLOCK)
-        transfer = block_transfer(transfer_functions(psf, size))
-        # new ones: others may still hold the old
-        self.filters = filters.flatten(0, 1).to(self.filters)
-        self.transfer = torch.view_as_real(transfer).flatten(0, 1).to(self.transfer)
-        self._explain()
-
-    def known(self) -> Known:
-        return Known(self.filters, self.transfer, self._matrix, self._constant)
-
-    def use(self, known: object) -> None:
-        assert isinstance(known, Known)
-        self.filters, self.transfer = known.filters, known.transfer
-        self._matrix, self._constant = known.matrix, known.constant
-
-    def _explain(self) -> None:
-        transfer = torch.view_as_complex(self.transfer.float().contiguous()).unflatten(0, (self.depths, 3))
-        self._matrix, self._constant = explain(transfer)
+        self.filters = filters.flatten(0, 1).to(self.filters)  # new ones: others may still hold the old
+        self.set_distances(psf)
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training.
@@ -221,21 +188,9 @@ class FilterBank(Restorer):
 
     def weights(self, photo: Tensor) -> Tensor:
         """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
-        depths = self.depth_probability(photo)
-        return depths.unflatten(1, (self.groups, -1)).sum(2)
-
-    def depth_probability(self, photo: Tensor) -> Tensor:
-        """How likely each distance is at each pixel, [batch, depth, y, x], far ones first."""
-        rows, columns = photo.shape[-2:]
-        sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]
-        padding = (0, sizes[1] - columns, 0, sizes[0] - rows)
-        # a highlight outshines what else its block holds
-        padded = functional.pad(photo.detach().clamp_max(1), padding, mode="replicate")
-        own = log_likelihood(padded, self._matrix.to(photo), self._constant.to(photo))
-        around = functional.avg_pool2d(own, 3, 1, 1, count_include_pad=False)
         first, second = self.belief.exp()
-        likely = (first * own + second * around).softmax(1)
-        return spread(likely)[..., :rows, :columns]
+        depths = self.depth_probability(photo, (first, second))
+        return depths.unflatten(1, (self.groups, -1)).sum(2)
 
 
 def compressed(image: Tensor) -> Tensor:
@@ -252,7 +207,3 @@ def likeliest(filtered: Tensor, weights: Tensor) -> Tensor:
     share = weights.unflatten(1, (PARTS, -1)) + UNLIKELY
     share = share / share.sum(2, keepdim=True)
     return (filtered.unflatten(1, (PARTS, -1)) * share[:, :, :, None]).sum(2)
-
-
-def _loaded(network: FilterBank, _: object) -> None:
-    network._explain()

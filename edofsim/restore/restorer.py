@@ -24,13 +24,16 @@ class Restorer(nn.Module):
     of a training, those of the mask as it is then, so that gradients reach the mask through them; the
     last ones are kept.
 
+    told: names of its buffers that `set_psfs` fills.
+
     any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
     photos have three more channels, what Wiener deconvolution makes of the photo. saved_in_half: its
     checkpoint holds weights in half precision.
     """
 
     kind: ClassVar[str]
-    psfs: ClassVar[Literal["none", "mean", "designed"]] = "none"
+    psfs: Literal["none", "mean", "designed"] = "none"
+    told: ClassVar[tuple[str, ...]] = ()
     any_camera: ClassVar[bool] = False
     sees_linear: bool = False
     saved_in_half: bool = False
@@ -57,12 +60,14 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def known(self) -> object:
-        """What it was told by `set_psfs`, to be used again."""
-        raise NotImplementedError
+        """What it was told by `set_psfs`, for `use`."""
+        return tuple(getattr(self, name) for name in self.told)
 
     def use(self, known: object) -> None:
         """Go by that again."""
-        raise NotImplementedError
+        assert isinstance(known, tuple)
+        for name, value in zip(self.told, known, strict=True):
+            setattr(self, name, value)
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         """Tell it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its

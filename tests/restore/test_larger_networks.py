@@ -10,10 +10,12 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 from edofsim.errors import InputError
+from edofsim.restore.camera_bank import CameraBank
 from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
 from edofsim.restore.dcnn import DCnn
 from edofsim.restore.filter_bank import PARTS, FilterBank, likeliest
 from edofsim.restore.network import apply_network, build_network
+from edofsim.restore.photograph_statistics import power_spectrum
 from edofsim.restore.residual_unet import ResidualTrunk
 
 WIDER = {"kernels": 40, "dilations": [1, 2, 3, 4, 2, 1]}
@@ -105,7 +107,7 @@ def test_fixed_statistics_are_folded_in_training_too() -> None:
         if folded:
             image = network.unclamped(photo)
         else:
-            beyond = network._sharp(_continued(photo, network.radius))
+            beyond = network._sharp(_continued(photo, network.radius), None)
             reach = network.radius
             image = beyond[..., reach:-reach, reach:-reach]
         image.pow(3).sum().backward()
@@ -150,6 +152,13 @@ def test_a_second_u_net_is_refused_where_it_cannot_be() -> None:
     for other in (FilterBank.grown(bank, SECOND), build_network("dcnn"), build_network("camera-bank")):
         with pytest.raises(InputError, match="without a second U-Net"):
             FilterBank.grown(other, SECOND)
+
+
+def test_a_bank_for_any_camera_grows_out_of_the_first_u_net() -> None:
+    bank = FilterBank.grown(_small_bank(), SECOND)
+    found = CameraBank.grown(bank)
+    assert found.settings() == _small_bank().settings()
+    assert torch.equal(found.trunk.last.weight, bank.trunk.last.weight)
 
 
 def test_the_likeliest_restoration_of_each_part() -> None:
@@ -208,3 +217,67 @@ def test_filters_are_applied_as_a_convolution_does() -> None:
             expected = conv2d(padded, bank.filters.double()).unflatten(1, (-1, 3))
             torch.testing.assert_close(bank.filtered(photo).double(), expected, rtol=0, atol=1e-5)
             bank.filters = bank.filters.flip(-1)
+
+
+TOLD = {"distances": 4}
+
+
+def _blurs(count: int) -> Tensor:
+    """Squares of 1, 3, 5, ... pixels, [count, 3, 17, 17]."""
+    psf = torch.zeros(count, 3, 17, 17)
+    for reach in range(count):
+        psf[reach, :, 8 - reach : 9 + reach, 8 - reach : 9 + reach] = 1 / (2 * reach + 1) ** 2
+    return psf
+
+
+def _texture(size: int, seed: int) -> Tensor:
+    """Grey, with the spectrum of photographs, [1, 3, size, size]."""
+    white = torch.fft.rfft2(torch.randn(size, size, generator=torch.Generator().manual_seed(seed)))
+    return torch.fft.irfft2(white * power_spectrum(size, torch.zeros(1)).sqrt()).expand(1, 3, -1, -1)
+
+
+def test_a_d_cnn_is_told_how_likely_each_distance_is() -> None:
+    """Of four blurs, each at two distances, it sees that of the photo; nothing where it asks for none."""
+    network = DCnn(**TOLD).eval()
+    assert network.psfs == "mean" and DCnn().psfs == "none"
+    assert DCnn().likely(torch.zeros(1, 3, 40, 40)) is None
+    network.set_psfs(_blurs(4).repeat_interleave(2, 0))
+    for part in range(4):
+        photo = torch.nn.functional.avg_pool2d(_texture(128, 9), 2 * part + 1, 1)
+        noise = 0.003 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(2))
+        likely = network.likely(photo + noise)
+        assert torch.allclose(likely.sum(1), torch.ones(1), atol=1e-5)
+        assert likely[:, part].mean() > 0.9
+
+
+def test_what_it_is_told_changes_nothing_at_first_and_is_kept(tmp_path: Path) -> None:
+    small = _shaken(DCnn())
+    told = DCnn.grown(small, TOLD).eval()
+    told.set_psfs(_blurs(8))
+    photo = _photo(3, 3, 70, 60)
+    torch.testing.assert_close(apply_network(told, photo), apply_network(small, photo), rtol=0, atol=1e-5)
+    _shaken(told)
+    path = save_checkpoint(tmp_path / "told.safetensors", told, {"name": "told"})
+    found = load_checkpoint(path).network
+    assert torch.equal(apply_network(found, photo), apply_network(told, photo))
+    larger = DCnn.grown(told, {"kernels": 40}).eval()
+    torch.testing.assert_close(apply_network(larger, photo), apply_network(told, photo), rtol=0, atol=1e-5)
+    with pytest.raises(InputError, match="does not fit"):
+        DCnn.grown(told, {"distances": 8})
+
+
+def test_a_told_d_cnn_restores_in_tiles_as_whole() -> None:
+    told = DCnn.grown(_shaken(DCnn()), TOLD).eval()
+    told.set_psfs(_blurs(8))
+    _shaken(told, by=0.1)
+    photo = torch.nn.functional.avg_pool2d(_texture(304, 5), 5, 1)[0] * 0.02 + 0.5
+    whole, tiles = (apply_network(told, photo, tile=tile) for tile in (512, 96))
+    torch.testing.assert_close(tiles, whole, rtol=0, atol=1e-5)
+
+
+def test_gradients_reach_the_photo_through_a_told_d_cnn() -> None:
+    """A mask that learns with it needs them; what it is told has none."""
+    told = _shaken(DCnn(**TOLD)).train()
+    photo = _photo(8, 1, 3, 48, 48).requires_grad_()
+    told(photo).square().sum().backward()
+    assert photo.grad is not None and photo.grad.abs().mean() > 1e-3
