@@ -33,7 +33,8 @@ def psnr(image) -> float:
 
 # %%
 # ``paper-dcnn`` is the network that learned together with this mask; ``paper-bank`` restores photos through
-# the same mask, and tells how far each place is; Wiener deconvolution knows the PSFs alone.
+# the same mask, and tells how far each place is, as ``told-dcnn`` does; Wiener deconvolution knows the PSFs
+# alone.
 
 far = (0.6, 1.5)
 images = {

@@ -18,6 +18,7 @@ from ..restore.restorer import Restorer
 
 WAVELENGTHS = 8
 """So many, evenly spaced, stand for all that a sensor sees."""
+MIDDLE = 0.5  # of the distance between them
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Optics:
     def response_psfs(self, inverse_depths: Tensor) -> Tensor:
         """`psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window]. Raises
         InputError as `mean_response_psfs`."""
-        wavelengths = self._response_wavelengths(0.5)
+        wavelengths = self._response_wavelengths(MIDDLE)
         camera = self._sampled(wavelengths, inverse_depths)
         bank = psf_bank(
             camera, wavelengths, inverse_depths, window_px=self.window, device=self.device
@@ -299,8 +300,9 @@ class System(nn.Module):
         optics = self.optics.with_height(height)
         if height is None:
             return colour_psfs(optics, depths, broadband)
-        mean = optics.mean_response_psfs if broadband else optics.mean_psfs
-        return mean(depths, self.height_noise)
+        if broadband:  # of the wavelengths that photos are made of
+            return optics.mean_response_psfs(depths, self.height_noise, MIDDLE)
+        return optics.mean_psfs(depths, self.height_noise)
 
     def tell(self, broadband: bool) -> None:
         """Condition the network on the light that the sensor sees, where some of it is broadband. What is

@@ -99,13 +99,12 @@ class CameraBank(FilterBank):
 
     @classmethod
     def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> CameraBank:
-        """One with the weights of a `FilterBank` (of its first U-Net), or of one that is not given what
-        Wiener deconvolution makes; at first it ignores what that was not given. Raises InputError for another
-        network."""
+        """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
+        makes; at first it ignores what that was not given. Raises InputError for another network."""
         if not isinstance(network, FilterBank) or network.sees_linear:
             raise InputError(f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}")
         # pyrefly: ignore[bad-argument-type] - those of its own class
-        found = cls(**{**network.first_settings(), **(settings or {})})
+        found = cls(**{**network.settings(), **(settings or {})})
         weights = network.trunk.state_dict()
         first = weights["first.weight"]
         # unshuffled pixels of images, then maps

@@ -122,11 +122,7 @@ def save_checkpoint(
     and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """
-    half = {name for name, _ in network.named_parameters()} if network.saved_in_half else set()
-    arrays = {
-        f"network.{name}": without_denormals(value.half() if name in half else value)
-        for name, value in network.state_dict().items()
-    }
+    arrays = {f"network.{name}": without_denormals(value) for name, value in network.state_dict().items()}
     if height is not None:
         arrays["mask.height_m"] = height
         arrays["mask.sampling_m"] = torch.tensor(sampling, dtype=torch.float64)

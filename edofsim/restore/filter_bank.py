@@ -10,20 +10,15 @@ with PSFs of their own.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..errors import InputError, first_line
 from .blur_likelihood import STEP
 from .borders import continued
 from .distances import DistanceTold
 from .linear import colour_error, local_filters
 from .local_unet import Trunk
-from .residual_unet import ResidualTrunk
-from .restorer import Restorer
 
 BEYOND = 0.25
 """What a filter leaves so far beyond the range from 0 to 1 is around something brighter than full scale."""
@@ -34,18 +29,13 @@ BRIGHTEST = 100.0
 # how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
 # are no Gaussian processes
 BELIEF = (0.01, 0.05)
-PARTS = 4  # of the depth range: of each a second U-Net sees the likeliest restoration
-UNLIKELY = 1e-4  # weights below are alike
 
 
 class FilterBank(DistanceTold):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
     support: width of the filters in pixels, odd; distances: so many for each filter are told
-    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. second_channels, second_blocks: of a second
-    one, a `ResidualTrunk` (none where they are empty). It sees what the first restores, beside the photo and
-    the likeliest restoration within each of `PARTS` parts of the range, and adds what that lacks; the first
-    is kept as it was. Untaught, it returns the photo.
+    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. Untaught, it returns the photo.
 
     filters: [groups * 3 out, 3 in, support, support], not trained (`set_filters`).
     """
@@ -62,8 +52,6 @@ class FilterBank(DistanceTold):
         width: int = 24,
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
-        second_channels: tuple[int, ...] = (),
-        second_blocks: tuple[int, ...] = (),
     ) -> None:
         super().__init__()
         if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
@@ -71,19 +59,9 @@ class FilterBank(DistanceTold):
         self.groups, self.support = groups, support
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         self.trunk = Trunk(6, 3, width, blocks, kernel, side=groups)
-        self.second: ResidualTrunk | None = None
-        if second_channels:
-            if groups % PARTS:
-                raise ValueError(f"{groups} groups: a second U-Net asks for a multiple of {PARTS}")
-            self.requires_grad_(False)
-            self.second = ResidualTrunk(9 + 3 * PARTS, 3, second_channels, second_blocks, side=groups)
-        self.saved_in_half = self.second is not None
         self.border = support // 2
         self.multiple = max(self.trunk.multiple, STEP)
         self.radius = self.trunk.radius + max(support // 2, self.reach_of_distances)
-        if self.second is not None:
-            self.multiple = max(self.multiple, self.second.multiple)
-            self.radius += self.second.radius
         # channels last asks for four axes
         self.register_buffer("filters", torch.zeros(groups * 3, 3, support, support))
         self._transferred: tuple[Tensor, Tensor] | None = None
@@ -93,31 +71,8 @@ class FilterBank(DistanceTold):
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
 
     def settings(self) -> dict[str, object]:
-        if self.second is None:
-            return self.first_settings()
-        second = {f"second_{name}": value for name, value in self.second.settings().items()}
-        return {**self.first_settings(), **second}
-
-    def first_settings(self) -> dict[str, object]:
-        """Those of the same without its second U-Net."""
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
         return {**own, **self.trunk.settings()}
-
-    @classmethod
-    def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> FilterBank:
-        """The same with a second U-Net, which adds nothing yet. Raises InputError for another network, and
-        for settings that change more than that."""
-        if not isinstance(network, FilterBank) or network.kind != cls.kind or network.second is not None:
-            raise InputError(
-                f"a {cls.kind!r} grows out of one without a second U-Net, not out of a {network.kind!r}"
-            )
-        # pyrefly: ignore[bad-argument-type] - those of its own class
-        found = cls(**{**network.settings(), **(settings or {})})
-        try:
-            found.load_state_dict(found.state_dict() | network.state_dict())
-        except RuntimeError as error:
-            raise InputError(f"a {cls.kind!r} grows by a second U-Net alone: {first_line(error)}") from None
-        return found
 
     def set_psfs(self, psf: Tensor) -> None:
         self.set_filters(local_filters(psf, self.support, self.groups), psf)
@@ -131,6 +86,10 @@ class FilterBank(DistanceTold):
         [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
         self.filters = filters.flatten(0, 1).to(self.filters)  # new ones: others may still hold the old
         self.set_distances(psf)
+
+    def _explain(self) -> None:
+        self._transferred = None  # filters that are loaded are other ones in the same place
+        super()._explain()
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training.
@@ -150,15 +109,10 @@ class FilterBank(DistanceTold):
     def _restored(self, photo: Tensor) -> Tensor:
         photo = self._within(photo)
         with torch.autocast(photo.device.type, enabled=False):
-            weights, filtered = self.weights(photo), self.filtered(photo)
-            chosen = (filtered * weights[:, :, None]).sum(1)
+            weights = self.weights(photo)
+            chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
         seen = compressed(torch.cat([photo, chosen], 1)).contiguous(memory_format=torch.channels_last)
-        restored = chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
-        if self.second is None:
-            return restored
-        parts = likeliest(filtered, weights).flatten(1, 2)
-        seen = torch.cat([seen, compressed(restored), compressed(parts)], 1)
-        return restored + self.second(seen, weights).to(photo.dtype)
+        return chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
 
     def _within(self, photo: Tensor) -> Tensor:
         return photo.clamp(-BRIGHTEST, BRIGHTEST)
@@ -199,11 +153,3 @@ def compressed(image: Tensor) -> Tensor:
     within = image.clamp(-BEYOND, 1 + BEYOND)
     excess = image - within
     return within + excess.sign() * excess.abs().log1p()
-
-
-def likeliest(filtered: Tensor, weights: Tensor) -> Tensor:
-    """Of restorations [batch, group, 3, y, x] with weights [batch, group, y, x] the weighed mean within each
-    of `PARTS` parts of the groups, [batch, part, 3, y, x]."""
-    share = weights.unflatten(1, (PARTS, -1)) + UNLIKELY
-    share = share / share.sum(2, keepdim=True)
-    return (filtered.unflatten(1, (PARTS, -1)) * share[:, :, :, None]).sum(2)

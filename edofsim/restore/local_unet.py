@@ -8,8 +8,6 @@ sharpness on large photos. What remains is local, so that a photo restored in ti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -46,50 +44,50 @@ class LocalUNet(Restorer):
         return photo + self.trunk(photo).to(photo.dtype)
 
 
-class UNet(nn.Module):
-    """On 2x2-unshuffled pixels, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
+class Trunk(nn.Module):
+    """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
 
-    channels: of each level, each at half the resolution of the one before; blocks: blocks a level, on the
-    way down and (except for the last level) on the way up; block: makes one of a level; reaches: how far a
-    block of each level sees, in its pixels; side: channels of coarse maps that it is given besides.
+    side: channels of coarse maps that it is given besides; width, blocks, kernel: see `LocalUNet`.
     multiple: images are padded to a multiple of so many pixels. radius: how far in pixels an output pixel
     sees, at most.
     """
 
     def __init__(
-        self,
-        inputs: int,
-        outputs: int,
-        channels: Sequence[int],
-        blocks: Sequence[int],
-        block: Callable[[int], nn.Module],
-        reaches: Sequence[int],
-        side: int = 0,
+        self, inputs: int, outputs: int, width: int, blocks: tuple[int, ...], kernel: int, side: int = 0
     ) -> None:
         super().__init__()
-        self.blocks = tuple(blocks)
+        self.width, self.blocks, self.kernel = width, tuple(blocks), kernel
         levels = len(self.blocks)
-        if levels == 0 or len(channels) != levels:
-            raise ValueError(f"channels {list(channels)} and blocks {list(blocks)}: one number each a level")
-        self.first = nn.Conv2d(4 * inputs + side, channels[0], 3, padding=1)
-        self.last = nn.Conv2d(channels[0], 4 * outputs, 3, padding=1)
-        self.down_blocks, self.up_blocks = (
-            nn.ModuleList(
-                nn.Sequential(*(block(level) for _ in range(self.blocks[level]))) for level in range(count)
-            )
-            for count in (levels, levels - 1)
+        channels = [width << level for level in range(levels)]
+        kernels = [3] + [kernel] * (levels - 1)
+        self.first = nn.Conv2d(4 * inputs + side, width, 3, padding=1)
+        self.last = nn.Conv2d(width, 4 * outputs, 3, padding=1)
+        self.down_blocks = nn.ModuleList(
+            nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
+            for i in range(levels)
         )
-        pairs = list(zip(channels, channels[1:], strict=False))
-        self.downs = nn.ModuleList(nn.Conv2d(fine, coarse, 2, 2) for fine, coarse in pairs)
-        self.ups = nn.ModuleList(nn.Conv2d(coarse, 4 * fine, 1) for fine, coarse in pairs)
+        self.up_blocks = nn.ModuleList(
+            nn.Sequential(*(GatedBlock(channels[i], kernels[i]) for _ in range(self.blocks[i])))
+            for i in range(levels - 1)
+        )
+        self.downs = nn.ModuleList(nn.Conv2d(channels[i], channels[i + 1], 2, 2) for i in range(levels - 1))
+        self.ups = nn.ModuleList(nn.Conv2d(channels[i + 1], 4 * channels[i], 1) for i in range(levels - 1))
         nn.init.zeros_(self.last.weight)
         assert self.last.bias is not None
         nn.init.zeros_(self.last.bias)
         self.multiple = 1 << levels
-        self.radius = 2 + 2 + self.multiple  # first and last convolution, and pixels that share a coarse one
+        self.radius = self._radius()
+
+    def _radius(self) -> int:
+        reach = 2 + 2 + self.multiple  # first and last convolution, and pixels that share a coarse one
         for level, count in enumerate(self.blocks):
-            passes = count if level == levels - 1 else 2 * count
-            self.radius += passes * reaches[level] * (2 << level)
+            passes = count if level == len(self.blocks) - 1 else 2 * count
+            reach += passes * ((3 if level == 0 else self.kernel) // 2) * (2 << level)
+        return reach
+
+    def settings(self) -> dict[str, int | list[int]]:
+        """What rebuilds it, but for its inputs and outputs."""
+        return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
 
     def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
         """images: [batch, inputs, y, x]; side: [batch, side, y, x]."""
@@ -113,26 +111,6 @@ class UNet(nn.Module):
         rows, columns = images.shape[-2:]
         padding = (0, -columns % self.multiple, 0, -rows % self.multiple)
         return functional.pad(images, padding, mode="replicate") if any(padding) else images
-
-
-class Trunk(UNet):
-    """One of NAFNet's blocks; width, blocks, kernel: see `LocalUNet`, side: see `UNet`."""
-
-    def __init__(
-        self, inputs: int, outputs: int, width: int, blocks: tuple[int, ...], kernel: int, side: int = 0
-    ) -> None:
-        self.width, self.kernel = width, kernel
-        channels = [width << level for level in range(len(blocks))]
-        kernels = [3] + [kernel] * (len(blocks) - 1)
-
-        def block(level: int) -> nn.Module:
-            return GatedBlock(channels[level], kernels[level])
-
-        super().__init__(inputs, outputs, channels, blocks, block, [size // 2 for size in kernels], side)
-
-    def settings(self) -> dict[str, int | list[int]]:
-        """What rebuilds it, but for its inputs and outputs."""
-        return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
 
 
 class GatedBlock(nn.Module):

@@ -27,8 +27,7 @@ class Restorer(nn.Module):
     told: names of its buffers that `set_psfs` fills.
 
     any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
-    photos have three more channels, what Wiener deconvolution makes of the photo. saved_in_half: its
-    checkpoint holds weights in half precision.
+    photos have three more channels, what Wiener deconvolution makes of the photo.
     """
 
     kind: ClassVar[str]
@@ -36,7 +35,6 @@ class Restorer(nn.Module):
     told: ClassVar[tuple[str, ...]] = ()
     any_camera: ClassVar[bool] = False
     sees_linear: bool = False
-    saved_in_half: bool = False
     radius: int | None = None
     multiple: int = 1
     border: int = 0

@@ -10,16 +10,13 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 from edofsim.errors import InputError
-from edofsim.restore.camera_bank import CameraBank
 from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
 from edofsim.restore.dcnn import DCnn
-from edofsim.restore.filter_bank import PARTS, FilterBank, likeliest
+from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.network import apply_network, build_network
 from edofsim.restore.photograph_statistics import power_spectrum
-from edofsim.restore.residual_unet import ResidualTrunk
 
 WIDER = {"kernels": 40, "dilations": [1, 2, 3, 4, 2, 1]}
-SECOND = {"second_channels": [8, 12], "second_blocks": [1, 1]}
 
 
 def _photo(seed: int, *shape: int) -> Tensor:
@@ -120,90 +117,6 @@ def _continued(photo: Tensor, reach: int) -> Tensor:
     from edofsim.restore.borders import continued
 
     return continued(photo, reach)
-
-
-def test_a_second_u_net_adds_nothing_at_first_and_then_sees_everything() -> None:
-    bank = _small_bank()
-    grown = FilterBank.grown(bank, SECOND).eval()
-    photo = _photo(7, 3, 60, 52)
-    assert torch.equal(apply_network(grown, photo), apply_network(bank, photo))
-    assert [name for name, p in grown.named_parameters() if p.requires_grad] == [
-        name for name, _ in grown.named_parameters() if name.startswith("second.")
-    ]
-    assert grown.second is not None
-    _shaken(grown.second)
-    seen: list[Tensor] = []
-    grown.second.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
-    apply_network(grown, photo)
-    assert seen[0].shape[1] == 3 * (3 + PARTS)
-    again = FilterBank(**grown.settings())
-    again.load_state_dict(grown.state_dict())
-    assert torch.equal(apply_network(again, photo), apply_network(grown, photo))
-
-
-def test_a_second_u_net_is_refused_where_it_cannot_be() -> None:
-    bank = _small_bank()
-    with pytest.raises(InputError, match="cannot be built"):
-        build_network("filter-bank", {"groups": 3, **SECOND})
-    with pytest.raises(InputError, match="cannot be built"):
-        build_network("filter-bank", {"second_channels": [8], "second_blocks": [1, 1]})
-    with pytest.raises(InputError, match="second U-Net alone"):
-        FilterBank.grown(bank, {"width": 8, **SECOND})
-    for other in (FilterBank.grown(bank, SECOND), build_network("dcnn"), build_network("camera-bank")):
-        with pytest.raises(InputError, match="without a second U-Net"):
-            FilterBank.grown(other, SECOND)
-
-
-def test_a_bank_for_any_camera_grows_out_of_the_first_u_net() -> None:
-    bank = FilterBank.grown(_small_bank(), SECOND)
-    found = CameraBank.grown(bank)
-    assert found.settings() == _small_bank().settings()
-    assert torch.equal(found.trunk.last.weight, bank.trunk.last.weight)
-
-
-def test_the_likeliest_restoration_of_each_part() -> None:
-    """Of each part its likely one; where none is likely, about their mean."""
-    filtered = torch.arange(8.0)[None, :, None, None, None].expand(1, 8, 3, 2, 2)
-    weights = torch.zeros(1, 8, 2, 2)
-    weights[:, 1] = 0.75
-    weights[:, 4:6] = 0.125
-    found = likeliest(filtered, weights)
-    assert found.shape == (1, PARTS, 3, 2, 2)
-    expected = torch.tensor([1.0, 2.5, 4.5, 6.5])
-    torch.testing.assert_close(found[0, :, 0, 0, 0], expected, rtol=0, atol=1e-3)
-
-
-def test_large_weights_are_saved_in_half_precision(tmp_path: Path) -> None:
-    bank = FilterBank.grown(_small_bank(), SECOND)
-    assert bank.second is not None
-    _shaken(bank.second)
-    path = save_checkpoint(tmp_path / "bank.safetensors", bank, {"name": "bank"})
-    network = load_checkpoint(path).network
-    trained = {name for name, _ in bank.named_parameters()}
-    for name, value in network.state_dict().items():
-        own = bank.state_dict()[name]
-        assert value.dtype == own.dtype
-        if name in trained:
-            torch.testing.assert_close(value, own, rtol=2**-11, atol=1e-4)
-        else:  # but for numbers below the normal range
-            torch.testing.assert_close(value, own, rtol=0, atol=6.2e-5 if own.dtype == torch.half else 0)
-    photo = _photo(9, 3, 48, 48)
-    assert (apply_network(network, photo) - apply_network(bank, photo)).abs().max() < 2e-3
-    plain = _small_bank()
-    path = save_checkpoint(tmp_path / "plain.safetensors", plain, {"name": "plain"})
-    assert torch.equal(load_checkpoint(path).network.trunk.first.weight, plain.trunk.first.weight)
-
-
-def test_the_residual_u_net_sees_no_further_than_its_radius() -> None:
-    trunk = ResidualTrunk(3, 3, (8, 8), (1, 1), side=2)
-    _shaken(trunk, by=0.2)
-    size = 2 * trunk.radius + 40
-    images, side = _photo(1, 1, 3, size, size), _photo(2, 1, 2, size, size)
-    place, images_ = size // 2, images.clone().requires_grad_()
-    trunk(images_, side)[0, :, place, place].sum().backward()
-    reached = images_.grad.abs().sum((0, 1)).nonzero()
-    assert (reached - place).abs().max() <= trunk.radius
-    assert (reached - place).abs().max() > trunk.radius // 2
 
 
 def test_filters_are_applied_as_a_convolution_does() -> None:
