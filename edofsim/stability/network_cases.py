@@ -17,7 +17,7 @@ from .case import Case, Finding, timed
 from .measures import READ_NOISE
 from .restoration import apart, beyond, blurred
 
-SHIPPED = ("paper-dcnn", "told-dcnn", "paper-bank")
+SHIPPED = ("paper-dcnn", "paper-bank")
 EVEN = 0.01
 """Of full scale, of one colour: as `flat colours` hold it."""
 MIDDLE = (..., slice(24, -24), slice(24, -24))
