@@ -147,7 +147,10 @@ def test_photos_of_many_scenes_are_those_of_each(scenes: list[Path], tmp_path: P
     options = ("--camera", "paper-clear", "--cache", cache, "--quiet", "--accuracy", "full")
     for scene in scenes[:2]:
         places = ("--out", alone / f"{scene.stem}-paper-clear", "--json", alone / f"{scene.stem}.json")
-        assert edofsim("expose", scene, *places, *options) == 0
+        # in a process of its own, as the others are: this one has another number of threads, by which some
+        # processors round
+        command = [sys.executable, "-m", "edofsim", "expose", scene, *places, *options]
+        subprocess.run([str(part) for part in command], check=True)
     broken = tmp_path / "broken.toml"
     mesh = SCENE.replace('kind = "panel"', 'kind = "mesh"\npath = "none.obj"').replace("height_mm = 4\n", "")
     broken.write_text(
