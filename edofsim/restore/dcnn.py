@@ -107,8 +107,9 @@ class DCnn(DistanceTold):
         places = _places(network.dilations, found.dilations)
         if places is None or found.kernels < network.kernels or network.distances not in (0, found.distances):
             raise InputError(
-                f"a D-CNN of {network.kernels} kernels and dilations {list(network.dilations)} does not fit "
-                f"into one of {found.kernels} and {list(found.dilations)}"
+                f"a D-CNN of {network.kernels} kernels, dilations {list(network.dilations)} and "
+                f"{network.distances} distances does not fit into one of {found.kernels}, "
+                f"{list(found.dilations)} and {found.distances}"
             )
         if network.distances:
             found.use(network.known())
