@@ -31,7 +31,7 @@ class DCnn(DistanceTold):
     `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
     that see 25 pixels. distances: so many parts of the depth range. Of each the last convolution has three
     channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
-    all distances restores what is near badly, and so does a network that cannot tell them apart.
+    all distances restores what is near badly.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.
@@ -203,7 +203,7 @@ def _places(few: Sequence[int], many: Sequence[int]) -> list[int] | None:
 
 
 def _hand_on(convolution: nn.Module, normalisation: nn.Module, kernels: int) -> None:
-    """Make a block give its first `kernels` channels as it gets them."""
+    """Make a block give its first `kernels` channels as it gets them, whatever it gets besides."""
     assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
     assert convolution.bias is not None and normalisation.running_var is not None
     convolution.weight[:kernels] = 0
@@ -214,9 +214,7 @@ def _hand_on(convolution: nn.Module, normalisation: nn.Module, kernels: int) -> 
 
 
 def _copy_into(small: nn.Module, large: nn.Module) -> None:
-    """The first values of each array of a layer; what the larger one gets besides counts for nothing."""
+    """The first values of each array of a layer."""
     own, into = small.state_dict(), large.state_dict()
     for name, value in own.items():
-        if value.ndim == 4:
-            into[name][: value.shape[0]] = 0
         into[name][tuple(slice(size) for size in value.shape)] = value

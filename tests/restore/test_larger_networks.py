@@ -157,6 +157,22 @@ def test_a_d_cnn_is_told_how_likely_each_distance_is() -> None:
         assert likely[:, part].mean() > 0.9
 
 
+def test_each_distance_has_channels_of_its_own() -> None:
+    """A network that adds the number of the likely part of the range, in tenths, to each pixel."""
+    network = DCnn(**TOLD).eval()
+    network.set_psfs(_blurs(4).repeat_interleave(2, 0))
+    last = network.residual[-1]
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.copy_(0.1 * torch.arange(4).repeat_interleave(3))
+    for part in range(4):
+        photo = torch.nn.functional.avg_pool2d(_texture(128, 9), 2 * part + 1, 1)
+        noise = 0.003 * torch.randn(photo.shape, generator=torch.Generator().manual_seed(2))
+        with torch.no_grad():
+            added = network.unclamped(photo + noise) - (photo + noise)
+        assert float(added[..., 16:-16, 16:-16].mean()) == pytest.approx(0.1 * part, abs=0.02)
+
+
 def test_what_it_is_told_changes_nothing_at_first_and_is_kept(tmp_path: Path) -> None:
     small = _shaken(DCnn())
     told = DCnn.grown(small, TOLD).eval()
