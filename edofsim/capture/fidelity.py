@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.height import design_wavelength
 from ..optics.materials import Material
-from ..optics.sampling import coarsest_pitch
+from ..optics.sampling import coarsest_pitches
 from ..recipe import CameraRecipe, SceneRecipe
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
@@ -269,10 +269,18 @@ def coarsest_pupil_um(
 ) -> float:
     """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow, between
     the wavelengths [band] too, where groups of bands have theirs. window_px: None for the camera's."""
+    ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
+    return min(coarsest_pupils_um(camera, wavelengths, ends, window_px))
+
+
+def coarsest_pupils_um(
+    camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor, window_px: int | None = None
+) -> list[float]:
+    """The same for each inverse depth [depth] by itself."""
     low, high = (float(end) for end in wavelengths.double().aminmax())
     every = torch.linspace(low, high, 32, dtype=torch.float64)
     window = camera.recipe.psf.window_px if window_px is None else window_px
-    return coarsest_pitch(camera, every, inverse_depths, window) * 1e6
+    return [pitch * 1e6 for pitch in coarsest_pitches(camera, every, inverse_depths, window)]
 
 
 def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:

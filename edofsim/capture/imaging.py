@@ -89,9 +89,7 @@ class Imaging:
         """How a view is composited: the same by PSFs of all widths. None where it is not."""
         if self.fidelity.occlusion != "hidden":
             return None
-        reach = self.widest // 2
-        around = with_margin(with_part_of_margin(view, reach), reach)
-        return layout_of(around, self.blurring.gap, reach)
+        return layout_within(view, self.blurring.gap, self.widest)
 
     def image(self, light: View, layout: Layout | None = None) -> Tensor:
         """Unexposed image of what `light` gives, [channel, y, x] of the frame, without the veiling glare.
@@ -105,6 +103,12 @@ class Imaging:
         side = self.fidelity.sub_aperture_pixel
         change = change_by_sub_apertures(light, self.blurring, self.sub_apertures, side, layout)
         return light.crop_margin(change) / self.told
+
+
+def layout_within(view: View, gap: float, window: int) -> Layout:
+    """How a view is composited by PSFs that are at most `window` pixels wide. gap: see `layout_of`."""
+    reach = window // 2
+    return layout_of(with_margin(with_part_of_margin(view, reach), reach), gap, reach)
 
 
 def imaging_of(

@@ -26,6 +26,7 @@ from .fidelity import Fidelity
 from .imaging import Axes, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
+from .occlusion.hidden import Layout
 from .photo import Photo
 from .prepare import channel_weights, choose_nodes, fewer_nodes, kernels_of
 from .sensor import automatic_exposure, record, sensor_effects
@@ -45,6 +46,7 @@ def capture(
     seed: int = 0,
     nodes: Tensor | None = None,
     spectrum: Tensor | None = None,
+    layout: Layout | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
     cache: Path | None = None,
@@ -58,8 +60,9 @@ def capture(
     nothing out that recipe and view hold (see `Fidelity`). exposure: factor from radiance to full scale, None
     for the camera's, which may be automatic (see `automatic_exposure`). seed: of the sensor's noise.
     nodes: [node] ascending inverse depths in 1/m, and spectrum: [band], the light that groups of bands are
-    weighted by, in place of the views' own: for a part of a view. dtype: float32 or float64. cache: a folder
-    for PSFs that outlive the process. clock: what the stages are timed by.
+    weighted by, in place of the views' own: for a part of a view. layout: how a single view is composited,
+    where that is known (`imaging.layout_within`). dtype: float32 or float64. cache: a folder for PSFs that
+    outlive the process. clock: what the stages are timed by.
 
     Gradients reach the views' radiance and the camera's height map. The ideal image and the exposure always
     have all bands. A mask that absorbs light makes the exposure longer, not the photo darker: by
@@ -92,7 +95,7 @@ def capture(
     imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in given]
-    layouts = [imaging.layout(view) for view in given]
+    layouts = [imaging.layout(view) if layout is None else layout for view in given]
     photo = torch.stack([imaging.image(*each) for each in zip(lights, layouts, strict=True)])
     blurring = imaging.blurring
     glare = [glare_of(light, blurring.kernels, blurring.response, between) for light in lights]
@@ -103,8 +106,8 @@ def capture(
         by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
         assert by_part is not None
         changes = [
-            by_part.change_by_sub_apertures(by_part.light(view), layout)
-            for view, layout in zip(given, layouts, strict=True)
+            by_part.change_by_sub_apertures(by_part.light(view), each)
+            for view, each in zip(given, layouts, strict=True)
         ]
         photo = photo + torch.stack(changes)
         watch.lap("sub_apertures", 0.9)

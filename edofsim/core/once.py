@@ -22,7 +22,8 @@ class Once:
         and not remembered."""
         with self._lock:
             known = self._found.get(key)
-            mine = self._found.setdefault(key, Future())
+            mine = Future() if known is None else known
+            self._found[key] = mine
         if known is None:
             try:
                 mine.set_result(make())

@@ -104,9 +104,18 @@ def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, 
     """The coarsest fixed pitch [m] that `plan_sampling` takes, by the paper's bound and with replicas that
     stay out of the window.
     """
-    ends = torch.stack([inverse_depths.min(), inverse_depths.max()]).double()
-    found = plan_sampling(camera, wavelengths.double(), ends, window_px)
-    return 0.999 * min(found.bound, found.replica_period * found.grid.pitch / found.window)
+    ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
+    return min(coarsest_pitches(camera, wavelengths, ends, window_px))
+
+
+def coarsest_pitches(
+    camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int
+) -> list[float]:
+    """The same of each inverse depth [depth] by itself."""
+    shortest = float(wavelengths.double().min())
+    alone = shortest * camera.sensor_distance / (window_px * camera.pixel)
+    psi = defocus(camera, wavelengths.double()[None, :], inverse_depths.double()[:, None])
+    return [0.999 * min(sampling_bound(camera, most), alone) for most in psi.abs().amax(1).tolist()]
 
 
 def _automatic(

@@ -9,7 +9,10 @@ import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity
+from ..capture.imaging import layout_within
+from ..capture.occlusion.hidden import Layout
 from ..capture.photograph import capture
+from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
@@ -40,9 +43,13 @@ class Coarse:
         if self.times > 1:
             change |= {"pupil_sampling_um": None, "oversampling": None}
         here = fidelity.changed(change)
-        return self._known.get(
-            here, lambda: capture(self.view, self.camera, here, exposure=self.exposure).clean
-        )
+        how = {"exposure": self.exposure, "layout": self._layout if here.occlusion == "hidden" else None}
+        return self._known.get(here, lambda: capture(self.view, self.camera, here, **how).clean)
+
+    @property
+    def _layout(self) -> Layout:
+        gap, window = 1 / blur_per_dioptre(self.camera), self.camera.recipe.psf.window_px
+        return self._known.get("layout", lambda: layout_within(self.view, gap, window))
 
 
 def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | None = None) -> Coarse:
@@ -86,10 +93,12 @@ def coarser(view: View, times: int) -> View:
     place, group, counts = torch.unique_consecutive(place, return_inverse=True, return_counts=True)
     which = which[order]
     first = which[counts.cumsum(0) - counts]
+    group_of = torch.full_like(view.pixel, len(place))  # what is left over: one more, which is dropped
+    group_of[which] = group
 
     def sums(values: Tensor) -> Tensor:
-        out = values.new_zeros(*values.shape[:-1], len(place))
-        return out.index_add_(-1, group, values.index_select(-1, which)) / times**2
+        out = values.new_zeros(*values.shape[:-1], len(place) + 1)
+        return out.index_add_(-1, group_of, values)[..., :-1] / times**2
 
     return replace(
         view,

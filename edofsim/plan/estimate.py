@@ -16,6 +16,9 @@ from ..optics.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 
+LONGEST = ("sub-apertures", "bands", "PSF window")
+"""Effects that are looked at first, so that no thread is left with a long one when the others are done:
+sub-apertures, which need no spectra, beside the making of these for all the others."""
 LITTLE = 0.2
 """Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
 
@@ -98,18 +101,16 @@ def estimate(
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
     asked: Collection[str] | None = None,
-    most: float = math.inf,
     progress: Progress | None = None,
 ) -> Estimates:
     """Measure levels of the effects that scene and camera have.
 
     more: by effect, one more level, which the user insists on; asked: names of the effects that are looked
-    at, None for all of them; most: root mean square error that the photo may have: of levels that err by more
-    only the coarsest and the finest are looked at, and none of finer ones where the coarsest hardly errs. All
-    levels for infinite.
+    at, None for all of them. Of levels that err by more than `Facts.allowed` only the coarsest and the finest
+    are looked at, and none of finer ones where the coarsest hardly errs.
     """
     rows: list[Estimate] = []
-    todo: dict[int, tuple[Effect, tuple[Level, ...], float]] = {}
+    todo: dict[int, tuple[Effect, tuple[Level, ...], bool]] = {}
     for effect in effects:
         absent, levels = levels_of(facts, effect, more)
         if asked is not None and effect.name not in asked and len(levels) > 1:
@@ -118,8 +119,8 @@ def estimate(
         measured = effect.error if len(levels) > 1 else None
         errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
         if len(levels) > 1 and effect.error is None:
-            all_levels = effect.at_once or effect.name in (more or {})
-            todo[len(rows)] = (effect, levels, math.inf if all_levels else most)
+            all_levels = effect.at_once or effect.name in (more or {}) or math.isinf(facts.allowed)
+            todo[len(rows)] = (effect, levels, all_levels)
         rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
     differences: list[Tensor] = []
     for row, found in zip(todo, _measured(facts, list(todo.values()), progress), strict=True):
@@ -135,28 +136,31 @@ def estimate(
 
 
 def _measured(
-    facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level], float]], progress: Progress | None
+    facts: Facts, todo: Sequence[tuple[Effect, Sequence[Level], bool]], progress: Progress | None
 ) -> list[Mapping[int, Tensor]]:
-    """What levels of effects change, by their number, several effects at a time; each effect with the error
-    that the photo may have."""
+    """What levels of effects change, by their number, several effects at a time; each effect with whether all
+    of its levels are looked at."""
     lock, done = threading.Lock(), 0
 
-    def measure(one: tuple[Effect, Sequence[Level], float]) -> Mapping[int, Tensor]:
+    def measure(one: tuple[Effect, Sequence[Level], bool]) -> Mapping[int, Tensor]:
         nonlocal done
-        effect, levels, most = one
+        effect, levels, all_levels = one
         differences = effect.differences or of_psfs
         with lock:
             if progress:
                 progress(done / len(todo), f"estimating {effect.name}")
             done += 1
-        if math.isinf(most):
+        if all_levels:
             return dict(enumerate(differences(facts, levels[:-1])))
-        return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, most)
+        return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, facts.allowed)
 
-    # what takes longest and needs no spectra goes on beside the making of them, which others wait for
-    order = sorted(range(len(todo)), key=lambda number: not todo[number][0].at_once)
+    order = sorted(range(len(todo)), key=lambda number: _turn(todo[number][0].name))
     found = dict(zip(order, in_threads(measure, [todo[k] for k in order], torch.device("cpu")), strict=True))
     return [found[number] for number in range(len(todo))]
+
+
+def _turn(name: str) -> int:
+    return LONGEST.index(name) if name in LONGEST else len(LONGEST)
 
 
 def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeAlias, cast
 
 import torch
 from torch import Tensor
@@ -16,9 +19,11 @@ from ..capture.photograph import all_in_focus, nodes_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
 from ..optics import Camera
+from ..optics.threads import in_threads
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .coarse import Coarse, coarse_of
+from .shape import Shape, shape_of
 from .spectra import Spectra, spectra_of
 
 SAME_DEPTH_PX = 0.01
@@ -27,6 +32,9 @@ NORMALISED_LAYERS = 25
 """Depth nodes of coarse photos in which nothing is known behind edges."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
+
+Lies: TypeAlias = tuple[Hides, Sequence[float], Shape]
+Looks: TypeAlias = tuple[Tensor, Tensor, int, Tensor]
 
 
 @dataclass(frozen=True)
@@ -37,10 +45,12 @@ class Facts:
     where only a view is known; full: the simulation that leaves nothing out; edges: pixels on depth edges;
     response: [channel, band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in
     focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the
-    distinct ones where they
-    are few, else None; shorter: error of each channel if paths end after so many bounces, and plain_glass: if
-    glass does not disperse, both from small renderings; noisier: the view's noise over that of the recipe's
-    samples; closely: whether more time is taken to look, as a restored image asks for.
+    distinct ones where they are few, else None; hides: which fragments hide which; cuts: inverse depths at
+    which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds; shorter:
+    error of each channel if paths end after so many bounces, and plain_glass: if glass does not disperse,
+    both from small renderings; noisier: the view's noise over that of the recipe's samples; closely:
+    whether more time is taken to look, as a restored image asks for; allowed: root mean square error that
+    the photo may have: how much more something errs is of no account.
     """
 
     view: View
@@ -53,11 +63,16 @@ class Facts:
     exposure: float
     ends: tuple[float, float]
     depths: Tensor | None
+    hides: Hides
+    cuts: Sequence[float]
+    shape: Shape
+    fingerprint: str
     recipe: SceneRecipe | None = None
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
     noisier: float = 1.0
     closely: bool = False
+    allowed: float = math.inf
 
     @cached_property
     def spectra(self) -> Spectra:
@@ -66,16 +81,6 @@ class Facts:
         full = self.full.changed({"pupil_sampling_um": self.quick_pupil_um})
         behind = {"hidden": self.hides, "cuts": self.cuts}
         return spectra_of(self.view, self.camera, full, self.ideal, light, self.ends, self.depths, **behind)
-
-    @cached_property
-    def hides(self) -> Hides:
-        """Which fragments hide which."""
-        return hides(self.view, 1 / blur_per_dioptre(self.camera))
-
-    @cached_property
-    def cuts(self) -> list[float]:
-        """Where the view is cut into slabs."""
-        return cuts(self.view, 1 / blur_per_dioptre(self.camera), self.hides)
 
     @cached_property
     def coarse(self) -> Coarse:
@@ -172,30 +177,52 @@ def facts_of(
 ) -> Facts:
     """Look at a view. noisier: its noise over that of the recipe's samples."""
     response = channel_weights(camera, view.wavelengths)
-    ideal = view.crop_margin(all_in_focus(view, response))
-    wanted = camera.recipe.sensor.exposure
+    wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
-    distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
-    if distinct.numel() <= FEW_DEPTHS:
-        distinct = torch.unique(depth)
-    edges = edge_pixels(view, 1 / blur_per_dioptre(camera))
+
+    def looks() -> Looks:
+        distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
+        if distinct.numel() <= FEW_DEPTHS:
+            distinct = torch.unique(depth)
+        ideal = view.crop_margin(all_in_focus(view, response))
+        return ideal, spectrum_of(view), edge_pixels(view, gap), distinct
+
+    def lies() -> Lies:
+        hidden = hides(view, gap)
+        cut = cuts(view, gap, hidden)
+        return hidden, cut, shape_of(view, camera, hidden, cut)
+
+    pieces: Sequence[Callable[[], object]] = (lies, looks, lambda: _fingerprint(view))
+    found = in_threads(lambda piece: piece(), pieces, torch.device("cpu"))
+    (hidden, cut, shape), (ideal, spectrum, edges, distinct), said = cast(tuple[Lies, Looks, str], found)
     facts = Facts(
         view=view,
         camera=camera,
         full=full_fidelity(camera, view, edges),
         edges=edges,
         response=response,
-        spectrum=spectrum_of(view),
+        spectrum=spectrum,
         ideal=ideal,
         exposure=automatic_exposure(ideal) if wanted == "auto" else float(wanted),
         ends=(float(depth.min()), float(depth.max())),
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
+        hides=hidden,
+        cuts=cut,
+        shape=shape,
+        fingerprint=said,
         recipe=recipe,
         noisier=noisier,
     )
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
     return facts
+
+
+def _fingerprint(view: View) -> str:
+    digest = hashlib.sha256()
+    for tensor in (view.radiance, view.inverse_depth, view.pixel):
+        digest.update(tensor.detach().cpu().contiguous().numpy().data)
+    return digest.hexdigest()
 
 
 def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:

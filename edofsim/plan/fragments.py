@@ -25,19 +25,22 @@ class Fragments:
 
 
 def in_tiles(
-    view: View, which: Tensor, depth: Tensor, corners: Sequence[tuple[int, int]], side: int
-) -> Fragments:
-    """Those of the fragments `which` [n] of a view, with inverse depths [n], that lie in square tiles."""
+    view: View, which: Tensor, at: Sequence[Tensor], corners: Sequence[tuple[int, int]], side: int
+) -> list[Fragments]:
+    """Those of the fragments `which` [n] of a view that lie in square tiles; for each of `at` once, fragments
+    [n] at whose depth they count."""
     columns = view.padded_shape[1]
-    y, x = view.pixel[which] // columns - view.margin, view.pixel[which] % columns - view.margin
+    pixel = view.pixel[which]
+    row = torch.div(pixel, columns, rounding_mode="floor")
+    y, x = ((each - view.margin).int() for each in (row, pixel - row * columns))
     found: list[Tensor] = []
     place: list[Tensor] = []
     for number, (top, left) in enumerate(corners):
         inside = torch.nonzero((y >= top) & (y < top + side) & (x >= left) & (x < left + side)).squeeze(1)
         found.append(inside)
-        place.append((number * side + y[inside] - top) * side + x[inside] - left)
-    some = torch.cat(found)
-    return Fragments(which[some], torch.cat(place), depth[some].double())
+        place.append((number * side + y[inside].long() - top) * side + x[inside].long() - left)
+    some, places = torch.cat(found), torch.cat(place)
+    return [Fragments(which[some], places, view.inverse_depth[each[some]].double()) for each in at]
 
 
 def together(*parts: Fragments) -> Fragments:

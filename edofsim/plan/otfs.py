@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..capture.band_groups import Gathering
-from ..capture.fidelity import Fidelity, coarsest_pupil_um, pupil_is_free, simpler_camera
+from ..capture.fidelity import Fidelity, coarsest_pupils_um, pupil_is_free, simpler_camera
 from ..capture.prepare import kernels_of
 from ..core.once import Once
 from ..optics import Camera
@@ -73,7 +73,7 @@ class Otfs:
 def _sampled_alike(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> list[tuple[Tensor, Camera]]:
     """Depth nodes, by number, whose PSFs need a pupil about as finely sampled, and the camera for them: those
     farthest out of focus need the finest, by which the PSFs of all would take long."""
-    enough = torch.tensor([coarsest_pupil_um(camera, wavelengths, node[None]) for node in nodes])
+    enough = torch.tensor(coarsest_pupils_um(camera, wavelengths, nodes))
     finely = enough < COARSER * enough.min()
     found = []
     for some in (torch.nonzero(finely).flatten(), torch.nonzero(~finely).flatten()):

@@ -23,7 +23,6 @@ from .rates import rates
 from .remember import remembered
 from .restored import Restore, RestoredTiles
 from .target import Target
-from .work import shape_of
 
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
@@ -65,9 +64,14 @@ class Planner:
         score of a restored image where nothing is known that restores."""
         target, fixed = target or Target(), dict(fixed or {})
 
+        known: dict[tuple[int, ...], float] = {}
+
         def seconds(chosen: Chosen) -> float:
-            fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
-            return sum(self.seconds_of(fidelity).values())
+            levels = tuple(chosen.values())
+            if levels not in known:
+                fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
+                known[levels] = sum(self.seconds_of(fidelity).values())
+            return known[levels]
 
         note, asked = "", target.asked_db(self.facts)
         shift = None
@@ -224,7 +228,7 @@ def planner_of(
     restore: what restores the photo, for targets of the restored image.
     """
     facts = replace(facts or facts_of(view, camera), closely=restore is not None)
-    costs = Costs(facts, shape_of(view, camera, facts.hides, facts.cuts), rates(), render_seconds)
+    costs = Costs(facts, facts.shape, rates(), render_seconds)
     # what is remembered of estimates is too little to restore
     ask = estimate if restore else remembered
     found = ask(facts, effects or all_effects(), more, progress=progress)
@@ -256,19 +260,20 @@ def plan_photo(
     """
     given, target = checked_overrule(overrule), target or Target()
     more = _levels_of(given)
-    facts = replace(facts or facts_of(view, camera), closely=target.kind == "score")
+    facts = facts or facts_of(view, camera)
+    allowed = math.inf if every_effect else allowed_error(target, facts)
+    facts = replace(facts, closely=target.kind == "score", allowed=allowed)
     effects = all_effects()
-    costs = Costs(facts, shape_of(view, camera, facts.hides, facts.cuts), rates(), render_seconds)
-    asked, allowed = None, math.inf
+    costs = Costs(facts, facts.shape, rates(), render_seconds)
+    asked = None
     if not every_effect:
-        allowed = allowed_error(target, facts)
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
             least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
             most = target.left if target.kind == "time" else 0.0
             asked |= set(costs.worth_asking(effects, most, least))
     ask = estimate if target.kind == "score" else remembered
-    found = ask(facts, effects, more, asked, allowed, progress)
+    found = ask(facts, effects, more, asked, progress)
     planner = Planner(facts, costs, found, disk_mib, restore)
     plan = planner.plan(target, fixed_levels(found, given, more))
     # how light becomes images errs by nothing of its own: no effect weighs it

@@ -9,9 +9,11 @@ import math
 import statistics
 import time
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 
 import torch
+from torch import Tensor
 
 from ..core.store import found, keep, user_folder
 from ..optics.threads import one_thread, threads_allowed
@@ -103,16 +105,20 @@ def _name() -> str:
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()[:16]
 
 
+@lru_cache(maxsize=1)
+def _like_a_photo() -> tuple[Tensor, ...]:
+    draw = torch.Generator().manual_seed(0)
+    shapes = ((3, 320, 320), (3, 64, 64), (31, 60_000), (3, 31), (300, 300))
+    return *(torch.rand(shape, generator=draw) for shape in shapes), torch.randperm(60_000, generator=draw)
+
+
 def pace(repeats: int = 4) -> float:
     """Seconds of the processor for a fixed piece of work like a photo's, about 10 ms, on one thread.
 
     Even these grow when other work keeps the cores' shared parts busy: times that were taken at different
     paces are compared as multiples of it.
     """
-    draw = torch.Generator().manual_seed(0)
-    image, psf = torch.rand(3, 320, 320, generator=draw), torch.rand(3, 64, 64, generator=draw)
-    light, weights = torch.rand(31, 60_000, generator=draw), torch.rand(3, 31, generator=draw)
-    square, place = torch.rand(300, 300, generator=draw), torch.randperm(60_000, generator=draw)
+    image, psf, light, weights, square, place = _like_a_photo()
     with one_thread():
         started = time.thread_time()  # of the process would count threads that wait busily for work
         for _ in range(repeats):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
@@ -29,18 +28,17 @@ def remembered(
     effects: Sequence[Effect],
     more: Mapping[str, Level] | None = None,
     asked: Collection[str] | None = None,
-    most: float = math.inf,
     progress: Progress | None = None,
 ) -> Estimates:
     """`estimate`, or what it found before. Where nothing can be written, it is estimated each time."""
     if asked is not None and not asked:
         return estimate(facts, effects, more, asked)
-    key = _key(facts, effects, more or {}, asked, most)
+    key = _key(facts, effects, more or {}, asked)
     kept = Store("{}.json", lambda path: _read(path, facts, effects, more), _write, most_files=KEPT)
     known = kept.find(key, _folder())
     if known is not None:
         return known
-    found = estimate(facts, effects, more, asked, most, progress)
+    found = estimate(facts, effects, more, asked, progress)
     kept.keep(key, found, _folder())
     return found
 
@@ -89,23 +87,22 @@ def _key(
     effects: Sequence[Effect],
     more: Mapping[str, Level],
     asked: Collection[str] | None,
-    most: float,
 ) -> str:
     said = {
         "version": [VERSION, PHOTO_MODEL_VERSION],
+        "view": facts.fingerprint,
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "asked": None if asked is None else sorted(asked),
-        "most_db": round(decibels(most), 3),
+        "most_db": round(decibels(facts.allowed), 3),
         "rendering": [facts.shorter, facts.plain_glass, facts.view.noise, facts.noisier],
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
     height = facts.camera.height_map
-    for tensor in (facts.view.radiance, facts.view.inverse_depth, facts.view.pixel, height):
-        if tensor is not None:
-            digest.update(tensor.detach().cpu().contiguous().numpy().data)
+    if height is not None:
+        digest.update(height.detach().cpu().contiguous().numpy().data)
     file = getattr(facts.camera.recipe.mask, "file", None)
     if file is not None and (facts.camera.base / file).is_file():
         digest.update((facts.camera.base / file).read_bytes())

@@ -14,6 +14,7 @@ from ..capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ..capture.occlusion.hidden import Tile, tiles_to_composite
 from ..capture.occlusion.slabs import Hides, cuts
 from ..capture.prepare import blur_per_dioptre
+from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
 
@@ -45,7 +46,9 @@ class Slabs:
             return 1
         here = self.occupied.any(0) if slab is None else self.occupied[slab]
         cells = (torch.nonzero(here).squeeze(1) * (layers - 1) // BINS).clamp_max(layers - 2)
-        return int(torch.unique(torch.cat([cells, cells + 1])).numel())
+        used = torch.zeros(layers, dtype=torch.bool)
+        used[cells] = used[cells + 1] = True
+        return int(used.sum())
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class Shape:
     fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
     slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe; gap: in
     inverse depth, from which on one surface hides another; dark: the view with that margin and no light;
-    pupil_um: the coarsest sampling of the pupil, None where it is not free.
+    pupil_um: the coarsest sampling of the pupil, None where it is not free; counted: work that was.
     """
 
     height: int
@@ -73,6 +76,7 @@ class Shape:
     gap: float
     dark: View
     pupil_um: float | None = None
+    counted: Once = field(default_factory=Once, repr=False, compare=False)
 
     @property
     def padded_shape(self) -> tuple[int, int]:
@@ -88,16 +92,14 @@ class Shape:
         """The parts of the frame that are composited; none: all of it in one go."""
         return tiles_to_composite(self.edges, self, self.reach)
 
-    @cached_property
-    def _known(self) -> dict[Tile, Slabs]:
-        return {}
-
     def slabs(self, tile: Tile) -> Slabs:
         """The slabs of a part of the frame, with surroundings of `reach` pixels."""
-        if tile not in self._known:
+
+        def slabs() -> Slabs:
             part = crop(self.dark, tile.top, tile.left, tile.height, tile.width, self.reach)
-            self._known[tile] = _slabs_of(part, cuts(part, self.gap), self.ends)
-        return self._known[tile]
+            return _slabs_of(part, cuts(part, self.gap), self.ends)
+
+        return self.counted.get(tile, slabs)
 
 
 def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) -> Shape:

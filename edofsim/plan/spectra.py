@@ -230,12 +230,21 @@ class Spectra:
         return together(self.seen, self.behind, self.before)
 
     @cached_property
-    def _radiance(self) -> Tensor:
-        """Their light [band, n], without the view's mean; negative before what is hidden (see `passing`)."""
+    def _hidden(self) -> Tensor | None:
+        """Light of the fragments that are hidden [band, n], without the view's mean, as far as it counts;
+        None where nothing is."""
         if self._passing is None:
-            return self._seen
-        behind = self._without_mean(self.behind) * self._passing.shown(self.behind)
-        return torch.cat([self._seen, behind, -behind], 1)
+            return None
+        return self._without_mean(self.behind) * self._passing.shown(self.behind)
+
+    def _mixed_light(self, weights: Tensor) -> Tensor:
+        """Weights [k, band] of the light of all that counts, [k, n]; negative before what is hidden (see
+        `passing`)."""
+        seen = weights.to(self._seen) @ self._seen
+        if self._hidden is None:
+            return seen
+        behind = weights.to(self._hidden) @ self._hidden
+        return torch.cat([seen, behind, -behind], 1)
 
     @cached_property
     def _seen(self) -> Tensor:
@@ -276,19 +285,21 @@ class Spectra:
         """The light as few components: what each adds to each band, [band, component] float64, and
         [component, n]; weighted by what the sensor sees of a band."""
         seen = self.response.square().sum(0).sqrt()
-        scaled = self._radiance * seen.to(self._radiance)[:, None]
-        power, axes = torch.linalg.eigh((scaled @ scaled.T).double())
+        products = (self._seen @ self._seen.T).double()
+        if self._hidden is not None:  # once behind, and once before it
+            products += 2 * (self._hidden @ self._hidden.T).double()
+        power, axes = torch.linalg.eigh(seen[:, None] * products * seen)
         power, axes = power.flip(0).clamp_min(0), axes.flip(1)
         left = power.sum() - power.cumsum(0)
         enough = int((left > 10 ** (-FOUND_DB / 10) * power.sum()).sum()) + 1
         axes = axes[:, :enough]
         weights = axes / seen.clamp_min(1e-12)[:, None] * (seen > 0)[:, None]
-        return weights, axes.T.to(scaled) @ scaled
+        return weights, self._mixed_light(axes.T * seen)
 
     @cached_property
     def _channels(self) -> Tensor:
         """The light that each channel sees, [channel, n]."""
-        return self.response.to(self._radiance) @ self._radiance
+        return self._mixed_light(self.response)
 
     def _by_channel(
         self, gathering: Gathering, nodes: Tensor, change: Tensor, shared: bool = False
@@ -388,9 +399,8 @@ def spectra_of(
     if full.occlusion == "none":
         hidden = Hides(seen[:0], seen[:0])
 
-    def fragments(which: Tensor, at_depth_of: Tensor) -> Fragments:
-        return in_tiles(view, which, view.inverse_depth[at_depth_of], corners, side)
-
+    (visible,) = in_tiles(view, seen, [seen], corners, side)
+    behind, before = in_tiles(view, hidden.behind, [hidden.behind, hidden.front], corners, side)
     return Spectra(
         view,
         camera,
@@ -401,9 +411,9 @@ def spectra_of(
         depths,
         cuts,
         side,
-        fragments(seen, seen),
-        fragments(hidden.behind, hidden.behind),
-        fragments(hidden.behind, hidden.front),
+        visible,
+        behind,
+        before,
         corners,
         shares,
         Otfs(camera, side),

@@ -23,6 +23,25 @@ from .shape import Shape, Slabs, shape_of
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
 PART_AMOUNTS = 5
+OPTICS = (
+    "oversampling",
+    "pupil_sampling_um",
+    "spherical_aberration",
+    "lens_dispersion",
+    "doe_dispersion",
+    "fabrication",
+    "simplifications",
+)
+"""Fields of a fidelity that change the camera, see `simpler_camera`."""
+PARTS = (
+    "sub_apertures",
+    "sub_apertures_in_full",
+    "sub_aperture_pixel",
+    "group_wavelengths",
+    "layers",
+    "occlusion",
+)
+"""And those that change how sub-apertures are composited."""
 EVEN = 0.25
 """Of the work of PSFs is left where the pupil is its own mirror image, as without a mask."""
 COVERAGES = 3
@@ -50,13 +69,18 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     outer = math.prod(shape.padded_shape)
     fragments = shape.fragments * padded / outer
     gathered = groups if fidelity.band_groups else 0
-    blur = _blur_of(shape, fidelity.occlusion, window, layers, groups)
+    how = (fidelity.occlusion, window, layers, groups)
+    blur = shape.counted.get(("blur", *how), lambda: _blur_of(shape, *how))
     samples = _pupil_samples(camera, fidelity, window, shape)
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     half, out = samples / 2, _half_out(camera, fidelity, window, shape)
     known = waves_between(camera, shape, layers)
     waves = known * colours * (1.0 if relief else EVEN)
-    parts, held = _parts_of(shape, camera, fidelity, layers, samples)
+    of_parts = tuple(getattr(fidelity, name) for name in (*OPTICS, *PARTS))
+    parts, held = shape.counted.get(
+        ("parts", window, layers, samples, *of_parts),
+        lambda: _parts_of(shape, camera, fidelity, layers, samples),
+    )
     return Work(
         {
             "prepare": (
@@ -270,6 +294,13 @@ def _half_out(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> 
 
 
 def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
+    optics = tuple(getattr(fidelity, name) for name in OPTICS)
+    return shape.counted.get(
+        ("pupil", window, *optics), lambda: _count_samples(camera, fidelity, window, shape)
+    )
+
+
+def _count_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
     simpler = simpler_camera(camera, fidelity)
     recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
     across = None if simpler.height_map is None else simpler.height_map.shape[-1]

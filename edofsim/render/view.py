@@ -248,11 +248,11 @@ class View:
     def mean_inverse_depth(self) -> Tensor:
         """Coverage-weighted inverse depth of what is seen, padded frame, [y, x], in 1/m."""
         rows, columns = self.padded_shape
-        seen = ~self.hidden
         total = self.coverage.new_zeros(rows * columns)
         weight = torch.zeros_like(total)
-        total.index_add_(0, self.pixel[seen], (self.coverage * self.inverse_depth)[seen])
-        weight.index_add_(0, self.pixel[seen], self.coverage[seen])
+        seen = self.coverage * ~self.hidden
+        total.index_add_(0, self.pixel, seen * self.inverse_depth)
+        weight.index_add_(0, self.pixel, seen)
         return (total / weight.clamp_min(torch.finfo(weight.dtype).tiny)).reshape(rows, columns)
 
     def colours(self) -> Tensor:

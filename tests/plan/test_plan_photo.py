@@ -128,7 +128,7 @@ def test_levels_that_cannot_be_taken_are_not_looked_at(kind: str, asked: int):
     """And the choice among those that are left is that among all."""
     whole, target = planner(kind), Target("db", asked)
     most = allowed_error(target, whole.facts)
-    found = estimate(whole.facts, all_effects(), most=most)
+    found = estimate(replace(whole.facts, allowed=most), all_effects())
     assert replace(whole, estimates=found).plan(target).fidelity == whole.plan(target).fidelity
     known = whole.estimates.by_name()
     for row in found.rows:

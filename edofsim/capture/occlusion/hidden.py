@@ -80,12 +80,13 @@ def layout_of(view: View, gap: float, reach: int) -> Layout:
     where their layout is.
     """
     dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
-    edges = torch.unique(dark.pixel[hides(dark, gap).front])
+    hidden = hides(dark, gap)
+    edges = torch.unique(dark.pixel[hidden.front])
     if not edges.numel():
         return Layout()
     tiles = tiles_to_composite(edges, dark, reach)
     if not tiles:
-        return Layout(whole=cuts(dark, gap))
+        return Layout(whole=cuts(dark, gap, hidden))
     parts = (crop(dark, tile.top, tile.left, tile.height, tile.width, reach) for tile in tiles)
     return Layout(tuple((tile, cuts(part, gap)) for tile, part in zip(tiles, parts, strict=True)))
 

@@ -14,6 +14,7 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
+from ...core.once import Once
 from ...recipe.base import Positive
 from ...recipe.kinds import KindModel
 from ..grid import PupilGrid
@@ -59,6 +60,9 @@ class Mask(KindModel):
         return ()
 
 
+_slopes = Once()
+
+
 class PhaseMask(Mask):
     """What all transparent masks share: what they are made of and where their phase is stated."""
 
@@ -77,6 +81,9 @@ class SmoothMask(PhaseMask):
         return self.wavefront(*grid.normalised())
 
     def slope(self) -> float:
+        return _slopes.get((type(self), self.model_dump_json()), self._slope)
+
+    def _slope(self) -> float:
         axis = torch.linspace(-1, 1, SLOPE_SAMPLES + 1, dtype=torch.float64)
         u, v = axis[None, :], axis.flip(0)[:, None]
         phase = torch.where(u**2 + v**2 <= 1, self.wavefront(u, v), torch.nan)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
-from ..effect import Effect, Level
+from ..effect import Effect, Level, overall
 from ..estimate import of_psfs
-from ..facts import Facts, photographed
+from ..facts import Facts, photographed, rms
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
 LITTLE_ELSE = 0.375
@@ -32,7 +32,11 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     if facts.full.occlusion != "hidden":
         return found
     least = LITTLE_ELSE * facts.camera.recipe.psf.window_px
-    wide = [number for number, level in enumerate(levels) if level.change["window_px"] >= least]
+    wide = [
+        number
+        for number, level in enumerate(levels)
+        if level.change["window_px"] >= least and overall(rms(found[number])) <= facts.allowed
+    ]
     for number, seen in zip(wide, photographed(facts, [levels[n].change for n in wide]), strict=True):
         found[number] = max(found[number], seen, key=lambda change: float(change.square().sum()))
     return found
