@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -76,11 +78,16 @@ def run(
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     with begun("run", json, quiet=quiet) as progress:
+        import torch
+
         from .. import pipeline
         from ..capture import save_image, write_photo
+        from ..optics.threads import in_threads
         from ..plan import parse_target
-        from ..report import write_run_report
         from ..restore.choice import said_of
+
+        # what draws the report loads while the view is rendered
+        Thread(target=import_module, args=("edofsim.report",), daemon=True).start()
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
@@ -96,10 +103,17 @@ def run(
             device=device.value,
             progress=progress,
         )
+        from ..report import write_run_report
+
         progress(0.98, "report")
         started = clock.perf_counter()
         chart = _cost_chart(result, folder, progress) if cost else None
-        outputs = {name: save_image(folder / f"{name}.png", image) for name, image in _images(result).items()}
+        images = _images(result)
+
+        def saved(name: str) -> Path:
+            return save_image(folder / f"{name}.png", images[name])
+
+        outputs = dict(zip(images, in_threads(saved, list(images), torch.device("cpu")), strict=True))
         outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
         outputs["report"] = write_run_report(folder / "report.html", result, chart)
         numbers = pipeline.figures(result)

@@ -38,7 +38,6 @@ PARTS = (
     "sub_apertures_in_full",
     "sub_aperture_pixel",
     "group_wavelengths",
-    "layers",
     "occlusion",
 )
 """And those that change how sub-apertures are composited."""

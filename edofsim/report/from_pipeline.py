@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
-QUICK = Fidelity(occlusion="normalised", layers=8, oversampling=1)
+QUICK = Fidelity(occlusion="normalised", layers=6, oversampling=1)
 """How its pictures are simulated."""
 LEAST_DIOPTRES = 0.01
 PICTURE = 250  # samples across the picture of the DOE

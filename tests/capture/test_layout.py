@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from edofsim.capture import Fidelity, capture, imaging
-from edofsim.capture.imaging import Axes, imaging_of
+from edofsim.capture.imaging import Axes, imaging_of, layout_within
 from edofsim.capture.occlusion import OCCLUSIONS
+from edofsim.capture.occlusion.hidden import Layout
 from edofsim.capture.occlusion.slabs import _cheapest
 from edofsim.optics import Camera
 from edofsim.recipe import CameraRecipe
@@ -80,3 +81,13 @@ def test_cuts_are_the_cheapest_of_all_there_are(seed):
 
     every = (cuts for size in range(count + 1) for cuts in combinations(range(count), size))
     assert costs(_cheapest(beside, pairs, price)) == pytest.approx(min(map(costs, every)))
+
+
+def test_a_layout_that_is_known_is_that_which_is_chosen(bench):
+    view = view_with_an_edge_outside(bench)
+    gap = imaging_by(view).blurring.gap
+    layout = layout_within(view, gap, 48)
+    fidelity = Fidelity(sub_apertures=3)
+    chosen, given = (capture(view, CAMERA, fidelity, layout=each).clean for each in (None, layout))
+    assert torch.equal(chosen, given)
+    assert not torch.equal(chosen, capture(view, CAMERA, fidelity, layout=Layout(whole=[])).clean)

@@ -9,6 +9,7 @@ import torch
 
 from edofsim.errors import InputError
 from edofsim.optics import Camera, plan_sampling, psf_bank
+from edofsim.optics.sampling import coarsest_pitch, coarsest_pitches
 from edofsim.recipe.camera import CameraRecipe
 
 
@@ -100,3 +101,16 @@ def test_replicas_would_fold_into_the_window():
     assert 40 < period < 60
     with pytest.raises(InputError, match="repeats the PSF"):
         psf_bank(seen, [543e-9], [0.8], window_px=64)
+
+
+@pytest.mark.parametrize("mask", [{"kind": "clear"}, {"kind": "cubic"}])
+def test_the_coarsest_pitches_are_the_coarsest_that_are_taken(mask):
+    """Each a thousandth finer than the limit, by trying: a fixed sampling of that is taken, a little coarser
+    not."""
+    bands, depths = torch.tensor([450e-9, 620e-9], dtype=torch.float64), torch.tensor([0.0, 0.6, 1.1, 2.0])
+    each = coarsest_pitches(camera(mask=mask), bands, depths, 128)
+    for pitch, depth in zip(each, depths.tolist(), strict=True):
+        plan(camera(pitch * 1e6, mask), [450, 620], (depth,))
+        with pytest.raises(InputError, match="coarse|repeats"):
+            plan(camera(pitch * 1e6 * 1.002, mask), [450, 620], (depth,))
+    assert len(set(each)) > 1 and coarsest_pitch(camera(mask=mask), bands, depths, 128) == min(each)

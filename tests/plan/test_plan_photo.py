@@ -11,6 +11,7 @@ import torch
 
 from edofsim.capture import Fidelity, capture
 from edofsim.capture.fidelity import describe
+from edofsim.core.once import Once
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
@@ -28,9 +29,11 @@ from edofsim.plan import (
     remember,
     thumbnail,
 )
-from edofsim.plan.estimate import estimate
+from edofsim.plan.estimate import LONGEST, estimate
+from edofsim.plan.facts import facts_of
 from edofsim.plan.photo import allowed_error
 from edofsim.plan.spectra import Spectra
+from edofsim.plan.work import work_of
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings, Sensor
 from edofsim.render.view import View
@@ -466,3 +469,50 @@ def test_parts_of_the_pupil_are_taken_on_request():
     assert (one.clean - four.clean).abs().mean() < 0.05 * one.clean.mean()
     with pytest.raises(InputError, match="hidden"):
         plan_photo(view, CAMERA, {"occlusion": "over", "sub_apertures": 2})
+
+
+OTHER = {
+    "band_groups": 2,
+    "group_wavelengths": 1,
+    "sub_apertures": 5,
+    "sub_aperture_pixel": 3,
+    "layers_db": 40.0,
+    "occlusion": "over",
+    "method": "brute",
+    "layers": 7,
+    "window_px": 16,
+    "oversampling": 3,
+    "pupil_sampling_um": 9.0,
+    "margin_px": 8,
+    "samples": 16,
+    "bounces": 2,
+    "simplifications": (),
+}
+
+
+def test_what_was_counted_before_changes_no_count():
+    """Work that simulations share is counted once: every field of a fidelity by itself, and with
+    sub-apertures, after all others, is as if nothing had been counted yet."""
+    shape = facts_of(scene(STEP, hidden=True), CAMERA).shape
+    assert shape.edges.numel()
+    tried = []
+    for start in (Fidelity(), Fidelity(sub_apertures=3), Fidelity(sub_apertures=4, sub_aperture_pixel=2)):
+        for knob in describe():
+            now = getattr(start, knob.name)
+            other = (
+                OTHER[knob.name] if knob.name in OTHER else (not now if isinstance(now, bool) else now + 1)
+            )
+            tried.append(start.changed({knob.name: other}))
+    counts = []
+    for fidelity in tried:
+        layers = fidelity.layers or 12
+        known = work_of(shape, CAMERA, fidelity, layers, 6, 9)
+        alone = work_of(replace(shape, counted=Once()), CAMERA, fidelity, layers, 6, 9)
+        assert known == alone, fidelity
+        counts.append(known.amounts)
+    for stage in ("psf", "blur", "sub_apertures"):
+        assert len({each[stage] for each in counts}) > 3
+
+
+def test_what_takes_longest_are_effects():
+    assert set(LONGEST) < set(EFFECTS)
