@@ -38,6 +38,8 @@ COARSER = 4 / 3
 """How much farther apart samples are where pixels are coarse, which sum over finer detail anyway."""
 SHARE_SAMPLES = 130
 """Across the pupil, for `share_told`."""
+PIECES = 2
+"""Of the depths of a wavelength, for threads to share."""
 HELD_BYTES = 256 << 20
 """Of parts that are computed together: they share work."""
 
@@ -83,11 +85,15 @@ def sub_aperture_psfs(
         for part in parts:
             yield _part(waves, _window(along, part))[..., :pixels, :pixels]
         return
+    # few wavelengths are few pieces of work; however many threads there are, the same ones
+    pieces = [replace(wave, chirps=some) for wave in waves for some in wave.chirps.chunk(PIECES)]
+    of_each = len(pieces) // len(waves)
     size = along.element_size() * len(waves) * len(inverse_depths) * pixels**2
     at_once = max(1, HELD_BYTES // size)
     for start in range(0, len(parts), at_once):
         several = parts[start : start + at_once]
-        of_band = in_threads(partial(shared_energies, along=along, parts=several), waves, where)
+        found = in_threads(partial(shared_energies, along=along, parts=several), pieces, where)
+        of_band = [torch.cat(found[at : at + of_each], 1) for at in range(0, len(found), of_each)]
         for number in range(len(several)):
             yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
 

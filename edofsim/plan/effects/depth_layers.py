@@ -10,7 +10,7 @@ from ..effect import Effect, Level
 from ..facts import Facts, metres
 from ..spectra import FINE_NODES
 
-LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33)
+LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 15, 17, 21, 25, 29, 33)
 MEASURED = 13
 """Up to so many layers, nodes are among those that layers are judged by. The error of more falls with the
 square of their step."""
