@@ -31,7 +31,7 @@ from ..options import (
 )
 from ..record import peak_memory_mib, writable_folder
 from .many import all_scenes, spread_of
-from .shared import Done, begun, finish
+from .shared import Done, begun, finish, load_report
 
 if TYPE_CHECKING:
     from ..plan import Target
@@ -75,6 +75,8 @@ def render(
         from ..render.jobs import MANIFEST, Task, check_scenes, forecast, render_many, render_one
         from ..scene.family import members as family_members
 
+        if folder:
+            load_report()
         loaded = [_framed(item) for item in loaded]
         tasks = [
             Task(recipe, item.base)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Mapping
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -36,7 +34,7 @@ from ..options import (
     WithoutOption,
 )
 from ..record import peak_memory_mib, writable_folder
-from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
+from .shared import Done, begun, finish, inputs_of, load_report, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -86,8 +84,7 @@ def run(
         from ..plan import parse_target
         from ..restore.choice import said_of
 
-        # what draws the report loads while the view is rendered
-        Thread(target=import_module, args=("edofsim.report",), daemon=True).start()
+        load_report()
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -43,6 +45,11 @@ class Done:
             raise InputError(self.problems)
         if self.failures:
             raise EdofsimError("\n".join(self.failures))
+
+
+def load_report() -> None:
+    """Load what draws plots and pages while other work goes on: it takes a third of a second."""
+    Thread(target=import_module, args=("edofsim.report",), daemon=True).start()
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
 from .context import Builder, Context, Part
 
-Grid = np.ndarray  # float64 [x, y, z]: a value at each grid point, its coordinate or its distance
+Grid = np.ndarray  # float64 [x, y, z]: a distance at each grid point, or its coordinate, of one where alike
 
 _LOW, _HIGH = np.array([-1.15, 0.0, -0.75]), np.array([1.15, 2.45, 0.75])
 
@@ -40,7 +40,7 @@ class Bust(Builder, Placed):
         axes = [
             np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)
         ]
-        x, y, z = np.meshgrid(*axes, indexing="ij")
+        x, y, z = np.meshgrid(*axes, indexing="ij", sparse=True)
         distance = _figure(x, y, z, context.rng("face"))
         # kept off the grid points, where marching cubes would make triangles without an area
         distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
