@@ -21,7 +21,7 @@ from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.threads import one_thread
-from edofsim.plan.rates import PACE, Rates, pace
+from edofsim.plan.rates import PACE, Rates, paces
 from edofsim.plan.work import STAGES, shape_of, work_of
 from edofsim.recipe import CameraRecipe
 from edofsim.record import machine
@@ -103,7 +103,7 @@ def _fastest(
 def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
     times: dict[str, list[float]] = {stage: [] for stage in STAGES}
-    paces: list[float] = []
+    moments: list[tuple[float, ...]] = []
     small, large = (_made_up(*size, camera) for size in SIZES)
     flat = _made_up(160, 192, camera, flat=True)
     cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
@@ -123,7 +123,7 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
         shape = shape_of(view, with_mask, hidden, cuts(view, gap, hidden))
         for run in runs:
             found = _fastest(view, with_mask, run, times_each, time.process_time)
-            paces.append(pace())
+            moments.append(paces())
             layers = int(nodes_of([view], with_mask, run).numel())
             groups = 3 * run.band_groups or view.bands
             colours = (
@@ -135,11 +135,14 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
             for stage in STAGES:
                 if any(work.amounts[stage]):
                     rows[stage].append(work.amounts[stage])
-                    times[stage].append(found[stage] / paces[-1])
+                    times[stage].append(found[stage] / sum(moments[-1]))
     psf_memory.forget()
-    usual = min(paces)
+    usual = tuple(min(kind) for kind in zip(*moments, strict=True))
     solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
-    return {**{stage: tuple(usual * each for each in solved[stage]) for stage in STAGES}, PACE: (usual,)}
+    return {
+        **{stage: tuple(sum(usual) * each for each in solved[stage]) for stage in STAGES},
+        PACE: usual,
+    }
 
 
 def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:

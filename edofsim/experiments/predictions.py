@@ -169,7 +169,7 @@ def measure(
             cases = cost.cases_of(planner_of(view, camera, restore=restore), TARGETS_DB)
             how = {"clock": time.process_time, "pace": rates.pace, "judge": judge}
             rows = cost.measure(view, camera, cases, place, repeats=1, **how)
-            usual = rates.rates()[rates.PACE][0]
+            usual = sum(rates.rates()[rates.PACE])
         paced = (replace(row, seconds=row.seconds * usual / row.pace) for row in rows)
         rendering = _rendering(recipe, scene.base, view, camera, place, cache)
         found.append(Outcome(name, mask, (*paced, *rendering)))

@@ -66,8 +66,21 @@ def threads_allowed() -> int:
 @contextmanager
 def one_thread() -> Generator[None]:
     """All work of this process on one thread, for timings in seconds of the processor."""
+    with _threads_an_operation(1):
+        yield
+
+
+@contextmanager
+def all_threads() -> Generator[None]:
+    """Each operation on as many threads as PyTorch may use, also within `one_thread_an_operation`."""
+    with _threads_an_operation(threads_allowed()):
+        yield
+
+
+@contextmanager
+def _threads_an_operation(count: int) -> Generator[None]:
     before = torch.get_num_threads()
-    torch.set_num_threads(1)
+    torch.set_num_threads(count)
     try:
         yield
     finally:

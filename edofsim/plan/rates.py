@@ -8,7 +8,7 @@ import json
 import math
 import statistics
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,26 +16,40 @@ import torch
 from torch import Tensor
 
 from ..core.store import found, keep, user_folder
-from ..optics.threads import one_thread, threads_allowed
+from ..optics.threads import all_threads, threads_allowed
 from ..record import machine
 from .work import STAGES
 
-VERSION = 18
+VERSION = 19
 """Raised when work is counted otherwise."""
 
 Rates = Mapping[str, tuple[float, ...]]
-"""Seconds a unit of each amount of work, by stage (see `Work`); and the pace that they were measured at."""
+"""Seconds a unit of each amount of work, by stage (see `Work`); and the paces that they were measured at."""
 PACE = "pace"
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "prepare": ("calls", "elements", "moves", "moves", "elements", "calls"),
+    "psf": (*("calls",) * 2, *("elements",) * 4, "products", *("elements",) * 2),
+    "blur": (*("calls",) * 3, "transforms", "elements", *("moves",) * 2, "elements"),
+    "sub_apertures": ("calls", "products", "elements", "transforms", "elements"),
+    "sensor": ("calls", "elements", "moves", "elements", "moves"),
+}
+"""Of work that each rate is of: calls of little operations, products of matrices, Fourier transforms,
+elements that are reckoned with, fragments that are moved. Machines differ in each of them by itself."""
+IN_PIECES = ("psf", "sub_apertures")
+"""Stages whose threads work on pieces of their own, and wait for each other now and then; those of the others
+share each operation."""
+SHARED = 0.4
+"""What such waiting takes: so many threads are as fast as their number raised to this."""
 
 SHIPPED: Rates = {
-    "prepare": (0.001272, 0.0, 0.0, 3.659e-09, 2.316e-08, 5.903e-06),
-    "psf": (0.001492, 0.0006737, 0.0, 1.306e-08, 0.0, 3.084e-08, 1.877e-10, 3.848e-09, 0.0),
-    "blur": (0.002653, 0.0, 0.0001881, 1.614e-10, 3.233e-10, 1.971e-10, 5.599e-08, 3.821e-09),
-    "sub_apertures": (0.001377, 2.561e-10, 3.807e-09, 0.0, 5.308e-09),
-    "sensor": (0.0001868, 1.604e-08, 0.0, 0.0, 6.22e-11),
-    PACE: (0.005619,),
+    "prepare": (0.001541, 0.0, 1.071e-11, 8.363e-09, 2.315e-08, 6.529e-07),
+    "psf": (0.0, 0.0006584, 2.371e-08, 1.789e-08, 7.572e-10, 2.198e-08, 1.068e-10, 7.026e-09, 0.0),
+    "blur": (0.002693, 0.0, 5.55e-05, 7.04e-11, 3.309e-09, 8.224e-10, 6.301e-08, 0.0),
+    "sub_apertures": (0.002332, 2.191e-10, 5.619e-09, 0.0, 5.33e-09),
+    "sensor": (0.0001121, 1.719e-08, 4.547e-12, 9.297e-11, 9.832e-10),
+    PACE: (0.0006197, 0.002558, 0.0008925, 0.001201, 0.0003457),
 }
-"""Of one thread of an AMD EPYC, as `benchmarks/photo_rates.py` measures them."""
+"""Of one thread of an Intel Xeon with AMX, as `benchmarks/photo_rates.py` measures them."""
 KEPT = 9
 """Photos that the correction of a stage is the median of; the latest count."""
 SHORTEST_S = 0.02
@@ -51,13 +65,26 @@ def rates() -> Rates:
     """This machine's rates for this process, with the corrections that are kept."""
     name = _name()
     if name not in _known:
-        faster = pace() / SHIPPED[PACE][0]
+        now = paces()
+        of_pieces = [each * threads_allowed() ** SHARED for each in now]
         corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
-        scaled = {
-            stage: tuple(faster * corrections.get(stage, 1.0) * each for each in SHIPPED[stage])
+        slower = {
+            stage: {
+                kind: own / usual
+                for kind, own, usual in zip(
+                    _PIECES, of_pieces if stage in IN_PIECES else now, SHIPPED[PACE], strict=True
+                )
+            }
             for stage in STAGES
         }
-        _known[name] = {**scaled, PACE: (faster * SHIPPED[PACE][0],)}
+        scaled = {
+            stage: tuple(
+                slower[stage][kind] * corrections.get(stage, 1.0) * each
+                for kind, each in zip(KINDS[stage], SHIPPED[stage], strict=True)
+            )
+            for stage in STAGES
+        }
+        _known[name] = {**scaled, PACE: now}
     return _known[name]
 
 
@@ -105,26 +132,83 @@ def _name() -> str:
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()[:16]
 
 
-@lru_cache(maxsize=1)
-def _like_a_photo() -> tuple[Tensor, ...]:
-    draw = torch.Generator().manual_seed(0)
-    shapes = ((3, 320, 320), (3, 64, 64), (31, 60_000), (3, 31), (300, 300))
-    return *(torch.rand(shape, generator=draw) for shape in shapes), torch.randperm(60_000, generator=draw)
+def pace() -> float:
+    """Seconds for a piece of work of each kind: times that were taken at different paces are compared as
+    multiples of it."""
+    return sum(paces())
 
 
-def pace(repeats: int = 4) -> float:
-    """Seconds of the processor for a fixed piece of work like a photo's, about 10 ms, on one thread.
+def paces(repeats: int = 4) -> tuple[float, ...]:
+    """Seconds for a fixed piece of work of each kind, see `KINDS`, each a few milliseconds, on as many
+    threads as photos have: of the processor where that is one. The fastest of the repeats.
 
-    Even these grow when other work keeps the cores' shared parts busy: times that were taken at different
-    paces are compared as multiples of it.
+    Even these grow when other work keeps the cores' shared parts busy.
     """
-    image, psf, light, weights, square, place = _like_a_photo()
-    with one_thread():
-        started = time.thread_time()  # of the process would count threads that wait busily for work
-        for _ in range(repeats):
-            spectrum = torch.fft.rfft2(image) * torch.fft.rfft2(psf, s=(320, 320))
-            torch.fft.irfft2(spectrum)
-            torch.zeros(3, 60_000).index_add_(1, place, weights @ light)
-            for _ in range(4):
-                torch.cos(square @ square)
-        return (time.thread_time() - started) / repeats
+    clock = time.thread_time if threads_allowed() == 1 else time.perf_counter  # of all counts busy waiting
+    with all_threads():
+        return tuple(_fastest(work, repeats, clock) for work in _PIECES.values())
+
+
+def _fastest(work: Callable[[], object], repeats: int, clock: Callable[[], float]) -> float:
+    taken = []
+    for _ in range(repeats):
+        started = clock()
+        work()
+        taken.append(clock() - started)
+    return min(taken)
+
+
+@lru_cache(maxsize=1)
+def _like_a_photo() -> dict[str, Tensor]:
+    draw = torch.Generator().manual_seed(0)
+    shapes = {
+        "images": (8, 128, 128),
+        "angles": (200_000,),
+        "fragments": (3, 40_000),
+        "spread": (120, 4 * 1200),
+        "basis": (100, 120),
+        "little": (3, 8),
+    }
+    made = {name: torch.rand(shape, generator=draw) for name, shape in shapes.items()}
+    made["spectra"] = torch.fft.rfft2(made["images"])
+    return {**made, "place": torch.randperm(40_000, generator=draw)}
+
+
+def _calls() -> None:
+    little = _like_a_photo()["little"]
+    for _ in range(200):
+        little = little.flip(0).contiguous().mul_(1.0)
+
+
+def _products() -> None:
+    made = _like_a_photo()
+    for _ in range(4):
+        torch.mm(made["basis"], made["spread"])
+
+
+def _transforms() -> None:
+    images, spectra = (_like_a_photo()[name] for name in ("images", "spectra"))
+    for _ in range(3):
+        torch.fft.rfft2(images, out=spectra)
+        torch.fft.irfft2(spectra, out=images)
+
+
+def _elements() -> None:
+    angles = _like_a_photo()["angles"]
+    field = torch.polar(angles, angles)
+    field.mul_(field.conj()).add_(field)
+
+
+def _moves() -> None:
+    made = _like_a_photo()
+    light = made["fragments"][:, made["place"]]
+    torch.zeros_like(light).index_add_(1, made["place"], light)
+
+
+_PIECES: Mapping[str, Callable[[], None]] = {
+    "calls": _calls,
+    "products": _products,
+    "transforms": _transforms,
+    "elements": _elements,
+    "moves": _moves,
+}

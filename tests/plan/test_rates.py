@@ -11,7 +11,7 @@ import torch
 from edofsim.optics.threads import one_thread_an_operation
 from edofsim.plan import rates
 
-MEASURED_PACE = rates.pace
+MEASURED_PACES = rates.paces
 
 
 @pytest.fixture(autouse=True)
@@ -19,7 +19,7 @@ def another_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A user without any cache, on a machine as fast as that of the shipped rates by the moment's work."""
     monkeypatch.setattr(rates, "_known", {})
     monkeypatch.setattr(rates, "user_folder", lambda: tmp_path)
-    monkeypatch.setattr(rates, "pace", lambda: rates.SHIPPED[rates.PACE][0])
+    monkeypatch.setattr(rates, "paces", lambda: rates.SHIPPED[rates.PACE])
     return tmp_path
 
 
@@ -55,8 +55,20 @@ def test_what_photos_took_is_known_while_each_operation_has_one_thread():
 
 
 def test_a_slower_pace_makes_everything_slower(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rates, "pace", lambda: 3 * rates.SHIPPED[rates.PACE][0])
+    monkeypatch.setattr(rates, "paces", lambda: tuple(3 * each for each in rates.SHIPPED[rates.PACE]))
     assert all(seconds == pytest.approx(3.0) for seconds in predicted().values())
+
+
+def test_a_machine_that_is_slow_at_one_kind_of_work_is_slow_at_that_alone(monkeypatch: pytest.MonkeyPatch):
+    calls, products, *others = rates.SHIPPED[rates.PACE]
+    monkeypatch.setattr(rates, "paces", lambda: (calls, 10 * products, *others))
+    slower = {
+        (stage, kind)
+        for stage, kinds in rates.KINDS.items()
+        for kind, now, before in zip(kinds, rates.rates()[stage], rates.SHIPPED[stage], strict=True)
+        if now > 5 * before
+    }
+    assert slower == {("psf", "products"), ("sub_apertures", "products")}
 
 
 def test_what_says_nothing_of_the_machine_is_not_learned_from(another_machine: Path):
@@ -74,7 +86,13 @@ def test_a_damaged_file_counts_as_none(another_machine: Path, content: str):
     assert predicted()["blur"] == pytest.approx(1.0)
 
 
-def test_the_pace_is_measured_in_a_moment():
+def test_each_rate_is_of_a_kind_of_work():
+    assert {stage: len(kinds) for stage, kinds in rates.KINDS.items()} == {
+        stage: len(of_stage) for stage, of_stage in rates.SHIPPED.items() if stage != rates.PACE
+    }
+
+
+def test_paces_are_measured_in_a_moment():
     started = time.perf_counter()
-    assert MEASURED_PACE() > 0
+    assert len(MEASURED_PACES()) == len(rates.SHIPPED[rates.PACE]) and min(MEASURED_PACES()) > 0
     assert time.perf_counter() - started < 1
