@@ -66,7 +66,7 @@ def rates() -> Rates:
     name = _name()
     if name not in _known:
         now = paces()
-        of_pieces = [each * threads_allowed() ** SHARED for each in now]
+        of_pieces = [each * threads_allowed() ** (1 - SHARED) for each in now]
         corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
         slower = {
             stage: {

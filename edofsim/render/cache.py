@@ -148,7 +148,7 @@ def store(place: Place, view: View, recipe: Json, record: Json) -> View:
     """
     final = place.file("exr")
     with whole(final, advice=ADVICE) as view_file:
-        write_view(view_file, view, recipe)
+        stored = write_view(view_file, view, recipe)
         sync(view_file)
         content = {
             "key": place.key,
@@ -161,7 +161,7 @@ def store(place: Place, view: View, recipe: Json, record: Json) -> View:
         with whole(place.file("json"), advice=ADVICE) as record_file:
             record_file.write_text(json.dumps(content, indent=1, sort_keys=True), encoding="utf-8")
     sync(place.folder)
-    return read_view(final)
+    return stored
 
 
 @contextmanager

@@ -20,6 +20,7 @@ Attribute `edofsim` is JSON: what a `View` says of itself. Bytes follow from the
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,9 +58,11 @@ def exposure_value(radiance: torch.Tensor) -> float:
     return float(np.ceil(np.log2(peak / LARGEST)))
 
 
-def write_view(path: Path, view: View, recipe: Json | None = None) -> None:
-    """Write a view. recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be
-    written."""
+def write_view(path: Path, view: View, recipe: Json | None = None) -> View:
+    """Write a view, and return it as `read_view` will give it.
+
+    recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be written.
+    """
     import OpenEXR
 
     rows, columns = view.padded_shape
@@ -102,8 +105,11 @@ def write_view(path: Path, view: View, recipe: Json | None = None) -> None:
     table = _table(view, listed, names, scale)
     size = (np.zeros(2, np.int32), np.array(table["pixel"].shape[::-1], np.int32) - 1)
     # All parts of a file share their display window.
-    parts.append(OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, table, "fragments"))
+    parts.append(
+        OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, {**table}, "fragments")
+    )
     save_exr(OpenEXR.File(parts), path)
+    return _view_from(json.loads(header["edofsim"]), value, image, depth, table, margin)
 
 
 def _listed(view: View) -> torch.Tensor:
@@ -152,16 +158,33 @@ def _view_of(file: OpenEXR.File) -> View:
     about = json.loads(header["edofsim"])
     if about["format"] != FORMAT:
         raise ValueError(f"it has layout {about['format']}, and this version reads {FORMAT}")
+    names = [channel_name(w) for w in about["wavelengths_m"]]
+    return _view_from(
+        about,
+        float(header["EV"]),
+        np.stack([image.channels[name].pixels for name in names]),
+        image.channels["Z"].pixels,
+        {name: channel.pixels for name, channel in table.channels.items()},
+        -int(header["dataWindow"][0][0]),
+    )
+
+
+def _view_from(
+    about: Json,
+    exposure: float,
+    image: np.ndarray,
+    depth: np.ndarray,
+    table: Mapping[str, np.ndarray],
+    margin: int,
+) -> View:
+    """The view of what a file holds: image, float16 [band, y, x], stored radiance; exposure: its EV; depth,
+    float32 [y, x] in metres; table: of fragments, by channel; about: what the view says of itself."""
     wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
-    names = [channel_name(w) for w in wavelengths.tolist()]
-    scale = 2.0 ** float(header["EV"])
-    cells = {name: channel.pixels.reshape(-1) for name, channel in table.channels.items()}
-    radiance = np.stack([image.channels[name].pixels for name in names]).astype(np.float32)
-    depth = image.channels["Z"].pixels
-    more = np.stack([cells[name] for name in names]).astype(np.float32)
-    margin = -int(header["dataWindow"][0][0])
+    scale = 2.0**exposure
+    cells = {name: values.reshape(-1) for name, values in table.items()}
+    more = np.stack([cells[channel_name(w)] for w in wavelengths.tolist()]).astype(np.float32)
     used = cells["pixel"] != EMPTY
-    bands = len(names)
+    bands = len(image)
     rows, columns = depth.shape
     if not 0 <= 2 * margin < min(rows, columns):
         raise ValueError(f"its margin of {margin} pixels does not fit its {columns} x {rows}")
@@ -173,7 +196,8 @@ def _view_of(file: OpenEXR.File) -> View:
     hidden = np.concatenate([np.zeros(len(alone), bool), cells["hidden"][used] != 0])
     coverage = np.concatenate([np.ones(len(alone), np.float32), cells["coverage"][used]])
     order = np.lexsort((hidden, -inverse_depth, pixel))
-    values = np.concatenate([radiance.reshape(bands, -1)[:, alone], more[:, used]], axis=1)[:, order]
+    seen = image.reshape(bands, -1)[:, alone].astype(np.float32)
+    values = np.concatenate([seen, more[:, used]], axis=1)[:, order]
     if scale != 1:
         values *= scale
     return View(

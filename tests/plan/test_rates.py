@@ -86,6 +86,18 @@ def test_a_damaged_file_counts_as_none(another_machine: Path, content: str):
     assert predicted()["blur"] == pytest.approx(1.0)
 
 
+def test_threads_with_pieces_of_their_own_gain_less_than_those_that_share_each_operation():
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        now = predicted()
+    finally:
+        torch.set_num_threads(before)
+    # paces are of both threads: pieces on one of them would take twice as long, on two of them that by 2^0.4
+    assert now["blur"] == pytest.approx(1.0)
+    assert now["psf"] == now["sub_apertures"] == pytest.approx(2 / 2**rates.SHARED)
+
+
 def test_each_rate_is_of_a_kind_of_work():
     assert {stage: len(kinds) for stage, kinds in rates.KINDS.items()} == {
         stage: len(of_stage) for stage, of_stage in rates.SHIPPED.items() if stage != rates.PACE

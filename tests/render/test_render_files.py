@@ -8,6 +8,7 @@ import json
 import multiprocessing
 import os
 import shutil
+from dataclasses import fields
 
 import numpy as np
 import OpenEXR
@@ -79,6 +80,19 @@ def test_view_survives_its_file(tmp_path, scale):
     assert torch.allclose(back.inverse_depth, view.inverse_depth, rtol=1e-6)
     assert torch.allclose(back.radiance, view.radiance, rtol=2**-11, atol=0)
     assert back.metadata == {"hidden": "behind 16.7 % of the pixels", "samples": 4}
+
+
+@pytest.mark.parametrize("scale", [1.0, 3e6, 1e-7], ids=["usual", "very bright", "very dark"])
+def test_a_view_that_is_written_is_the_one_that_will_be_read(tmp_path, scale):
+    """To the bit, so that what follows a rendering does not differ from what follows the cache."""
+    written = write_view(tmp_path / "view.exr", made_view(scale), {"name": "card"})
+    back = read_view(tmp_path / "view.exr")
+    for field in fields(View):
+        one, other = getattr(written, field.name), getattr(back, field.name)
+        if isinstance(one, torch.Tensor):
+            assert one.dtype == other.dtype and torch.equal(one, other), field.name
+        else:
+            assert one == other, field.name
 
 
 def test_bytes_follow_from_the_view(tmp_path):
