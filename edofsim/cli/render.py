@@ -29,7 +29,7 @@ from ..options import (
     ShardOption,
     TimeOption,
 )
-from ..record import peak_memory_mib, writable_folder
+from ..record import peak_memory_mib, processor_seconds, writable_folder
 from .many import all_scenes, spread_of
 from .shared import Done, begun, finish, load_report
 
@@ -63,7 +63,8 @@ def render(
     --accuracy or --time asks for what a photo through the scene's own camera calls for.
 
     Figures: views, views.rendered, seconds.{forecast,render} (of all views, added up), seconds.total (until
-    the last was there), seconds.SCENE, render_noise.SCENE, peak_memory_mib.
+    the last was there), seconds.processor (of all cores and workers of this machine, start included),
+    seconds.SCENE, render_noise.SCENE, peak_memory_mib.
     """
     started = clock.perf_counter()
     level = _fraction(noise, "--noise") if noise else None
@@ -119,6 +120,7 @@ def render(
             "seconds.forecast": expected.seconds,
             "seconds.render": sum(outcome.seconds for outcome in outcomes),
             "seconds.total": clock.perf_counter() - started,
+            "seconds.processor": processor_seconds(),
         }
         table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
         for each in outcomes:

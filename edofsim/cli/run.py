@@ -33,7 +33,7 @@ from ..options import (
     WithOption,
     WithoutOption,
 )
-from ..record import peak_memory_mib, writable_folder
+from ..record import peak_memory_mib, processor_seconds, writable_folder
 from .shared import Done, begun, finish, inputs_of, load_report, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def run(
         numbers = pipeline.figures(result)
         numbers["seconds.report"] = clock.perf_counter() - started
         numbers["seconds.total"] += numbers["seconds.report"]
-        numbers["seconds.processor"] = clock.process_time()
+        numbers["seconds.processor"] = processor_seconds()
         numbers["peak_memory_mib"] = peak_memory_mib()
         lines = [
             *plan_lines(result.plan, result.seconds["plan"]),
