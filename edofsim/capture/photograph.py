@@ -23,7 +23,7 @@ from ..render.view import View
 from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
 from .fidelity import Fidelity
-from .imaging import Axes, imaging_of, spectrum_of, sub_aperture_imaging
+from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
 from .occlusion.hidden import Layout
@@ -82,10 +82,8 @@ def capture(
     weights = channel_weights(camera, first.wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal)
-    spectrums = [spectrum_of(view) for view in given] if spectrum is None else [spectrum]
-    at, between = depths_of(given, camera, fidelity) if nodes is None else (nodes, None)
-    light = torch.stack(spectrums).sum(0)
-    axes = Axes(weights, first.wavelengths, light, _ends(given), at, between)
+    axes = _axes(given, camera, fidelity, weights, nodes, spectrum)
+    between = axes.between
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
 
@@ -104,12 +102,7 @@ def capture(
     watch.lap("blur", 0.5 if finer else 0.9)
     if finer:
         by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
-        assert by_part is not None
-        changes = [
-            by_part.change_by_sub_apertures(by_part.light(view), each)
-            for view, each in zip(given, layouts, strict=True)
-        ]
-        photo = photo + torch.stack(changes)
+        photo = photo + torch.stack([_change(by_part, *each) for each in zip(given, layouts, strict=True)])
         watch.lap("sub_apertures", 0.9)
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
@@ -133,6 +126,37 @@ def capture(
     if single:
         images, truncated = (image[0], clean[0], images[2][0]), truncated[0]
     return Photo(*images, factor, truncated, said, watch.seconds)
+
+
+@own_precision
+def change_by_sub_apertures(
+    view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
+) -> Tensor:
+    """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
+    [channel, y, x]; 0 for a fidelity that has a single one."""
+    axes = _axes([view], camera, fidelity, channel_weights(camera, view.wavelengths))
+    return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
+
+
+def _change(imaging: Imaging | None, view: View, layout: Layout | None) -> Tensor:
+    if imaging is None:
+        return torch.zeros(())
+    return imaging.change_by_sub_apertures(imaging.light(view), layout)
+
+
+def _axes(
+    views: Sequence[View],
+    camera: Camera,
+    fidelity: Fidelity,
+    weights: Tensor,
+    nodes: Tensor | None = None,
+    spectrum: Tensor | None = None,
+) -> Axes:
+    """Of a photo of views; weights: the response [channel, band]; nodes, spectrum: as in `capture`."""
+    spectrums = [spectrum_of(view) for view in views] if spectrum is None else [spectrum]
+    at, between = depths_of(views, camera, fidelity) if nodes is None else (nodes, None)
+    light = torch.stack(spectrums).sum(0)
+    return Axes(weights, views[0].wavelengths, light, _ends(views), at, between)
 
 
 def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tensor:

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import layout_within
 from ..capture.occlusion.hidden import Layout
-from ..capture.photograph import capture
+from ..capture.photograph import capture, change_by_sub_apertures
 from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
@@ -42,9 +42,19 @@ class Coarse:
             change["margin_px"] = fidelity.margin_px // self.times
         if self.times > 1:
             change |= {"pupil_sampling_um": None, "oversampling": None}
-        here = fidelity.changed(change)
-        how = {"exposure": self.exposure, "layout": self._layout if here.occlusion == "hidden" else None}
-        return self._known.get(here, lambda: capture(self.view, self.camera, here, **how).clean)
+        return self._clean(fidelity.changed(change))
+
+    def _clean(self, fidelity: Fidelity) -> Tensor:
+        layout = self._layout if fidelity.occlusion == "hidden" else None
+        how = {"exposure": self.exposure, "layout": layout}
+
+        def clean() -> Tensor:
+            if fidelity.sub_apertures == 1:
+                return capture(self.view, self.camera, fidelity, **how).clean
+            change = change_by_sub_apertures(self.view, self.camera, fidelity, **how)
+            return self._clean(fidelity.changed({"sub_apertures": 1})) + change
+
+        return self._known.get(fidelity, clean)
 
     @property
     def _layout(self) -> Layout:

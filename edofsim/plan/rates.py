@@ -42,12 +42,12 @@ SHARED = 0.4
 """What such waiting takes: so many threads are as fast as their number raised to this."""
 
 SHIPPED: Rates = {
-    "prepare": (0.001541, 0.0, 1.071e-11, 8.363e-09, 2.315e-08, 6.529e-07),
-    "psf": (0.0, 0.0006584, 2.371e-08, 1.789e-08, 7.572e-10, 2.198e-08, 1.068e-10, 7.026e-09, 0.0),
-    "blur": (0.002693, 0.0, 5.55e-05, 7.04e-11, 3.309e-09, 8.224e-10, 6.301e-08, 0.0),
-    "sub_apertures": (0.002332, 2.191e-10, 5.619e-09, 0.0, 5.33e-09),
-    "sensor": (0.0001121, 1.719e-08, 4.547e-12, 9.297e-11, 9.832e-10),
-    PACE: (0.0006197, 0.002558, 0.0008925, 0.001201, 0.0003457),
+    "prepare": (0.001458, 0.0, 2.635e-11, 7.992e-09, 2.288e-08, 3.777e-06),
+    "psf": (0.0, 0.0006309, 2.161e-08, 1.798e-08, 2.986e-10, 2.28e-08, 9.485e-11, 7.65e-09, 0.0),
+    "blur": (0.002235, 0.0, 0.000103, 8.279e-11, 2.831e-09, 1.235e-09, 6.035e-08, 0.0),
+    "sub_apertures": (0.002373, 2.322e-10, 1.257e-09, 0.0, 5.867e-09),
+    "sensor": (0.0001124, 1.671e-08, 4.784e-12, 2.669e-11, 9.648e-10),
+    PACE: (0.0003107, 0.001231, 0.0006072, 0.0005626, 0.0003522),
 }
 """Of one thread of an Intel Xeon with AMX, as `benchmarks/photo_rates.py` measures them."""
 KEPT = 9
@@ -65,33 +65,29 @@ def rates() -> Rates:
     """This machine's rates for this process, with the corrections that are kept."""
     name = _name()
     if name not in _known:
-        now = paces()
-        of_pieces = [each * threads_allowed() ** (1 - SHARED) for each in now]
-        corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
-        slower = {
-            stage: {
-                kind: own / usual
-                for kind, own, usual in zip(
-                    _PIECES, of_pieces if stage in IN_PIECES else now, SHIPPED[PACE], strict=True
-                )
-            }
-            for stage in STAGES
-        }
-        scaled = {
-            stage: tuple(
-                slower[stage][kind] * corrections.get(stage, 1.0) * each
-                for kind, each in zip(KINDS[stage], SHIPPED[stage], strict=True)
-            )
-            for stage in STAGES
-        }
-        _known[name] = {**scaled, PACE: now}
+        _known[name] = _corrected(paces())
     return _known[name]
+
+
+def _corrected(now: tuple[float, ...]) -> Rates:
+    """now: the paces of this machine, for all threads."""
+    of_pieces = [each * threads_allowed() ** (1 - SHARED) for each in now]
+    corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
+    found: dict[str, tuple[float, ...]] = {PACE: now}
+    for stage in STAGES:
+        own = of_pieces if stage in IN_PIECES else now
+        slower = {kind: each / usual for kind, each, usual in zip(_PIECES, own, SHIPPED[PACE], strict=True)}
+        by = corrections.get(stage, 1.0)
+        found[stage] = tuple(
+            by * slower[kind] * each for kind, each in zip(KINDS[stage], SHIPPED[stage], strict=True)
+        )
+    return found
 
 
 def learn(predicted: Mapping[str, float], taken: Mapping[str, float]) -> None:
     """Correct the rates by the seconds that stages of a photo were predicted to take, by `rates`, and
     took."""
-    corrections = _corrections()
+    name, corrections = _name(), _corrections()
     changed = False
     for stage in STAGES:
         if min(predicted.get(stage, 0.0), taken.get(stage, 0.0)) < SHORTEST_S:
@@ -104,7 +100,8 @@ def learn(predicted: Mapping[str, float], taken: Mapping[str, float]) -> None:
     if changed:
         content = json.dumps(corrections, indent=1)
         keep(_file(), lambda path: path.write_text(content, encoding="utf-8"))
-        _known.pop(_name(), None)
+        if name in _known:
+            _known[name] = _corrected(_known[name][PACE])
 
 
 def _corrections() -> dict[str, list[float]]:
@@ -139,7 +136,7 @@ def pace() -> float:
 
 
 def paces(repeats: int = 4) -> tuple[float, ...]:
-    """Seconds for a fixed piece of work of each kind, see `KINDS`, each a few milliseconds, on as many
+    """Seconds for a fixed piece of work of each kind, see `KINDS`, each about a millisecond, on as many
     threads as photos have: of the processor where that is one. The fastest of the repeats.
 
     Even these grow when other work keeps the cores' shared parts busy.
@@ -163,7 +160,7 @@ def _like_a_photo() -> dict[str, Tensor]:
     draw = torch.Generator().manual_seed(0)
     shapes = {
         "images": (8, 128, 128),
-        "angles": (200_000,),
+        "angles": (100_000,),
         "fragments": (3, 40_000),
         "spread": (120, 4 * 1200),
         "basis": (100, 120),
@@ -176,19 +173,19 @@ def _like_a_photo() -> dict[str, Tensor]:
 
 def _calls() -> None:
     little = _like_a_photo()["little"]
-    for _ in range(200):
+    for _ in range(100):
         little = little.flip(0).contiguous().mul_(1.0)
 
 
 def _products() -> None:
     made = _like_a_photo()
-    for _ in range(4):
+    for _ in range(2):
         torch.mm(made["basis"], made["spread"])
 
 
 def _transforms() -> None:
     images, spectra = (_like_a_photo()[name] for name in ("images", "spectra"))
-    for _ in range(3):
+    for _ in range(2):
         torch.fft.rfft2(images, out=spectra)
         torch.fft.irfft2(spectra, out=images)
 
