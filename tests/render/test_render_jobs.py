@@ -295,11 +295,12 @@ def test_workers_end_with_a_killed_parent(tmp_path, jobs):
     """SIGKILL to the parent alone, once while its workers start or render, once between two views."""
     folder = tmp_path / "cache"
     folder.mkdir()
-    for until in (lambda: list(folder.glob("*.lock")), lambda: list(folder.glob("*.exr"))):
+    for pattern in ("*.lock", "*.exr"):
+        there = set(folder.glob(pattern))
         process = start_batch(folder, 20, jobs)
         process.stdout.readline()
         limit = time.monotonic() + 120
-        while not until() and time.monotonic() < limit:
+        while set(folder.glob(pattern)) <= there and time.monotonic() < limit:
             time.sleep(0.05)
         workers = children(process.pid)
         assert len(workers) > jobs - 1
