@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -192,6 +193,9 @@ def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mappin
 
 def save_exr(file: OpenEXR.File, path: Path) -> None:
     """Write it there and then, and not as `files.whole` does. Raises OSError where that cannot be."""
+    import OpenEXR
+
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # for compressing; 0 where nobody says
     try:
         file.write(str(path))
     except RuntimeError as error:  # OpenEXR's own kind, for anything that goes wrong with the file

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
+from functools import lru_cache
+from importlib import metadata
 from pathlib import Path
 from urllib.parse import quote
 
@@ -12,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .store import Store, user_folder
+
+version = lru_cache(metadata.version)  # which reads a file each time
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:

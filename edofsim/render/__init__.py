@@ -42,7 +42,7 @@ def render(
     or cuda. Interrupted work is kept in the cache and gone on from. Raises InputError for a scene or a folder
     that cannot be used, EngineError where nothing can render, EdofsimError if the disk is full.
     """
-    return fetch(recipe, base, cache, noise, device, progress).view
+    return fetch(recipe, base, cache, noise, device, progress).view()
 
 
 def cached(
@@ -58,5 +58,5 @@ def finished(
     """The view of a scene if nothing has to be rendered for it: it is in the cache, or a picture with depths
     or a spectral cube, which is read. Raises InputError for files that cannot be used."""
     if is_picture(recipe):
-        return fetch(recipe, base, cache, noise, "cpu", None).view
+        return fetch(recipe, base, cache, noise, "cpu", None).view()
     return cached(recipe, base, cache=cache, noise=noise)

@@ -77,13 +77,12 @@ def rendered(
 ) -> RenderOutcome:
     """One task in this process."""
     found = fetch(task.recipe, task.base, folder, noise, device, progress)
-    samples = int(found.view.metadata.get("samples", 0))
     return RenderOutcome(
         task.recipe.name,
         found.place.key,
         found.seconds,
-        samples,
-        found.view.noise,
+        found.samples,
+        found.noise,
         platform.node(),
         found.seconds > 0,
         origin="file" if is_picture(task.recipe) else "cache",

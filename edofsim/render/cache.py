@@ -141,8 +141,8 @@ def set_aside(path: Path) -> Path:
     return aside
 
 
-def store(place: Place, view: View, recipe: Json, record: Json) -> View:
-    """Write an entry and return the view as it will be read: the same the first time and from the cache.
+def store(place: Place, view: View, recipe: Json, record: Json) -> Callable[[], View]:
+    """Write an entry and return what gives the view as it is read: the same now and from the cache.
 
     Raises what `core.files.whole` raises.
     """

@@ -20,7 +20,8 @@ Attribute `edofsim` is JSON: what a `View` says of itself. Bytes follow from the
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,8 +59,8 @@ def exposure_value(radiance: torch.Tensor) -> float:
     return float(np.ceil(np.log2(peak / LARGEST)))
 
 
-def write_view(path: Path, view: View, recipe: Json | None = None) -> View:
-    """Write a view, and return it as `read_view` will give it.
+def write_view(path: Path, view: View, recipe: Json | None = None) -> Callable[[], View]:
+    """Write a view, and return what gives it as `read_view` does.
 
     recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be written.
     """
@@ -109,7 +110,7 @@ def write_view(path: Path, view: View, recipe: Json | None = None) -> View:
         OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, {**table}, "fragments")
     )
     save_exr(OpenEXR.File(parts), path)
-    return _view_from(json.loads(header["edofsim"]), value, image, depth, table, margin)
+    return partial(_view_from, json.loads(header["edofsim"]), value, image, depth, table, margin)
 
 
 def _listed(view: View) -> torch.Tensor:
@@ -180,26 +181,26 @@ def _view_from(
     """The view of what a file holds: image, float16 [band, y, x], stored radiance; exposure: its EV; depth,
     float32 [y, x] in metres; table: of fragments, by channel; about: what the view says of itself."""
     wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
-    scale = 2.0**exposure
     cells = {name: values.reshape(-1) for name, values in table.items()}
-    more = np.stack([cells[channel_name(w)] for w in wavelengths.tolist()]).astype(np.float32)
-    used = cells["pixel"] != EMPTY
-    bands = len(image)
+    used = np.flatnonzero(cells["pixel"] != EMPTY)
+    listed = cells["pixel"][used].astype(np.int64)
     rows, columns = depth.shape
     if not 0 <= 2 * margin < min(rows, columns):
         raise ValueError(f"its margin of {margin} pixels does not fit its {columns} x {rows}")
     plain = np.ones(rows * columns, bool)
-    plain[cells["pixel"][used].astype(np.int64)] = False
+    plain[listed] = False
     alone = np.flatnonzero(plain)
-    pixel = np.concatenate([alone, cells["pixel"][used].astype(np.int64)])
+    pixel = np.concatenate([alone, listed])
     inverse_depth = np.concatenate([1 / depth.reshape(-1)[alone], cells["inverseDepth"][used]])
     hidden = np.concatenate([np.zeros(len(alone), bool), cells["hidden"][used] != 0])
     coverage = np.concatenate([np.ones(len(alone), np.float32), cells["coverage"][used]])
     order = np.lexsort((hidden, -inverse_depth, pixel))
-    seen = image.reshape(bands, -1)[:, alone].astype(np.float32)
-    values = np.concatenate([seen, more[:, used]], axis=1)[:, order]
-    if scale != 1:
-        values *= scale
+    radiance = np.empty((len(image), len(order)), np.float32)
+    for band, (seen, wavelength) in enumerate(zip(image, wavelengths.tolist(), strict=True)):
+        some = seen.reshape(-1)[alone], cells[channel_name(wavelength)][used]
+        radiance[band] = np.concatenate(some).astype(np.float32)[order]
+    if exposure:
+        radiance *= 2.0**exposure
     return View(
         height=rows - 2 * margin,
         width=columns - 2 * margin,
@@ -207,7 +208,7 @@ def _view_from(
         pixel=torch.from_numpy(pixel[order]),
         coverage=torch.from_numpy(coverage[order]),
         inverse_depth=torch.from_numpy(inverse_depth[order].astype(np.float32)),
-        radiance=torch.from_numpy(np.ascontiguousarray(values, np.float32)),
+        radiance=torch.from_numpy(radiance),
         hidden=torch.from_numpy(hidden[order]),
         wavelengths=wavelengths,
         pixel_angle=about["pixel_angle"],

@@ -6,6 +6,7 @@ import json
 import logging
 import platform
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +26,22 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Fetched:
-    """A view, where it lives, and how long this call rendered (0 if it came from the cache)."""
+    """What gives a view, as it is read; where it lives, how long this call rendered (0 if it came from the
+    cache), and the view's samples and noise."""
 
-    view: View
+    view: Callable[[], View]
     place: store.Place
     seconds: float
+    samples: int
+    noise: float
+
+
+def _found(view: View, place: store.Place) -> Fetched:
+    return Fetched(lambda: view, place, 0.0, _samples(view), view.noise)
+
+
+def _samples(view: View) -> int:
+    return int(view.metadata.get("samples", 0))
 
 
 def is_picture(recipe: SceneRecipe) -> bool:
@@ -57,26 +69,27 @@ def fetch(
         from .readers import picture_view
 
         # Read faster than the cache could be.
-        return Fetched(picture_view(recipe, base), place, 0.0)
+        return _found(picture_view(recipe, base), place)
     # Without the lock first: readers of a finished view never wait for each other, and need not write.
     view, _ = store.load(place, aside=False)
     if view is not None:
-        return Fetched(view, place, 0.0)
+        return _found(view, place)
     writable_folder(place.folder, store.OPTION)
     with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
         view, message = store.load(place, aside=True)
         if view is not None:
-            return Fetched(view, place, 0.0)
+            return _found(view, place)
         if message:
             LOG.warning(message)
         start = time.perf_counter()
-        view = _rendered(recipe, base, place, noise, device, say)
-        return Fetched(view, place, time.perf_counter() - start)
+        view, stored = _rendered(recipe, base, place, noise, device, say)
+        return Fetched(stored, place, time.perf_counter() - start, _samples(view), view.noise)
 
 
 def _rendered(
     recipe: SceneRecipe, base: Path, place: store.Place, noise: float | None, device: str, say: Progress
-) -> View:
+) -> tuple[View, Callable[[], View]]:
+    """A view, and what gives it as it is read."""
     from ..scene import build_scene
     from ..scene.foreign import NotCarried
     from .rendering import render_foreign, render_model
@@ -107,7 +120,7 @@ def _rendered(
     }
     stored = store.store(place, view, canonical(recipe), record)
     partial.unlink(missing_ok=True)
-    return stored
+    return view, stored
 
 
 def run_of(recipe: SceneRecipe, base: Path, cache: Path | None = None) -> Json | None:

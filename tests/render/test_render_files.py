@@ -85,7 +85,7 @@ def test_view_survives_its_file(tmp_path, scale):
 @pytest.mark.parametrize("scale", [1.0, 3e6, 1e-7], ids=["usual", "very bright", "very dark"])
 def test_a_view_that_is_written_is_the_one_that_will_be_read(tmp_path, scale):
     """To the bit, so that what follows a rendering does not differ from what follows the cache."""
-    written = write_view(tmp_path / "view.exr", made_view(scale), {"name": "card"})
+    written = write_view(tmp_path / "view.exr", made_view(scale), {"name": "card"})()
     back = read_view(tmp_path / "view.exr")
     for field in fields(View):
         one, other = getattr(written, field.name), getattr(back, field.name)
