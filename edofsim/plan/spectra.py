@@ -33,7 +33,7 @@ SIDES_PX = (64, 256)
 NODES = 7
 """Depths at which changes of PSFs are looked at; light is moved to the nearest."""
 FEW_NODES = 3
-"""The same where PSFs take long: through a finely sampled pupil."""
+"""The same where PSFs take long, through a finely sampled pupil, and nothing is focused elsewhere."""
 EVENLY = 0.3
 """Share of these that is spread evenly over the view's inverse depths; the rest is where its light is. Chosen
 on small versions of `clutter`, `foliage`, `night`, `stilllife` and `hallway`."""
@@ -134,10 +134,11 @@ class Spectra:
 
     def by_psfs(self, fidelity: Fidelity, reference: Fidelity) -> Tensor:
         """What other PSFs change: those of a fidelity against those of another, in every band; or at one
-        wavelength a channel and few depths where the pupil is sampled more finely than for other
-        estimates."""
+        wavelength a channel where the pupil is sampled more finely than for other estimates, and then at
+        few depths where its focus stays."""
         quick = reference.pupil_sampling_um == self.full.pupil_sampling_um
-        nodes = self.nodes_of_light(NODES if quick else FEW_NODES)
+        refocused = fidelity.lens_dispersion != reference.lens_dispersion
+        nodes = self.nodes_of_light(NODES if quick or refocused else FEW_NODES)
         gathering, shares = self._few_bands
         if not quick:
             gathering = self._gathering(1, nodes)
