@@ -33,7 +33,7 @@ def _camera() -> Camera:
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("name", ["paper-dcnn", "paper-bank"])
+@pytest.mark.parametrize("name", ["paper-dcnn", "told-dcnn", "paper-bank"])
 def test_flat_colours_come_back_as_they_were(name: str, level: float) -> None:
     """PSFs sum to one with the glare beyond their windows, so that the photo of a flat colour is that colour
     at every distance: 2 % of each channel, in six hues."""
@@ -81,7 +81,7 @@ def test_a_flat_colour_looks_the_same_at_every_distance(distance: float) -> None
     torch.testing.assert_close(photo, colour[:, None, None].expand(photo.shape), rtol=1e-4, atol=0)
 
 
-@pytest.mark.parametrize("name", ["paper-dcnn", "paper-bank"])
+@pytest.mark.parametrize("name", ["paper-dcnn", "told-dcnn", "paper-bank"])
 def test_a_dark_photo_is_not_darker_after_restoration(name: str) -> None:
     """A slope of light from 0.01 to 0.2, in another direction in each channel: any place's mean stays."""
     ramp = torch.linspace(0.01, 0.2, SIDE)
