@@ -83,7 +83,7 @@ ZIP = re.compile(r"\n    \.\. container:: sphx-glr-download sphx-glr-download-zi
 if RAN:  # seconds that plans foretell are those of the rates that ship, on any machine
     from edofsim.plan import rates
 
-    rates.paces = lambda repeats=5: rates.SHIPPED[rates.PACE]
+    rates.paces = lambda repeats=4: rates.SHIPPED[rates.PACE]
     rates._corrections = dict
 
 

@@ -129,11 +129,11 @@ def capture(
 
 
 @own_precision
-def change_by_sub_apertures(
+def sub_aperture_change(
     view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
 ) -> Tensor:
     """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
-    [channel, y, x]; 0 for a fidelity that has a single one."""
+    [channel, y, x]; 0 for a fidelity that simulates none."""
     axes = _axes([view], camera, fidelity, channel_weights(camera, view.wavelengths))
     return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import layout_within
 from ..capture.occlusion.hidden import Layout
-from ..capture.photograph import capture, change_by_sub_apertures
+from ..capture.photograph import capture, sub_aperture_change
 from ..capture.prepare import blur_per_dioptre
 from ..core.once import Once
 from ..optics import Camera
@@ -51,7 +51,7 @@ class Coarse:
         def clean() -> Tensor:
             if fidelity.sub_apertures == 1:
                 return capture(self.view, self.camera, fidelity, **how).clean
-            change = change_by_sub_apertures(self.view, self.camera, fidelity, **how)
+            change = sub_aperture_change(self.view, self.camera, fidelity, **how)
             return self._clean(fidelity.changed({"sub_apertures": 1})) + change
 
         return self._known.get(fidelity, clean)

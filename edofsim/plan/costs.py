@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import mul
 
 from ..capture.fidelity import Fidelity
 from .effect import Effect
@@ -37,7 +36,7 @@ class Costs:
         """Predicted seconds of each stage."""
         if fidelity not in self._known:
             stages = {
-                stage: sum(map(mul, self.rates[stage], amounts))
+                stage: sum(rate * amount for rate, amount in zip(self.rates[stage], amounts, strict=True))
                 for stage, amounts in self._work(fidelity).amounts.items()
             }
             self._known[fidelity] = {"render": self.render_seconds(fidelity), **stages}

@@ -35,11 +35,11 @@ KINDS: Mapping[str, tuple[str, ...]] = {
 }
 """Of work that each rate is of: calls of little operations, products of matrices, Fourier transforms,
 elements that are reckoned with, fragments that are moved. Machines differ in each of them by itself."""
-IN_PIECES = ("psf", "sub_apertures")
+IN_MOMENTS = ("psf", "sub_apertures")
 """Stages whose threads work on pieces of their own, and wait for each other now and then; those of the others
 share each operation."""
 SHARED = 0.4
-"""What such waiting takes: so many threads are as fast as their number raised to this."""
+"""What threads gain that wait: n of them are n to this power times as fast as one."""
 
 SHIPPED: Rates = {
     "prepare": (0.001458, 0.0, 2.635e-11, 7.992e-09, 2.288e-08, 3.777e-06),
@@ -75,8 +75,8 @@ def _corrected(now: tuple[float, ...]) -> Rates:
     corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
     found: dict[str, tuple[float, ...]] = {PACE: now}
     for stage in STAGES:
-        own = of_pieces if stage in IN_PIECES else now
-        slower = {kind: each / usual for kind, each, usual in zip(_PIECES, own, SHIPPED[PACE], strict=True)}
+        own = of_pieces if stage in IN_MOMENTS else now
+        slower = {kind: each / usual for kind, each, usual in zip(_MOMENTS, own, SHIPPED[PACE], strict=True)}
         by = corrections.get(stage, 1.0)
         found[stage] = tuple(
             by * slower[kind] * each for kind, each in zip(KINDS[stage], SHIPPED[stage], strict=True)
@@ -143,7 +143,7 @@ def paces(repeats: int = 4) -> tuple[float, ...]:
     """
     clock = time.thread_time if threads_allowed() == 1 else time.perf_counter  # of all counts busy waiting
     with all_threads():
-        return tuple(_fastest(work, repeats, clock) for work in _PIECES.values())
+        return tuple(_fastest(work, repeats, clock) for work in _MOMENTS.values())
 
 
 def _fastest(work: Callable[[], object], repeats: int, clock: Callable[[], float]) -> float:
@@ -202,7 +202,7 @@ def _moves() -> None:
     torch.zeros_like(light).index_add_(1, made["place"], light)
 
 
-_PIECES: Mapping[str, Callable[[], None]] = {
+_MOMENTS: Mapping[str, Callable[[], None]] = {
     "calls": _calls,
     "products": _products,
     "transforms": _transforms,
