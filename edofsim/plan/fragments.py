@@ -1,9 +1,9 @@
-"""Fragments of a view that lie in tiles, and images of their light at depth nodes."""
+"""Fragments of a view that lie in tiles, and images of their light at depth nodes, where there is any."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -22,6 +22,37 @@ class Fragments:
 
     def __len__(self) -> int:
         return len(self.which)
+
+
+@dataclass(frozen=True)
+class Tiled:
+    """Images of tiles at depth nodes, or their spectra, of those pairs of both where anything lies. values:
+    [pair, k, y, x], or [pair, k, channel, y, x] where those of channels differ; tile, node: int64 [pair].
+    Nodes ascend."""
+
+    values: Tensor
+    tile: Tensor
+    node: Tensor
+
+    def transformed(self, taper: Tensor | float = 1.0) -> Tiled:
+        """Spectra of these images under a window [y, x]: values complex [pair, k, y, x // 2 + 1]."""
+        return replace(self, values=torch.fft.rfft2(self.values * taper))
+
+    def part(self, begin: int, count: int) -> Tiled:
+        """So many pairs from one on."""
+        some = slice(begin, begin + count)
+        return Tiled(self.values[some], self.tile[some], self.node[some])
+
+    def summed(self, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """The tiles that have pairs, int64 [some], and for each of them the sum over nodes and k of weights
+        [node, channel, k, y, x] times values: [some, channel, y, x]."""
+        tiles, place = self.tile.unique(return_inverse=True)
+        found = self.values.new_zeros(len(tiles), weights.shape[1], *self.values.shape[-2:])
+        of_tiles, of_nodes = found.unbind(0), [each.unbind(1) for each in weights.unbind(0)]
+        for pair, node, at in zip(self.values.unbind(0), self.node.tolist(), place.tolist(), strict=True):
+            for weight, value in zip(of_nodes[node], pair.unbind(0), strict=True):
+                of_tiles[at].addcmul_(weight, value)
+        return tiles, found
 
 
 def in_tiles(
@@ -52,20 +83,24 @@ def together(*parts: Fragments) -> Fragments:
 
 def at_nodes(
     fragments: Fragments, light: Tensor, nodes: Tensor, tiles: int, side: int, shared: bool
-) -> Tensor:
+) -> Tiled:
     """Images of light [k, n], each fragment's at the nearest of the nodes, where its PSF is that of a depth
-    and no mixture; shared: at the two that it lies between. [tile, node, k, y, x]."""
-    depth, place = fragments.depth, fragments.place
-    size, count = side**2, nodes.numel()
-    image = light.new_zeros(len(light), tiles * count * size)
+    and no mixture; shared: at the two that it lies between."""
+    depth, size = fragments.depth, side**2
+    tile, within = fragments.place // size, fragments.place % size
     parts = [(nearest(depth, nodes), light)]
-    if shared and count > 1:
+    if shared and nodes.numel() > 1:
         cell, upper = _cells(depth, nodes)
         upper = upper.to(light)
         parts = [(cell, light * (1 - upper)), (cell + 1, light * upper)]
+    anything = torch.zeros(nodes.numel() * tiles, dtype=torch.bool)
+    for node, _ in parts:
+        anything[node * tiles + tile] = True
+    pairs, number = torch.nonzero(anything).squeeze(1), anything.cumsum(0) - 1
+    image = light.new_zeros(len(light), len(pairs) * size)
     for node, part in parts:
-        image.index_add_(1, (place // size * count + node) * size + place % size, part)
-    return image.reshape(-1, tiles, count, side, side).permute(1, 2, 0, 3, 4)
+        image.index_add_(1, number[node * tiles + tile] * size + within, part)
+    return Tiled(image.unflatten(1, (-1, side, side)).transpose(0, 1), pairs % tiles, pairs // tiles)
 
 
 def nearest(depth: Tensor, nodes: Tensor) -> Tensor:

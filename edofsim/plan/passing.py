@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .fragments import Fragments
+from .fragments import Fragments, Tiled
 
 IN_FULL = 0.25
 """Share of the pupil from which light counts in full."""
@@ -43,12 +43,15 @@ class Passing:
         return (passed / IN_FULL).clamp_max(1)
 
 
-def passing(cover: Tensor, otfs: Tensor, nodes: Tensor, cuts: Tensor) -> Passing:
-    """cover: of the fragments at nodes [tile, node, y, x]; otfs: of nodes, complex [node, y, x // 2 + 1]."""
-    blurred = torch.fft.rfft2(cover) * otfs
-    slab = torch.searchsorted(cuts, nodes)
-    spectra = blurred.new_zeros(len(cuts) + 1, *blurred[:, 0].shape)
-    spectra.index_add_(0, slab, blurred.transpose(0, 1))
-    coverage = torch.fft.irfft2(spectra, s=cover.shape[-2:])
+def passing(cover: Tiled, otfs: Tensor, nodes: Tensor, cuts: Tensor, tiles: int) -> Passing:
+    """cover: of the fragments at nodes, k = 1, in so many tiles; otfs: of nodes, complex [node, y, x // 2 +
+    1]."""
+    side, slab = cover.values.shape[-1], torch.searchsorted(cuts, nodes)
+    blurred = cover.transformed().values[:, 0] * otfs[cover.node]
+    pairs, which = (slab[cover.node] * tiles + cover.tile).unique(return_inverse=True)
+    spectra = blurred.new_zeros(len(pairs), *blurred.shape[1:]).index_add_(0, which, blurred)
+    coverage = torch.zeros((len(cuts) + 1) * tiles, side, side)
+    coverage[pairs] = torch.fft.irfft2(spectra, s=(side, side))
+    coverage = coverage.unflatten(0, (-1, tiles))
     nearer = coverage.flip(0).cumsum(0).flip(0) - coverage
     return Passing(cuts, (1 - nearer).clamp(0, 1))

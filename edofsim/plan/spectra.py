@@ -9,8 +9,8 @@ in the frame counts.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -23,7 +23,7 @@ from ..capture.occlusion.slabs import Hides
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
-from .fragments import Fragments, at_nodes, hat, in_tiles, nearest, together
+from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, nearest, together
 from .otfs import Otfs
 from .passing import Passing, passing
 from .tiles import choose_tiles
@@ -115,7 +115,7 @@ class Spectra:
         change = shared - (shares @ weights).transpose(1, 2)
         otfs = self._otfs.at(self.full, few, nodes)
         spectra = _mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1))
-        return self._vector(self._image(nodes, lambda some: _summed(spectra[some], light[:, some])))
+        return self._vector(self._image(nodes, spectra, light))
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
@@ -152,7 +152,7 @@ class Spectra:
         light = self._light("components", components, nodes)
         of_each = (shares @ weights).transpose(1, 2)
         spectra = _mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1))
-        found = self._image(nodes, lambda some: _summed(spectra[some], light[:, some]))
+        found = self._image(nodes, spectra, light)
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
         return self._vector(found + self._of_mean(change, shares, nodes, reach))
 
@@ -181,22 +181,21 @@ class Spectra:
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
         return gathering_of(self.camera, one, axes)
 
-    def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tensor:
-        """Spectra of light [k, n] of all fragments at nodes, see `at_nodes`, under the window: complex
-        [tile, node, k, y, x]."""
+    def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tiled:
+        """Spectra of light [k, n] of all fragments at nodes, see `at_nodes`, under the window."""
 
-        def spectrum() -> Tensor:
-            image = at_nodes(self._fragments, radiance, nodes, len(self.shares), self.side, shared)
-            return torch.fft.rfft2(image * self.taper)
+        def spectrum() -> Tiled:
+            images = at_nodes(self._fragments, radiance, nodes, len(self.shares), self.side, shared)
+            return images.transformed(self.taper)
 
         return self._known.get(("spectrum", name, shared, tuple(nodes.tolist())), spectrum)
 
-    def _cover(self, nodes: Tensor, shared: bool = False) -> Tensor:
-        """What covers pixels, at nodes: [tile, node, y, x]."""
+    def _cover(self, nodes: Tensor, shared: bool = False) -> Tiled:
+        """What covers pixels, at nodes."""
         cover = self.view.coverage[self.seen.which][None]
         return self._known.get(
             ("cover", shared, tuple(nodes.tolist())),
-            lambda: at_nodes(self.seen, cover, nodes, len(self.shares), self.side, shared)[:, :, 0],
+            lambda: at_nodes(self.seen, cover, nodes, len(self.shares), self.side, shared),
         )
 
     def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
@@ -265,20 +264,25 @@ class Spectra:
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
         otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes).mean(1)
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
-        return passing(self._cover(nodes), otfs, nodes, between)
+        return passing(self._cover(nodes), otfs, nodes, between, len(self.shares))
 
-    def _image(self, nodes: Tensor, spectrum: Callable[[slice], Tensor]) -> Tensor:
-        """What light at nodes becomes in a photo, dimmed by what is in front: [tile, channel, y, x].
-        spectrum: of that at some of the nodes, summed over them."""
+    def _image(self, nodes: Tensor, change: Tensor, light: Tiled) -> Tensor:
+        """What spectra of light at nodes become in a photo by a change of OTFs, complex [node, channel, k, y,
+        x], dimmed by what is in front: [tile, channel, y, x]."""
         size = (self.side, self.side)
-        if self._passing is None:
-            return torch.fft.irfft2(spectrum(slice(None)), s=size)
-        image, start = torch.zeros(()), 0
-        slabs, counts = self._passing.slabs(nodes).unique_consecutive(return_counts=True)
-        for slab, count in zip(slabs.tolist(), counts.tolist(), strict=True):
-            seen = torch.fft.irfft2(spectrum(slice(start, start + count)), s=size)
-            image = image + seen * self._passing.passed[slab][:, None]
-            start += count
+        image = torch.zeros(len(self.shares), change.shape[1], *size)
+        slabs = torch.zeros_like(light.node)
+        if self._passing is not None:
+            slabs = self._passing.slabs(nodes)[light.node]
+        begin = 0
+        of_slabs = slabs.unique_consecutive(return_counts=True)
+        for slab, count in zip(*(found.tolist() for found in of_slabs), strict=True):
+            tiles, spectra = light.part(begin, count).summed(change)
+            seen = torch.fft.irfft2(spectra, s=size)
+            if self._passing is not None:
+                seen = seen * self._passing.passed[slab, tiles][:, None]
+            image.index_add_(0, tiles, seen)
+            begin += count
         return image
 
     @cached_property
@@ -307,7 +311,8 @@ class Spectra:
     ) -> Tensor:
         """change: of the OTFs of one group a channel, complex [node, channel, y, x]."""
         light = self._light("channels", self._channels, nodes, shared)
-        found = self._image(nodes, lambda some: _summed_alike(change[some], light[:, some]))
+        alike = replace(light, values=light.values[:, None])
+        found = self._image(nodes, change[:, :, None], alike)
         shares = gathering.response[:, :, None] * gathering.light
         return self._vector(found + self._of_mean(change, shares, nodes, self.view.margin))
 
@@ -324,16 +329,18 @@ class Spectra:
         glare = torch.einsum("cgb,bn,ng->c", shares, self._by_depth(nodes, reach), truncated)
         level = shares @ self._mean
         cover = self._cover(nodes, shared=True)
+        image = cover.values.new_zeros(len(self.shares), len(shares), self.side, self.side)
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]
             if float(changed.abs().max()) < 1e-6:
                 return torch.zeros(())
-            there = self._known.get(
-                ("spectrum", "cover", tuple(nodes.tolist())), lambda: torch.fft.rfft2(cover)[:, :, None]
-            )
-            image = torch.fft.irfft2(_summed(changed[:, :, None], there), s=(self.side, self.side))
+            there = self._known.get(("spectrum", "cover", tuple(nodes.tolist())), cover.transformed)
+            tiles, spectra = there.summed(changed[:, :, None])
+            image[tiles] = torch.fft.irfft2(spectra, s=(self.side, self.side))
         else:
-            image = torch.einsum("nc,tnyx->tcyx", (truncated @ level.T - glare).to(cover), cover)
+            changed = (truncated @ level.T - glare).to(image)
+            tiles, found = cover.summed(changed[:, :, None, None, None])
+            image[tiles] = found
         return image * self.taper
 
     def _vector(self, change: Tensor) -> Tensor:
@@ -426,25 +433,6 @@ def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
     parts = torch.view_as_real(spectra).flatten(2)  # a real product is half the work of a complex one
     mixed = weights.to(parts) @ parts
     return torch.view_as_complex(mixed.reshape(len(parts), len(weights), *spectra.shape[2:], 2))
-
-
-def _summed(change: Tensor, light: Tensor) -> Tensor:
-    """change [node, channel, k, y, x] of light [tile, node, k, y, x], summed over nodes and k: [tile,
-    channel, y, x]."""
-    found = torch.zeros(len(light), *change.shape[1:2], *light.shape[-2:], dtype=light.dtype)
-    for of_node, there in zip(change, light.transpose(0, 1), strict=True):
-        for k in range(of_node.shape[1]):
-            found.addcmul_(of_node[None, :, k], there[:, None, k])
-    return found
-
-
-def _summed_alike(change: Tensor, light: Tensor) -> Tensor:
-    """change [node, channel, y, x] of light [tile, node, channel, y, x], summed over nodes: [tile, channel,
-    y, x]."""
-    found = torch.zeros_like(light[:, 0])
-    for of_node, there in zip(change, light.unbind(1), strict=True):
-        found.addcmul_(of_node, there)
-    return found
 
 
 def _taper(side: int) -> Tensor:
