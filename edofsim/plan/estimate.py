@@ -16,9 +16,11 @@ from ..optics.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 
-LONGEST = ("sub-apertures", "bands", "PSF window")
+LONGEST = ("sub-apertures", "bands", "PSF window", "depth layers", "pupil sampling")
 """Effects that are looked at first, so that no thread is left with a long one when the others are done:
 sub-apertures, which need no spectra, beside the making of these for all the others."""
+AT_ONCE = 2**16
+"""Entries of differences whose products are summed at a time, so that little memory is touched."""
 LITTLE = 0.2
 """Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
 
@@ -182,8 +184,10 @@ def _products(differences: Sequence[Tensor]) -> Tensor:
     found = torch.zeros(len(differences), len(differences), dtype=torch.float64)
     for size in {each.shape for each in differences}:
         like = [k for k, each in enumerate(differences) if each.shape == size]
-        stack = torch.stack([differences[k].flatten() for k in like])
-        found[torch.tensor(like)[:, None], torch.tensor(like)] = (stack @ stack.T).double() / size[0]
+        at, flat = torch.tensor(like), [differences[k].flatten() for k in like]
+        for parts in zip(*(each.split(AT_ONCE) for each in flat), strict=True):
+            stack = torch.stack(parts)
+            found[at[:, None], at] += (stack @ stack.T).double() / size[0]
     return found
 
 
