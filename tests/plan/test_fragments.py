@@ -1,0 +1,57 @@
+"""Images of fragments in tiles at depth nodes, of those pairs of both where anything lies."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from edofsim.plan.fragments import Fragments, Tiled, at_nodes
+
+TILES, SIDE = 3, 4
+NODES = torch.tensor([0.0, 1.0, 2.0, 4.0], dtype=torch.float64)
+FRAGMENTS = Fragments(
+    which=torch.arange(4),
+    place=torch.tensor([3, 2 * SIDE**2 + 5, 2 * SIDE**2 + 5, 2 * SIDE**2]),
+    depth=torch.tensor([0.2, 1.25, 3.5, 4.0], dtype=torch.float64),
+)
+LIGHT = torch.tensor([[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
+
+
+def dense(images: Tiled) -> torch.Tensor:
+    """Of all tiles and nodes: [tile, node, k, y, x]."""
+    found = torch.zeros(TILES, len(NODES), *images.values.shape[1:])
+    for values, tile, node in zip(images.values, images.tile.tolist(), images.node.tolist(), strict=True):
+        found[tile, node] = values
+    return found
+
+
+def test_light_lies_at_the_nearest_node_of_its_tile():
+    images = at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=False)
+    wanted = torch.zeros(TILES, len(NODES), 2, SIDE, SIDE)
+    for tile, node, y, x, fragment in ((0, 0, 0, 3, 0), (2, 1, 1, 1, 1), (2, 3, 1, 1, 2), (2, 3, 0, 0, 3)):
+        wanted[tile, node, :, y, x] += LIGHT[:, fragment]
+    assert torch.equal(dense(images), wanted)
+    assert len(images.tile) == 3, "pairs where nothing lies are left out"
+    assert images.node.tolist() == sorted(images.node.tolist())
+
+
+def test_shared_light_lies_at_the_two_nodes_around_it():
+    found = dense(at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=True))
+    torch.testing.assert_close(found[0, :2, 0, 0, 3], torch.tensor([0.8, 0.2]))
+    torch.testing.assert_close(found[2, :, 1, 1, 1], torch.tensor([0.0, 4.5, 1.5 + 1.75, 5.25]))
+    torch.testing.assert_close(found.sum((0, 1, 3, 4)), LIGHT.sum(1))
+
+
+@pytest.mark.parametrize("alike", [False, True])
+def test_sums_over_nodes_are_those_of_all_pairs(alike: bool):
+    images = at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=True)
+    weights = torch.rand(len(NODES), 2, 2, SIDE, SIDE, generator=torch.Generator().manual_seed(0))
+    wanted = torch.einsum("nckyx,tnkyx->tcyx", weights, dense(images))
+    if alike:  # each channel has light of its own
+        weights = weights[:, :, :1]
+        wanted = torch.einsum("ncyx,tncyx->tcyx", weights[:, :, 0], dense(images))
+        images = Tiled(images.values[:, None], images.tile, images.node)
+    tiles, found = images.summed(weights)
+    assert tiles.tolist() == [0, 2]
+    torch.testing.assert_close(found, wanted[tiles])
+    assert (wanted[1] == 0).all()
