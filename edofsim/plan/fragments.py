@@ -34,9 +34,10 @@ class Tiled:
     tile: Tensor
     node: Tensor
 
-    def transformed(self, taper: Tensor | float = 1.0) -> Tiled:
-        """Spectra of these images under a window [y, x]: values complex [pair, k, y, x // 2 + 1]."""
-        return replace(self, values=torch.fft.rfft2(self.values * taper))
+    def transformed(self, window: Tensor | None = None) -> Tiled:
+        """Spectra of these images, under a window [y, x] where one is given: values complex [pair, k, y,
+        x // 2 + 1]."""
+        return replace(self, values=torch.fft.rfft2(self.values if window is None else self.values * window))
 
     def part(self, begin: int, count: int) -> Tiled:
         """So many pairs from one on."""
@@ -96,6 +97,8 @@ def at_nodes(
     anything = torch.zeros(nodes.numel() * tiles, dtype=torch.bool)
     for node, _ in parts:
         anything[node * tiles + tile] = True
+    if not anything.any():
+        anything[0] = True  # Fourier transforms refuse no images at all
     pairs, number = torch.nonzero(anything).squeeze(1), anything.cumsum(0) - 1
     image = light.new_zeros(len(light), len(pairs) * size)
     for node, part in parts:

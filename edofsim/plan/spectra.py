@@ -329,18 +329,18 @@ class Spectra:
         glare = torch.einsum("cgb,bn,ng->c", shares, self._by_depth(nodes, reach), truncated)
         level = shares @ self._mean
         cover = self._cover(nodes, shared=True)
-        image = cover.values.new_zeros(len(self.shares), len(shares), self.side, self.side)
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]
             if float(changed.abs().max()) < 1e-6:
                 return torch.zeros(())
             there = self._known.get(("spectrum", "cover", tuple(nodes.tolist())), cover.transformed)
             tiles, spectra = there.summed(changed[:, :, None])
-            image[tiles] = torch.fft.irfft2(spectra, s=(self.side, self.side))
+            found = torch.fft.irfft2(spectra, s=(self.side, self.side))
         else:
-            changed = (truncated @ level.T - glare).to(image)
+            changed = (truncated @ level.T - glare).to(cover.values)
             tiles, found = cover.summed(changed[:, :, None, None, None])
-            image[tiles] = found
+        image = found.new_zeros(len(self.shares), *found.shape[1:])
+        image[tiles] = found
         return image * self.taper
 
     def _vector(self, change: Tensor) -> Tensor:

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from edofsim.plan.fragments import Fragments, Tiled, at_nodes
+from edofsim.plan.passing import passing
 
 TILES, SIDE = 3, 4
 NODES = torch.tensor([0.0, 1.0, 2.0, 4.0], dtype=torch.float64)
@@ -55,3 +56,26 @@ def test_sums_over_nodes_are_those_of_all_pairs(alike: bool):
     assert tiles.tolist() == [0, 2]
     torch.testing.assert_close(found, wanted[tiles])
     assert (wanted[1] == 0).all()
+
+
+def test_where_nothing_lies_there_is_one_black_image():
+    nothing = Fragments(*(each[:0] for each in (FRAGMENTS.which, FRAGMENTS.place, FRAGMENTS.depth)))
+    spectra = at_nodes(nothing, LIGHT[:, :0], NODES, TILES, SIDE, shared=True).transformed()
+    assert spectra.values.shape == (1, 2, SIDE, SIDE // 2 + 1) and not spectra.values.any()
+
+
+def test_what_covers_a_tile_dims_what_lies_behind_it_there():
+    """OTFs that are the same at all frequencies dim what covers, and do not spread it."""
+    there = ((0, 0, 0.5), (0, 3, 0.25), (2, 1, 0.75), (2, 2, 1.0), (2, 3, 0.125))
+    dims = torch.tensor([1.0, 0.5, 0.25, 0.75])
+    cover = torch.tensor([value for *_, value in there])[:, None, None, None].expand(-1, 1, SIDE, SIDE)
+    tile, node = (torch.tensor(each) for each in list(zip(*there, strict=True))[:2])
+    order = node.argsort(stable=True)
+    otfs = torch.complex(dims, torch.zeros(4))[:, None, None].expand(4, SIDE, SIDE // 2 + 1)
+    cuts = torch.tensor([0.5, 3.0], dtype=torch.float64)  # node 0; nodes 1 and 2; node 3
+    found = passing(Tiled(cover[order], tile[order], node[order]), otfs, NODES, cuts, TILES).passed
+    wanted = torch.ones(3, TILES)
+    wanted[0, 0] = wanted[1, 0] = 1 - 0.25 * 0.75
+    wanted[1, 2] = 1 - 0.125 * 0.75
+    wanted[0, 2] = wanted[1, 2] - (0.75 * 0.5 + 1.0 * 0.25)
+    torch.testing.assert_close(found, wanted[:, :, None, None].expand(-1, -1, SIDE, SIDE))

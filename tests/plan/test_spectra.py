@@ -12,7 +12,10 @@ from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
 from edofsim.plan.coarse import coarse_of, coarser
+from edofsim.plan.effects import all_effects
+from edofsim.plan.estimate import estimate
 from edofsim.plan.fragments import Fragments
+from edofsim.plan.passing import Passing
 from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
@@ -52,6 +55,35 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     ]
     assert all(more < 0.8 * fewer for fewer, more in zip(errors, errors[1:], strict=False))
     assert errors[-1] < 1e-9
+
+
+def test_each_tile_is_dimmed_by_what_is_in_front_of_it():
+    """Where a share of all light of a tile passes, changes there are that share of what they were."""
+    passed = []
+    for dimmed in (False, True):
+        spectra = facts_of(two_depths(), CAMERA).spectra
+        shares = torch.linspace(0.2, 0.9, len(spectra.shares)) if dimmed else torch.ones(len(spectra.shares))
+        shares = shares[None, :, None, None].expand(2, -1, spectra.side, spectra.side)
+        spectra.__dict__["_passing"] = Passing(torch.tensor([1.0], dtype=torch.float64), shares)
+        one = spectra.full.changed({"band_groups": 1, "group_wavelengths": 0})
+        passed.append((spectra.images(spectra.by_bands(one)), shares[0, :, None]))
+    (whole, _), (found, shares) = passed
+    assert whole.flatten(1).norm(dim=1).min() > 0
+    torch.testing.assert_close(found, whole * shares, rtol=1e-4, atol=1e-9)
+
+
+def test_products_of_errors_are_those_of_their_images(monkeypatch: pytest.MonkeyPatch):
+    """However few entries of the images are summed at a time."""
+    monkeypatch.setattr("edofsim.plan.estimate.AT_ONCE", 10_000)
+    found = estimate(facts_of(two_depths(), CAMERA), all_effects())
+    assert len(found.differences) > 5
+    for one, row in zip(found.differences, found.products, strict=True):
+        for other, product in zip(found.differences, row.tolist(), strict=True):
+            wanted = 0.0
+            if one.shape == other.shape:
+                wanted = float((one.double() * other.double()).sum()) / len(one)
+            size = float(one.norm() * other.norm())
+            assert product == pytest.approx(wanted, abs=1e-5 * size)
 
 
 def test_tiles_stand_for_the_frame():
