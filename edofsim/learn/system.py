@@ -79,9 +79,7 @@ class Optics:
         InputError as `mean_response_psfs`."""
         wavelengths = self._response_wavelengths(MIDDLE)
         camera = self._sampled(wavelengths, inverse_depths)
-        bank = psf_bank(
-            camera, wavelengths, inverse_depths, window_px=self.window, device=self.device
-        ).values
+        bank = psf_bank(camera, wavelengths, inverse_depths, window_px=self.window, device=self.device).values
         weights = response(camera, wavelengths)
         return torch.einsum("cb,dbyx->dcyx", weights.to(bank), bank)
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from ..core.interrupts import interruptible
 from ..core.json_values import Json
 from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
 from .engine import thread_count, use_engine
-from .interrupts import interruptible
 from .partial import load_partial, save_partial
 from .passes import LEAST_PASSES, Group, Launch, Sums, groups_of, launches_of, pass_sizes
 from .settings import INTEGRATOR, RenderSettings
@@ -52,15 +52,15 @@ def render_model(
     and settings give the same bytes, however often it was interrupted and with any number of threads. Raises
     InputError for a scene that cannot be carried, EngineError where nothing can render.
     """
-    say = progress or silent
     begun = time.perf_counter()
-    mi = use_engine(device)
-    from .translate import build_stage
+    with interruptible(progress or silent) as say:
+        mi = use_engine(device)
+        from .translate import build_stage
 
-    say(0.0, f"loading {len(model.objects)} objects")
-    stage = build_stage(mi, model)
-    about = {"scene": model.name, "route": _route(model)}
-    return render_stage(mi, stage, model.wavelengths, settings, about, say, partial, begun)
+        say(0.0, f"loading {len(model.objects)} objects")
+        stage = build_stage(mi, model)
+        about = {"scene": model.name, "route": _route(model)}
+        return render_stage(mi, stage, model.wavelengths, settings, about, say, partial, begun)
 
 
 def render_foreign(
@@ -77,14 +77,14 @@ def render_foreign(
     `render_model`."""
     from .foreign import load_foreign
 
-    say = progress or silent
     begun = time.perf_counter()
-    mi = use_engine(device, colours="spectral")
-    say(0.0, f"loading the scene into Mitsuba's spectral variant: {reasons[0]}")
-    stage = load_foreign(mi, recipe, base)
-    route = "four bands a path, by Mitsuba's spectral variant: " + "; ".join(reasons)
-    about = {"scene": recipe.name, "route": route}
-    return render_stage(mi, stage, stage.wavelengths, settings, about, say, partial, begun)
+    with interruptible(progress or silent) as say:
+        mi = use_engine(device, colours="spectral")
+        say(0.0, f"loading the scene into Mitsuba's spectral variant: {reasons[0]}")
+        stage = load_foreign(mi, recipe, base)
+        route = "four bands a path, by Mitsuba's spectral variant: " + "; ".join(reasons)
+        about = {"scene": recipe.name, "route": route}
+        return render_stage(mi, stage, stage.wavelengths, settings, about, say, partial, begun)
 
 
 def render_stage(
@@ -192,42 +192,39 @@ def take_samples(
     partial: Path | None,
 ) -> None:
     """Launch what is missing in `sums`, in order, until there are enough samples or the noise is low
-    enough."""
+    enough. Sums are whole wherever progress is told."""
     from .tracing import run_launch
 
     before = 0
     clock = _Clock(settings, groups, sums, say)
     saved = time.perf_counter()
-    with interruptible() as wish:
-        try:
-            for number, size in enumerate(pass_sizes(settings)):
-                launches = launches_of(groups, number, size, stage.bands)
-                spent, adding = sums.seconds, 0.0
-                for launch in launches[max(0, sums.launches - before) :]:
-                    wish.raise_if_asked()
-                    start = time.perf_counter()
-                    result = run_launch(stage, settings, groups[launch.group], launch)
-                    traced = time.perf_counter()
-                    sums.add(launch, groups, result)
-                    now = time.perf_counter()
-                    sums.seconds += now - start
-                    adding += now - traced
-                    clock.tick(launch, sums)
-                    if partial and now - saved > SAVE_SECONDS:
-                        save_partial(partial, sums)
-                        saved = now
-                before += len(launches)
-                if sums.passes == number:
-                    sums.passes += 1
-                    sums.samples += size
-                    sums.last_pass, sums.adding = sums.seconds - spent, adding
-                if sums.passes == number + 1 and _good_enough(sums, settings):
-                    break
-            wish.raise_if_asked()
-        except (KeyboardInterrupt, SystemExit):
-            if partial and sums.launches:
-                save_partial(partial, sums)
-            raise
+    try:
+        for number, size in enumerate(pass_sizes(settings)):
+            launches = launches_of(groups, number, size, stage.bands)
+            spent, adding = sums.seconds, 0.0
+            for launch in launches[max(0, sums.launches - before) :]:
+                start = time.perf_counter()
+                result = run_launch(stage, settings, groups[launch.group], launch)
+                traced = time.perf_counter()
+                sums.add(launch, groups, result)
+                now = time.perf_counter()
+                sums.seconds += now - start
+                adding += now - traced
+                clock.tick(launch, sums)
+                if partial and now - saved > SAVE_SECONDS:
+                    save_partial(partial, sums)
+                    saved = now
+            before += len(launches)
+            if sums.passes == number:
+                sums.passes += 1
+                sums.samples += size
+                sums.last_pass, sums.adding = sums.seconds - spent, adding
+            if sums.passes == number + 1 and _good_enough(sums, settings):
+                break
+    except (KeyboardInterrupt, SystemExit):
+        if partial and sums.launches:
+            save_partial(partial, sums)
+        raise
 
 
 def _good_enough(sums: Sums, settings: RenderSettings) -> bool:
