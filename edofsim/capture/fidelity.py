@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.height import design_wavelength
 from ..optics.materials import Material
-from ..optics.sampling import coarsest_pitches
+from ..optics.sampling import sampled_alike
 from ..recipe import CameraRecipe, SceneRecipe
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
@@ -270,17 +270,8 @@ def coarsest_pupil_um(
     """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow, between
     the wavelengths [band] too, where groups of bands have theirs. window_px: None for the camera's."""
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
-    return min(coarsest_pupils_um(camera, wavelengths, ends, window_px))
-
-
-def coarsest_pupils_um(
-    camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor, window_px: int | None = None
-) -> list[float]:
-    """The same for each inverse depth [depth] by itself."""
-    low, high = (float(end) for end in wavelengths.double().aminmax())
-    every = torch.linspace(low, high, 32, dtype=torch.float64)
     window = camera.recipe.psf.window_px if window_px is None else window_px
-    return [pitch * 1e6 for pitch in coarsest_pitches(camera, every, inverse_depths, window)]
+    return min(pitch for _, pitch in sampled_alike(camera, wavelengths, ends, window)) * 1e6
 
 
 def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:

@@ -24,7 +24,6 @@ from .crop import crop, with_margin
 from .fidelity import (
     Fidelity,
     coarse_pupil_will_do,
-    coarsest_pupil_um,
     of_sub_apertures,
     pupil_is_free,
     simpler_camera,
@@ -157,9 +156,6 @@ def sub_aperture_imaging(
     coarse = of_sub_apertures(fidelity)
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
-    if coarse_pupil_will_do(coarse) and pupil_is_free(camera):
-        finely = coarsest_pupil_um(camera, gathering.wavelengths, nodes, window)
-        coarse = coarse.changed({"pupil_sampling_um": finely})
     through = kernels_of_sub_apertures(
         simpler_camera(camera, coarse),
         gathering.wavelengths,
@@ -167,6 +163,7 @@ def sub_aperture_imaging(
         window,
         coarse.sub_apertures,
         side=coarse.sub_aperture_pixel,
+        coarsely=coarse_pupil_will_do(coarse) and pupil_is_free(camera),
         dtype=dtype,
         device=device,
     )

@@ -105,14 +105,14 @@ def kernels_of_sub_apertures(
     across: int,
     *,
     side: int = 1,
+    coarsely: bool = False,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[HeldKernels]:
     """`kernels_of` shared out among `across` x `across` sub-apertures, each held in memory for its turn and
-    nowhere else. side: of their pixels, in the camera's."""
-    for values in sub_aperture_psfs(
-        camera, wavelengths, nodes, across, window_px=window, side=side, dtype=dtype, device=device
-    ):
+    nowhere else. side, coarsely: see `sub_aperture_psfs`."""
+    how = {"window_px": window, "side": side, "coarsely": coarsely, "dtype": dtype, "device": device}
+    for values in sub_aperture_psfs(camera, wavelengths, nodes, across, **how):
         yield HeldKernels(values, nodes, wavelengths)
 
 

@@ -126,6 +126,11 @@ class Camera:
             _check_height(height)
         return replace(self, height_map=height)
 
+    def with_pupil_sampling(self, pitch: float) -> Camera:
+        """The same camera with samples of the pupil `pitch` [m] apart."""
+        psf = self.recipe.psf.model_copy(update={"pupil_sampling_um": pitch * 1e6})
+        return replace(self, recipe=self.recipe.model_copy(update={"psf": psf}))
+
     def without_mask(self) -> Camera:
         """The same lens and sensor with a clear aperture."""
         recipe = self.recipe.model_copy(update={"mask": ClearMask(), "fabrication": None})

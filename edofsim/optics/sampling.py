@@ -19,6 +19,8 @@ FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
 """Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
+COARSER = 1.6
+"""How much coarser a grid must do for depths to have one of their own."""
 SCATTERED_ORDERS = 2
 """Diffraction orders of a height map's pitch out to which its cells scatter light that counts: interpolated
 between its samples, a map is smooth but for what lies within them."""
@@ -118,6 +120,28 @@ def coarsest_pitches(
     return [0.999 * min(sampling_bound(camera, most), alone) for most in psi.abs().amax(1).tolist()]
 
 
+def sampled_alike(
+    camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int
+) -> list[tuple[Tensor, float]]:
+    """Depths, by number, that one pitch of the pupil does for, and the coarsest that does [m], between the
+    wavelengths [band] too: those farthest out of focus need the finest, by which the PSFs of all would take
+    long. Those that do with a pitch `COARSER` times as coarse have one of their own, and so on; but a height
+    map's own, where that is finer, as it scatters light into the window."""
+    low, high = (float(end) for end in wavelengths.double().aminmax())
+    between = torch.linspace(low, high, 32, dtype=torch.float64)
+    enough = torch.tensor(coarsest_pitches(camera, between, inverse_depths, window_px))
+    designed = _designed_pitch(camera)
+    if designed is not None:
+        enough = enough.clamp_max(max(designed, float(enough.min())))
+    groups = []
+    while bool((enough < math.inf).any()):
+        finest = enough.min()
+        some = torch.nonzero(enough < COARSER * finest).flatten()
+        groups.append((some, float(finest)))
+        enough[some] = math.inf
+    return groups
+
+
 def _automatic(
     camera: Camera, wavelengths: Tensor, psi: Tensor, window: float, bound: float
 ) -> tuple[int, float]:
@@ -125,17 +149,23 @@ def _automatic(
     slopes = _steepest(camera, wavelengths, psi, with_mask=map_pitch is None)
     reach = float(wavelengths.min()) * camera.sensor_distance
     needed = min(bound, math.pi / (2 * float(slopes.max())), reach / window)
-    fabrication, mask = camera.recipe.fabrication, camera.recipe.mask
+    fabrication = camera.recipe.fabrication
     if fabrication is not None and fabrication.pitch_um is not None:
         made = fabrication.pitch_um * 1e-6
         _check_made(camera, made)
         pitch = made / math.ceil(made / needed - 1e-9)
         return natural_samples(camera, pitch), pitch
-    designed = map_pitch or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
+    designed = _designed_pitch(camera)
     if designed is not None:
         needed = min(needed, reach / (SCATTERED_ORDERS * reach / designed + window / 2))
     across = max(FEWEST_SAMPLES, 2 * math.ceil(camera.aperture_radius / needed - 1e-9))
     return across + 2, 2 * camera.aperture_radius / across  # the samples of an edge reach a cell beyond it
+
+
+def _designed_pitch(camera: Camera) -> float | None:
+    """Distance [m] of the samples of a height map, None where there is none."""
+    mask = camera.recipe.mask
+    return given_pitch(camera) or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
 
 
 def _check_made(camera: Camera, pitch: float) -> None:

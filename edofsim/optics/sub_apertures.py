@@ -24,9 +24,9 @@ from .camera import Camera
 from .grid import PupilGrid
 from .masks import Mask, mask_amplitude
 from .propagation import Part, Wave, propagate, shared_energies
-from .psf import axes_of, wave_at
+from .psf import axes_of, carries_gradients, wave_at
 from .pupil import aperture
-from .sampling import plan_sampling
+from .sampling import plan_sampling, sampled_alike
 from .threads import in_threads
 
 MOST_PARTS = 16
@@ -52,6 +52,7 @@ def sub_aperture_psfs(
     *,
     window_px: int | None = None,
     side: int = 1,
+    coarsely: bool = False,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Iterator[Tensor]:
@@ -60,8 +61,10 @@ def sub_aperture_psfs(
     across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
     opaque mask being joined to others. Their sum is `psf_bank(...).values`. side: of the pixels, in pixels of
     the camera; where it is not 1, the window is the odd one that holds `window_px` of these, and samples lie
-    `COARSER` times as far apart. Other arguments as there; gradients reach the camera's height map. Raises
-    InputError as there, and for a number of sub-apertures out of range.
+    `COARSER` times as far apart. coarsely: the pupil is sampled as coarsely as may be for each depth, in
+    place of the recipe's sampling and of one that does for all; the sum is then that of such PSFs. Other
+    arguments as there; gradients reach the camera's height map. Raises InputError as there, and for a number
+    of sub-apertures out of range.
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(
@@ -69,33 +72,58 @@ def sub_aperture_psfs(
         )
     wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
-    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
-    opening = aperture(camera, sampling.grid)
+    trained = carries_gradients(camera)
+    groups = [(torch.arange(len(inverse_depths)), camera)]
+    if coarsely and not trained:
+        alike = sampled_alike(camera, wavelengths, inverse_depths, pixels)
+        groups = [(depths, camera.with_pupil_sampling(pitch)) for depths, pitch in alike]
+    grids = [
+        plan_sampling(sampled, wavelengths, inverse_depths[depths], pixels).grid for depths, sampled in groups
+    ]
     where = torch.device(device)
     pixels = coarse_window(pixels, side)
-    waves = []
-    for wavelength in wavelengths.tolist():
-        samples = coarse_oversampling(camera.oversampling(wavelength), side)
-        how = (dtype, where, side * camera.pixel, samples)
-        waves.append(wave_at(camera, opening, wavelength, inverse_depths, pixels, *how))
-    intensity = reduce(torch.add, (wave.pupil.detach().abs().square() for wave in waves)).double().cpu()
-    along, parts = partition(sampling.grid, across, intensity)
-    along = along.to(where, dtype)
-    if any(wave.pupil.requires_grad for wave in waves):
+
+    def waves_on(grid: PupilGrid, depths: Tensor) -> list[Wave]:
+        opening = aperture(camera, grid)
+        waves = []
+        for wavelength in wavelengths.tolist():
+            samples = coarse_oversampling(camera.oversampling(wavelength), side)
+            how = (dtype, where, side * camera.pixel, samples)
+            waves.append(wave_at(camera, opening, wavelength, depths, pixels, *how))
+        return waves
+
+    waves = [waves_on(grid, inverse_depths[depths]) for grid, (depths, _) in zip(grids, groups, strict=True)]
+    exact = [windows_along(grid, across) for grid in grids]
+    along = [windows.to(where, dtype) for windows in exact]
+    intensity = reduce(torch.add, (wave.pupil.detach().abs().square() for wave in waves[0])).double().cpu()
+    parts = partition(exact[0], intensity)
+    if trained:
         for part in parts:
-            yield _part(waves, _window(along, part))[..., :pixels, :pixels]
+            yield _part(waves[0], _window(along[0], part))[..., :pixels, :pixels]
         return
     # few wavelengths are few pieces of work; however many threads there are, the same ones
-    pieces = [replace(wave, chirps=some) for wave in waves for some in wave.chirps.chunk(PIECES)]
-    of_each = len(pieces) // len(waves)
-    size = along.element_size() * len(waves) * len(inverse_depths) * pixels**2
+    pieces = [
+        (replace(wave, chirps=some), windows)
+        for same, windows in zip(waves, along, strict=True)
+        for wave in same
+        for some in wave.chirps.chunk(PIECES)
+    ]
+    order = torch.cat([depths for depths, _ in groups]).argsort().to(where)
+    size = along[0].element_size() * len(wavelengths) * len(inverse_depths) * pixels**2
     at_once = max(1, HELD_BYTES // size)
     for start in range(0, len(parts), at_once):
         several = parts[start : start + at_once]
-        found = in_threads(partial(shared_energies, along=along, parts=several), pieces, where)
-        of_band = [torch.cat(found[at : at + of_each], 1) for at in range(0, len(found), of_each)]
-        for number in range(len(several)):
-            yield torch.stack([each[number] for each in of_band], 1)[..., :pixels, :pixels]
+        found = iter(in_threads(partial(_shared, parts=several), pieces, where))
+        of_groups = [
+            torch.stack([torch.cat([next(found) for _ in wave.chirps.chunk(PIECES)], 1) for wave in same], 2)
+            for same in waves
+        ]
+        for values in torch.cat(of_groups, 1)[:, order]:
+            yield values[..., :pixels, :pixels]
+
+
+def _shared(piece: tuple[Wave, Tensor], parts: Sequence[Part]) -> Tensor:
+    return shared_energies(*piece, parts)
 
 
 def share_told(camera: Camera, across: int) -> float:
@@ -113,7 +141,8 @@ def share_told(camera: Camera, across: int) -> float:
 def _share_told(mask: Mask, across: int) -> float:
     grid = PupilGrid(SHARE_SAMPLES, 2 / (SHARE_SAMPLES - 2), 1.0)
     intensity = mask_amplitude(mask, grid)[1].double()
-    along, parts = partition(grid, across, intensity)
+    along = windows_along(grid, across)
+    parts = partition(along, intensity)
     light, place = intensity.sum(), grid.centres
     middle = torch.stack([(intensity.sum(1) @ place), (intensity.sum(0) @ place)]) / light
     whole = (intensity * grid.radius_squared()).sum() - light * middle.square().sum()
@@ -135,25 +164,30 @@ def coarse_oversampling(fine: int, side: int) -> int:
     return fine if side == 1 else math.ceil(side * fine / COARSER)
 
 
-def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, tuple[Part, ...]]:
-    """Smooth windows along an axis of the pupil, float64 [across, samples], that sum to 1 everywhere; and the
-    parts: each the products of one along y and one along x, of all places that it is joined from.
-
-    The windows are raised cosines around the middles of `across` equal parts; a hard border would scatter
-    what comes through a part all over the sensor. intensity: [samples, samples], of the light in the pupil:
-    places that hold next to none of it are joined to the nearest that do.
-    """
+def windows_along(grid: PupilGrid, across: int) -> Tensor:
+    """Smooth windows along an axis of the pupil, float64 [across, samples], that sum to 1 everywhere: raised
+    cosines around the middles of `across` equal parts; a hard border would scatter what comes through a part
+    all over the sensor."""
     axis = grid.centres / grid.radius
     place = ((axis + 1) * across / 2 - 0.5).clamp(0, across - 1)  # in parts, 0 at the middle of the first
     apart = (place - torch.arange(across, dtype=torch.float64)[:, None]).abs().clamp_max(1)
     # exactly zero outside, where a cosine is not: what is dark is then left out of the transforms
-    along = torch.where(apart < 1, torch.cos(math.pi / 2 * apart) ** 2, 0.0)
+    return torch.where(apart < 1, torch.cos(math.pi / 2 * apart) ** 2, 0.0)
+
+
+def partition(along: Tensor, intensity: Tensor) -> tuple[Part, ...]:
+    """The parts: each the products of a window along y and one along x, of all places that it is joined from.
+
+    along: from `windows_along`; intensity: float64 [samples, samples], of the light in the pupil: places that
+    hold next to none of it are joined to the nearest that do.
+    """
+    across = len(along)
     held = (along @ intensity @ along.T).flatten()
     bright = torch.nonzero(held >= DARK * held.mean()).squeeze(1)
     middles = torch.cartesian_prod(*2 * (torch.arange(across, dtype=torch.float64),)).reshape(-1, 2)
     nearest = torch.cdist(middles, middles[bright]).argmin(1).tolist()
     places = [divmod(place, across) for place in range(across**2)]
-    return along, tuple(
+    return tuple(
         tuple(place for place, to in zip(places, nearest, strict=True) if to == part)
         for part in range(len(bright))
     )
@@ -161,7 +195,8 @@ def partition(grid: PupilGrid, across: int, intensity: Tensor) -> tuple[Tensor, 
 
 def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
     """The windows of all parts of a `partition` over the pupil, float64 [part, samples, samples]."""
-    along, parts = partition(grid, across, intensity)
+    along = windows_along(grid, across)
+    parts = partition(along, intensity)
     return torch.stack([_window(along, part) for part in parts])
 
 

@@ -51,13 +51,11 @@ def pixel_weights(window: SensorWindow) -> Tensor:
     weights sum to 1 over the pixels: no energy is made or lost.
     """
     count, over = window.symmetric_pixels, window.oversampling
-    weights = torch.zeros(count, window.sub_pixels, dtype=torch.float64)
-    for pixel in range(count):
-        first, last = 1 + pixel * over, (pixel + 1) * over
-        weights[pixel, first : last + 1] = 1
-        weights[pixel, [first - 1, last + 1]] += 1 / 24
-        weights[pixel, first] -= 1 / 24
-        weights[pixel, last] -= 1 / 24
+    pixel = torch.arange(count)[:, None]
+    sample = torch.arange(window.sub_pixels) - 1 - pixel * over  # 0 is the pixel's first
+    weights = ((sample >= 0) & (sample < over)).double()
+    for end, beyond in ((0, -1), (over - 1, over)):
+        weights += ((sample == beyond).double() - (sample == end).double()) / 24
     return weights
 
 

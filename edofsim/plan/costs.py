@@ -65,6 +65,8 @@ class Costs:
         """Names of the effects that a choice could save time by; none where there is less than `least_saved`
         seconds to save, or where everything in full stays within `most_seconds`."""
         now = sum(self.seconds_of(self.facts.full).values())
+        if now <= max(most_seconds, least_saved):
+            return ()
         found: list[str] = []
         least = self.facts.full
         for effect in effects:
@@ -75,6 +77,5 @@ class Costs:
                     found.append(effect.name)
                     least = least.changed(level.change)
                     break
-        if now <= most_seconds or now - sum(self.seconds_of(least).values()) < least_saved:
-            return ()
-        return tuple(found)
+        saved = now - sum(self.seconds_of(least).values())
+        return () if saved < least_saved else tuple(found)

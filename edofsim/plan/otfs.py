@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
 
 from ..capture.band_groups import Gathering
-from ..capture.fidelity import Fidelity, coarsest_pupils_um, pupil_is_free, simpler_camera
+from ..capture.fidelity import Fidelity, pupil_is_free, simpler_camera
 from ..capture.prepare import kernels_of
 from ..core.once import Once
 from ..optics import Camera
+from ..optics.sampling import sampled_alike
 
-COARSER = 1.3
-"""How much coarser a pupil must do for depths to have one of their own."""
+WINDOWS = 0.5, 0.75
+"""Of a window, the smaller ones that are tried."""
+NEARLY_ALL = 0.95
+"""Share of a PSF's light that a smaller one must hold."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,17 @@ class Otfs:
     side: int
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
+    def reach(self, fidelity: Fidelity, gathering: Gathering, nodes: Tensor) -> int:
+        """Side of the smallest window that holds nearly all of the light of each of these PSFs."""
+        window = min(self.side, self.camera.recipe.psf.window_px)
+
+        def held(side: int) -> Tensor:
+            return self.at(fidelity.changed({"window_px": side}), gathering, nodes)[..., 0, 0].real
+
+        enough = NEARLY_ALL * held(window)
+        some = (2 * round(window * share / 2) for share in WINDOWS)
+        return next((side for side in some if bool((held(side) >= enough).all())), window)
+
     def at(
         self,
         fidelity: Fidelity,
@@ -32,31 +46,36 @@ class Otfs:
         nodes: Tensor,
         among: Tensor | None = None,
         as_asked: bool = False,
+        within: int | None = None,
     ) -> Tensor:
         """OTFs of groups at depth nodes, complex [node, group, y, x], without what lies outside the window.
         among: nodes whose OTFs are known, and hold these perhaps; as_asked: the pupil is sampled as the
-        fidelity says, where else depths have the coarsest sampling that will do for them."""
+        fidelity says, where else depths have the coarsest sampling that will do for them; within: side in
+        pixels of what PSFs are computed in, None for the recipe's window."""
         if among is not None and nodes.numel() <= among.numel():
             at = torch.searchsorted(among, nodes - 1e-9).clamp_max(among.numel() - 1)
             if torch.allclose(among[at], nodes, rtol=0, atol=1e-9):
-                return self.at(fidelity, gathering, among)[at]
+                return self.at(fidelity, gathering, among, within=within)[at]
         window = fidelity.window_px or self.camera.recipe.psf.window_px
         whole = fidelity.changed({"window_px": None})
         camera = simpler_camera(self.camera, whole)
         materials = (camera.lens.identity(), camera.mask_material.formula)
         about = (camera.recipe.model_dump_json(), materials, tuple(s.name for s in whole.simplifications))
         bands = (tuple(gathering.wavelengths.tolist()), gathering.groups)
-        key = (*about, *bands, tuple(nodes.tolist()), as_asked)
+        key = (*about, *bands, tuple(nodes.tolist()), as_asked, within)
 
         def psfs() -> Tensor:
             each: dict[int, Tensor] = {}
+            reach = within or self.camera.recipe.psf.window_px
             groups = [(torch.arange(nodes.numel()), camera)]
             if not as_asked and pupil_is_free(self.camera):
-                groups = _sampled_alike(camera, gathering.wavelengths, nodes)
+                auto = camera.recipe.psf.pupil_sampling_um == "auto"
+                groups = [
+                    (some, camera if auto else camera.with_pupil_sampling(pitch))
+                    for some, pitch in sampled_alike(camera, gathering.wavelengths, nodes, reach)
+                ]
             for some, sampled in groups:
-                kernels = kernels_of(
-                    sampled, gathering.wavelengths, nodes[some], self.camera.recipe.psf.window_px
-                )
+                kernels = kernels_of(sampled, gathering.wavelengths, nodes[some], reach)
                 each |= {node: _resized(kernels.layer(k), self.side) for k, node in enumerate(some.tolist())}
             values = torch.stack([each[node] for node in range(nodes.numel())])
             return torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
@@ -68,22 +87,6 @@ class Otfs:
             return torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
 
         return self._known.get(("otf", window, *key), otfs)
-
-
-def _sampled_alike(camera: Camera, wavelengths: Tensor, nodes: Tensor) -> list[tuple[Tensor, Camera]]:
-    """Depth nodes, by number, whose PSFs need a pupil about as finely sampled, and the camera for them: those
-    farthest out of focus need the finest, by which the PSFs of all would take long."""
-    enough = torch.tensor(coarsest_pupils_um(camera, wavelengths, nodes))
-    finely = enough < COARSER * enough.min()
-    found = []
-    for some in (torch.nonzero(finely).flatten(), torch.nonzero(~finely).flatten()):
-        if not some.numel():
-            continue
-        psf = camera.recipe.psf
-        if psf.pupil_sampling_um != "auto":
-            psf = psf.model_copy(update={"pupil_sampling_um": float(enough[some].min())})
-        found.append((some, replace(camera, recipe=camera.recipe.model_copy(update={"psf": psf}))))
-    return found
 
 
 def _resized(values: Tensor, side: int) -> Tensor:

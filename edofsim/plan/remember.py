@@ -17,7 +17,7 @@ from .effects import EFFECTS
 from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
-VERSION = 38
+VERSION = 39
 """Raised when the same view and camera would be estimated otherwise."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""

@@ -10,7 +10,6 @@ import torch
 from torch import Tensor
 
 from ..capture.crop import crop, with_margin
-from ..capture.fidelity import coarsest_pupil_um, pupil_is_free
 from ..capture.occlusion.hidden import Tile, tiles_to_composite
 from ..capture.occlusion.slabs import Hides, cuts
 from ..capture.prepare import blur_per_dioptre
@@ -59,7 +58,7 @@ class Shape:
     fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
     slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe; gap: in
     inverse depth, from which on one surface hides another; dark: the view with that margin and no light;
-    pupil_um: the coarsest sampling of the pupil, None where it is not free; counted: work that was.
+    counted: work that was.
     """
 
     height: int
@@ -75,7 +74,6 @@ class Shape:
     reach: int
     gap: float
     dark: View
-    pupil_um: float | None = None
     counted: Once = field(default_factory=Once, repr=False, compare=False)
 
     @property
@@ -123,9 +121,6 @@ def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) 
         reach=reach,
         gap=gap,
         dark=with_margin(dark, reach),
-        pupil_um=coarsest_pupil_um(camera, view.wavelengths, torch.tensor([low, high], dtype=torch.float64))
-        if pupil_is_free(camera)
-        else None,
     )
 
 

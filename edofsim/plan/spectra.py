@@ -89,6 +89,9 @@ class Spectra:
         mean, or the view's own where these are no more."""
         if self.depths is not None and self.depths.numel() <= count:
             return self.depths
+        return self._known.get(("of light", count), lambda: self._spread_by_light(count))
+
+    def _spread_by_light(self, count: int) -> Tensor:
         low, high = self.ends
         cell = (self.seen.depth - low) / max(high - low, 1e-12) * CELLS
         amount = (self.response.sum(0).to(self._seen) @ self._seen).abs().double()
@@ -124,9 +127,9 @@ class Spectra:
             fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
             nodes = self.nodes(layers)
             gathering = self._gathering(2, fine)
-            exact = self._otfs.at(self.full, gathering, fine)
+            exact = self._otfs.at(self.full, gathering, fine, within=self._reach)
             between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
-            coarse = self._otfs.at(self.full, gathering, nodes, fine)
+            coarse = self._otfs.at(self.full, gathering, nodes, fine, within=self._reach)
             change = _mixed(between, coarse[None])[0] - exact
             return self._by_channel(gathering, fine, change, shared=True)
 
@@ -163,6 +166,11 @@ class Spectra:
         otfs = self._otfs.at(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
+
+    @cached_property
+    def _reach(self) -> int:
+        """Side of the window that PSFs of many depths are computed in."""
+        return self._otfs.reach(self.full, self._few_bands[0], self.nodes_of_light(NODES))
 
     @cached_property
     def _few_bands(self) -> tuple[Gathering, Tensor]:
@@ -262,7 +270,7 @@ class Spectra:
         if not len(self.behind):
             return None
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
-        otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes).mean(1)
+        otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes, within=self._reach).mean(1)
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
         return passing(self._cover(nodes), otfs, nodes, between, len(self.shares))
 

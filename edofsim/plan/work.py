@@ -9,16 +9,17 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, coarse_pupil_will_do, of_sub_apertures, simpler_camera
+from ..capture.fidelity import Fidelity, coarse_pupil_will_do, of_sub_apertures, pupil_is_free, simpler_camera
 from ..capture.light import SMALLER
 from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
 from ..optics.grid import PupilGrid, disc_coverage
+from ..optics.height import natural_samples
 from ..optics.psf import BETWEEN
-from ..optics.sampling import plan_sampling
-from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition
+from ..optics.sampling import plan_sampling, sampled_alike
+from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition, windows_along
 from .shape import Shape, Slabs, shape_of
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
@@ -136,12 +137,14 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    if coarse_pupil_will_do(coarse) and shape.pupil_um is not None:
-        samples = _pupil_samples(camera, coarse.changed({"pupil_sampling_um": shape.pupil_um}), window, shape)
+    grids = [(layers, samples)]
+    if coarse_pupil_will_do(coarse) and pupil_is_free(camera):
+        grids = _coarse_grids(
+            _named(simpler_camera(camera, coarse)), window, layers, shape.ends, shape.wavelengths
+        )
     side = coarse.sub_aperture_pixel
     width = coarse_window(window, side)
     fine = fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
-    waves, half = layers * colours, samples / 2
     out = (width * coarse_oversampling(fine, side) + 2) / 2
     margin = window // 2
     work = _Composites()
@@ -154,10 +157,15 @@ def _parts_of(
             work.add(*box, width, slabs.nodes_used(layers, slab))
         work.largest = max(work.largest, work.held)
         work.held = 0.0
+    along = [
+        across * colours * (samples**2 + depths * out * (samples / 2) ** 2)
+        + count * colours * depths * out**2 * samples / 2
+        for depths, samples in grids
+    ]
     amounts = (
         float(count),
-        across * (colours * samples**2 + waves * out * half**2) + count * waves * out**2 * half,
-        count * waves * (out**2 + width**2),
+        sum(along),
+        count * layers * colours * (out**2 + width**2),
         count * work.transforms + work.light,
         count * work.products,
     )
@@ -201,7 +209,7 @@ class _Composites:
 def parts_of_disc(across: int) -> int:
     """Parts of a pupil that is open everywhere."""
     grid = PupilGrid(32 * across, 1 / (16 * across), 1.0)
-    return len(partition(grid, across, disc_coverage(grid, 1.0))[1])
+    return len(partition(windows_along(grid, across), disc_coverage(grid, 1.0)))
 
 
 @dataclass
@@ -300,11 +308,13 @@ def _pupil_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape
 
 
 def _count_samples(camera: Camera, fidelity: Fidelity, window: int, shape: Shape) -> int:
-    simpler = simpler_camera(camera, fidelity)
-    recipe = simpler.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
-    across = None if simpler.height_map is None else simpler.height_map.shape[-1]
-    said = f"{recipe} {simpler.lens.identity()} {simpler.mask_material.formula} {across}"
-    return _samples(_Named(simpler, said), window, shape.ends, shape.wavelengths)
+    return _samples(_named(simpler_camera(camera, fidelity)), window, shape.ends, shape.wavelengths)
+
+
+def _named(camera: Camera) -> _Named:
+    recipe = camera.recipe.model_dump_json(exclude={"name", "purpose", "sensor"})
+    across = None if camera.height_map is None else camera.height_map.shape[-1]
+    return _Named(camera, f"{recipe} {camera.lens.identity()} {camera.mask_material.formula} {across}")
 
 
 class _Named:
@@ -325,3 +335,16 @@ def _samples(named: _Named, window: int, ends: tuple[float, float], bands: tuple
     wavelengths = torch.tensor(bands, dtype=torch.float64)
     depths = torch.tensor(ends, dtype=torch.float64)
     return plan_sampling(named.camera, wavelengths, depths, window).grid.samples
+
+
+@lru_cache(maxsize=512)
+def _coarse_grids(
+    named: _Named, window: int, layers: int, ends: tuple[float, float], bands: tuple[float, ...]
+) -> list[tuple[int, int]]:
+    """Depths that share a grid of the pupil, and samples across it, as `sub_aperture_psfs` has them."""
+    wavelengths = torch.tensor(bands, dtype=torch.float64)
+    depths = torch.linspace(*ends, layers, dtype=torch.float64)
+    return [
+        (len(some), natural_samples(named.camera, pitch))
+        for some, pitch in sampled_alike(named.camera, wavelengths, depths, window)
+    ]

@@ -18,7 +18,8 @@ from edofsim.optics import Camera, plan_sampling, psf_bank, share_told, sub_aper
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
-from edofsim.optics.sub_apertures import partition, pupil_windows
+from edofsim.optics.sampling import sampled_alike
+from edofsim.optics.sub_apertures import pupil_windows, windows_along
 from edofsim.recipe import CameraRecipe, load_camera
 from edofsim.recipe.camera import PsfSettings
 
@@ -91,6 +92,22 @@ def test_parts_in_pixels_three_times_as_wide_are_sums_over_fine_ones():
         found = other[..., middle : middle + 17, middle : middle + 17]
         assert (found - sums).abs().max() < 3e-3
         assert (found - sums).sum((-1, -2)).abs().max() < 3e-3
+
+
+@pytest.mark.parametrize("side", [1, 2])
+def test_depths_on_grids_of_their_own_have_the_parts_of_one_grid(side):
+    """In the order of the depths, which is none of theirs; what the coarser grids leave out is small."""
+    camera = Camera.from_recipe(CameraRecipe(name="parts", mask=CubicMask(alpha_rad=30.0)))
+    depths = [0.3, 3.6, 1.2, 0.0, 2.4]
+    how = {"window_px": 48, "side": side, "dtype": torch.float64}
+    found = list(sub_aperture_psfs(camera, WAVELENGTHS, depths, 3, coarsely=True, **how))
+    whole = list(sub_aperture_psfs(camera, WAVELENGTHS, depths, 3, **how))
+    bands, at = (torch.tensor(axis).double() for axis in (WAVELENGTHS, depths))
+    assert len(sampled_alike(camera, bands, at, 48)) > 1 and len(found) == len(whole)
+    largest = max(float(one.abs().max()) for one in whole)
+    for one, other in zip(found, whole, strict=True):
+        assert one.shape == other.shape
+        assert 0 < (one - other).abs().max() < 2e-3 * largest
 
 
 def test_windows_sum_to_one_and_dark_parts_are_joined():
@@ -174,6 +191,6 @@ def test_what_blocks_a_part_whose_light_has_left_the_window():
 def test_windows_are_dark_beyond_their_neighbours():
     """What is exactly zero is left out of the transforms: most of each window."""
     grid = PupilGrid(60, 2.5e-3 / 30, 2.5e-3)
-    along, _ = partition(grid, 6, torch.ones(60, 60, dtype=torch.float64))
+    along = windows_along(grid, 6)
     torch.testing.assert_close(along.sum(0), torch.ones(60, dtype=torch.float64))
     assert int((along != 0).sum(1).max()) <= 20
