@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from edofsim.capture import capture
+from edofsim.capture.band_groups import every_band
 from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
@@ -15,6 +16,7 @@ from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effects import all_effects
 from edofsim.plan.estimate import estimate
 from edofsim.plan.fragments import Fragments
+from edofsim.plan.otfs import Otfs
 from edofsim.plan.passing import Passing
 from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe
@@ -55,6 +57,29 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     ]
     assert all(more < 0.8 * fewer for fewer, more in zip(errors, errors[1:], strict=False))
     assert errors[-1] < 1e-9
+
+
+def test_many_psfs_are_computed_in_the_window_that_holds_each_of_them():
+    """Of half, three quarters and all of the camera's the first that holds 95 % of what the camera's does at
+    every depth, by sums over whole PSFs; their OTFs are those of the same PSFs cut."""
+    gathering, found = every_band(torch.tensor([500e-9, 600e-9]).double(), torch.eye(2)), set()
+    for depths in ([0.5, 0.6], [0.2, 0.5], [0.0, 2.0], [0.0, 2.6]):
+        nodes = torch.tensor(depths, dtype=torch.float64)
+        otfs = Otfs(CAMERA, 64)
+        side = otfs.reach(facts_of(two_depths(), CAMERA).full, gathering, nodes)
+        psfs = psf_bank(CAMERA, gathering.wavelengths, nodes, window_px=48).values
+
+        def held(cut: int, psfs: torch.Tensor = psfs) -> float:
+            some = slice(24 - cut // 2, 24 + cut // 2)
+            return float((psfs[..., some, some].sum((-1, -2)) / psfs.sum((-1, -2))).min())
+
+        assert side == next(cut for cut in (24, 36, 48) if held(cut) >= 0.95)
+        full = facts_of(two_depths(), CAMERA).full
+        one = otfs.at(full, gathering, nodes, within=side)
+        other = otfs.at(full.changed({"window_px": side}), gathering, nodes)
+        assert (one - other).abs().max() < 1e-3
+        found.add(side)
+    assert found == {24, 36, 48}
 
 
 def test_each_tile_is_dimmed_by_what_is_in_front_of_it():
