@@ -125,8 +125,8 @@ def sampled_alike(
 ) -> list[tuple[Tensor, float]]:
     """Depths, by number, that one pitch of the pupil does for, and the coarsest that does [m], between the
     wavelengths [band] too: those farthest out of focus need the finest, by which the PSFs of all would take
-    long. Those that do with a pitch `COARSER` times as coarse have one of their own, and so on; but a height
-    map's own, where that is finer, as it scatters light into the window."""
+    long. Those that do with a pitch `COARSER` times as coarse have one of their own, and so on. None is
+    coarser than both the finest and a height map's own, whose samples scatter light into the window."""
     low, high = (float(end) for end in wavelengths.double().aminmax())
     between = torch.linspace(low, high, 32, dtype=torch.float64)
     enough = torch.tensor(coarsest_pitches(camera, between, inverse_depths, window_px))

@@ -74,8 +74,10 @@ def sub_aperture_psfs(
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
     trained = carries_gradients(camera)
     groups = [(torch.arange(len(inverse_depths)), camera)]
-    if coarsely and not trained:
+    if coarsely:
         alike = sampled_alike(camera, wavelengths, inverse_depths, pixels)
+        if trained:  # all on the finest grid
+            alike = [(groups[0][0], min(pitch for _, pitch in alike))]
         groups = [(depths, camera.with_pupil_sampling(pitch)) for depths, pitch in alike]
     grids = [
         plan_sampling(sampled, wavelengths, inverse_depths[depths], pixels).grid for depths, sampled in groups

@@ -137,7 +137,7 @@ def _parts_of(
     layers = 1 if shape.ends[0] == shape.ends[1] else min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
-    grids = [(layers, samples)]
+    grids = ((layers, samples),)
     if coarse_pupil_will_do(coarse) and pupil_is_free(camera):
         grids = _coarse_grids(
             _named(simpler_camera(camera, coarse)), window, layers, shape.ends, shape.wavelengths
@@ -340,11 +340,9 @@ def _samples(named: _Named, window: int, ends: tuple[float, float], bands: tuple
 @lru_cache(maxsize=512)
 def _coarse_grids(
     named: _Named, window: int, layers: int, ends: tuple[float, float], bands: tuple[float, ...]
-) -> list[tuple[int, int]]:
+) -> tuple[tuple[int, int], ...]:
     """Depths that share a grid of the pupil, and samples across it, as `sub_aperture_psfs` has them."""
     wavelengths = torch.tensor(bands, dtype=torch.float64)
     depths = torch.linspace(*ends, layers, dtype=torch.float64)
-    return [
-        (len(some), natural_samples(named.camera, pitch))
-        for some, pitch in sampled_alike(named.camera, wavelengths, depths, window)
-    ]
+    alike = sampled_alike(named.camera, wavelengths, depths, window)
+    return tuple((len(some), natural_samples(named.camera, pitch)) for some, pitch in alike)

@@ -151,12 +151,14 @@ def test_more_parts_tell_more_and_one_part_nothing():
     assert 0.98 < told[-1] < 1
 
 
-def test_gradients_reach_the_height_map():
+@pytest.mark.parametrize("coarsely", [False, True])
+def test_gradients_reach_the_height_map(coarsely):
     recipe = load_camera("paper-clear").recipe
     camera = Camera.from_recipe(recipe)
     height = (torch.rand(32, 32, generator=torch.Generator().manual_seed(1)) * 1e-6).requires_grad_()
     camera = camera.with_height(height)
-    third = list(sub_aperture_psfs(camera, [546e-9], [1.5], 2, window_px=16, dtype=torch.float64))[2]
+    how = {"window_px": 16, "coarsely": coarsely, "dtype": torch.float64}
+    third = list(sub_aperture_psfs(camera, [546e-9], [1.5, 4.0], 2, **how))[2]
     third[0, 0, 9, 5].backward()
     assert torch.isfinite(height.grad).all()
     assert height.grad.abs().max() > 0
