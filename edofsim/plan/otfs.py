@@ -76,25 +76,30 @@ class Otfs:
                 ]
             for some, sampled in groups:
                 kernels = kernels_of(sampled, gathering.wavelengths, nodes[some], reach)
-                each |= {node: _resized(kernels.layer(k), self.side) for k, node in enumerate(some.tolist())}
+                each |= {node: _cut(kernels.layer(k), self.side) for k, node in enumerate(some.tolist())}
             values = torch.stack([each[node] for node in range(nodes.numel())])
             return torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(values), values)
 
         def otfs() -> Tensor:
-            values = self._known.get(key, psfs)
-            if window < self.side:
-                values = _resized(_resized(values, window), self.side)
-            return torch.fft.rfft2(torch.fft.ifftshift(values, dim=(-2, -1)))
+            values = _cut(self._known.get(key, psfs), window)
+            return torch.fft.rfft2(_around_origin(values, self.side))
 
         return self._known.get(("otf", window, *key), otfs)
 
 
-def _resized(values: Tensor, side: int) -> Tensor:
-    """PSFs [..., y, x] cut, or with zeros around, so that their middle stays at side // 2."""
-    now = values.shape[-1]
-    if side <= now:
-        begin = now // 2 - side // 2
-        return values[..., begin : begin + side, begin : begin + side]
-    before = side // 2 - now // 2
-    after = side - now - before
-    return torch.nn.functional.pad(values, (before, after, before, after))
+def _cut(psfs: Tensor, side: int) -> Tensor:
+    """PSFs [..., y, x] in no more than so many pixels, so that their middle stays at side // 2."""
+    begin = psfs.shape[-1] // 2 - side // 2
+    return psfs if begin <= 0 else psfs[..., begin : begin + side, begin : begin + side]
+
+
+def _around_origin(psfs: Tensor, side: int) -> Tensor:
+    """PSFs [..., y, x] in so many pixels, with their middle in the first; what lies before it is at the
+    end."""
+    before = psfs.shape[-1] // 2
+    after = psfs.shape[-1] - before
+    found = psfs.new_zeros(*psfs.shape[:-2], side, side)
+    for y, there in ((slice(before, None), slice(after)), (slice(before), slice(side - before, side))):
+        found[..., there, :after] = psfs[..., y, before:]
+        found[..., there, side - before :] = psfs[..., y, :before]
+    return found

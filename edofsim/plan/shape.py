@@ -107,6 +107,8 @@ def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) 
     gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
     dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
+    hiding = torch.zeros(view.padded_shape, dtype=torch.bool).flatten()
+    hiding[view.pixel[hidden.front]] = True
     return Shape(
         height=view.height,
         width=view.width,
@@ -117,7 +119,7 @@ def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) 
         ends=(low, high),
         wavelengths=tuple(view.wavelengths.tolist()),
         whole=_slabs_of(view, slabs, (low, high)),
-        edges=torch.unique(view.pixel[hidden.front]),
+        edges=torch.nonzero(hiding).squeeze(1),
         reach=reach,
         gap=gap,
         dark=with_margin(dark, reach),
@@ -135,15 +137,14 @@ def _slabs_of(view: View, cut: Sequence[float], ends: tuple[float, float]) -> Sl
     counts = torch.bincount(slab, minlength=at.numel() + 1)
     some = counts > 0
     rows, columns = view.padded_shape
-    spans = (_spans(slab, at, len(counts)) for at in (view.pixel // columns, view.pixel % columns))
-    extents = torch.stack(list(spans), 1)[some].tolist()
+    high = _spans(slab, view.pixel // columns, len(counts), rows)
+    wide = _spans(slab, view.pixel % columns, len(counts), columns)
+    extents = torch.stack([high, wide], 1)[some].tolist()
     return Slabs(occupied[some], tuple(counts[some].tolist()), tuple((y, x) for y, x in extents))
 
 
-def _spans(slab: Tensor, place: Tensor, count: int) -> Tensor:
-    """From the first to the last place [fragment] of each of so many slabs: int64 [slab]."""
-    first, last = (
-        place.new_zeros(count).scatter_reduce(0, slab, place, reduce, include_self=False)
-        for reduce in ("amin", "amax")
-    )
-    return last - first + 1
+def _spans(slab: Tensor, place: Tensor, count: int, size: int) -> Tensor:
+    """From the first to the last place [fragment], below `size`, of each of so many slabs: int64 [slab]."""
+    there = torch.zeros(count, size, dtype=torch.uint8)
+    there[slab, place] = 1
+    return size - there.argmax(1) - there.flip(1).argmax(1)
