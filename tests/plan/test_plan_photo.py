@@ -29,6 +29,7 @@ from edofsim.plan import (
     remember,
     thumbnail,
 )
+from edofsim.plan.costs import WORTH_S
 from edofsim.plan.estimate import LONGEST, estimate
 from edofsim.plan.facts import facts_of
 from edofsim.plan.photo import allowed_error
@@ -516,3 +517,16 @@ def test_what_was_counted_before_changes_no_count():
 
 def test_what_takes_longest_are_effects():
     assert set(LONGEST) < set(EFFECTS)
+
+
+def test_where_a_photo_takes_a_moment_in_full_no_effect_is_looked_at(monkeypatch: pytest.MonkeyPatch):
+    """Not even at how much time each could save; and all is simulated as for `--accuracy full`."""
+    view = scene(FLAT)
+    full = plan_photo(view, CAMERA, target=parse_target("full", None), every_effect=False)
+    assert 0 < sum(full.seconds.values()) < WORTH_S
+
+    def looked(*_: object) -> None:
+        raise AssertionError("an effect was looked at")
+
+    monkeypatch.setattr("edofsim.plan.costs.levels_of", looked)
+    assert plan_photo(view, CAMERA, every_effect=False).fidelity == full.fidelity
