@@ -2,7 +2,7 @@
 
 import gc
 
-from .core.interrupts import wait_for_imports
+from .core.interrupts import interrupt_after_imports
 
 
 def main() -> None:
@@ -11,7 +11,7 @@ def main() -> None:
     Libraries leave 300,000 objects that stay for good: to look through these for garbage again and again
     takes a tenth of the start, and most of a tenth of a second each time later.
     """
-    wait_for_imports()
+    interrupt_after_imports()
     gc.disable()
     from .cli import main as command
 

@@ -264,14 +264,12 @@ def pupil_is_free(camera: Camera) -> bool:
     return recipe.psf.pupil_sampling_um == "auto" and not made
 
 
-def coarsest_pupil_um(
-    camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor, window_px: int | None = None
-) -> float:
+def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor) -> float:
     """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow, between
-    the wavelengths [band] too, where groups of bands have theirs. window_px: None for the camera's."""
+    the wavelengths [band] too, where groups of bands have theirs."""
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
-    window = camera.recipe.psf.window_px if window_px is None else window_px
-    return min(pitch for _, pitch in sampled_alike(camera, wavelengths, ends, window)) * 1e6
+    alike = sampled_alike(camera, wavelengths, ends, camera.recipe.psf.window_px)
+    return min(pitch for _, pitch in alike) * 1e6
 
 
 def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:

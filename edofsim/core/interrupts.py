@@ -12,10 +12,10 @@ from types import FrameType
 from .progress import Progress
 
 AGAIN_S = 0.02
-"""After an interrupt came within an import, it is tried again every so many seconds."""
+"""An interrupt that came within an import is tried again after so many seconds."""
 
 
-def wait_for_imports() -> None:
+def interrupt_after_imports() -> None:
     """From now on Ctrl-C waits until what is being imported is there. In the main thread, once a process.
 
     Libraries in C lose what is raised within their import, and the command goes on as if nobody had asked;

@@ -19,8 +19,8 @@ FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
 """Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
-COARSER = 1.6
-"""How much coarser a grid must do for depths to have one of their own."""
+OWN_GRID = 1.6
+"""Ratio of pitches of the pupil from which on depths have a grid of their own."""
 SCATTERED_ORDERS = 2
 """Diffraction orders of a height map's pitch out to which its cells scatter light that counts: interpolated
 between its samples, a map is smooth but for what lies within them."""
@@ -125,7 +125,7 @@ def sampled_alike(
 ) -> list[tuple[Tensor, float]]:
     """Depths, by number, that one pitch of the pupil does for, and the coarsest that does [m], between the
     wavelengths [band] too: those farthest out of focus need the finest, by which the PSFs of all would take
-    long. Those that do with a pitch `COARSER` times as coarse have one of their own, and so on. None is
+    long. Those that do with a pitch `OWN_GRID` times as coarse have one of their own, and so on. None is
     coarser than both the finest and a height map's own, whose samples scatter light into the window."""
     low, high = (float(end) for end in wavelengths.double().aminmax())
     between = torch.linspace(low, high, 32, dtype=torch.float64)
@@ -136,7 +136,7 @@ def sampled_alike(
     groups = []
     while bool((enough < math.inf).any()):
         finest = enough.min()
-        some = torch.nonzero(enough < COARSER * finest).flatten()
+        some = torch.nonzero(enough < OWN_GRID * finest).flatten()
         groups.append((some, float(finest)))
         enough[some] = math.inf
     return groups

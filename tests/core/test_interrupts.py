@@ -24,11 +24,13 @@ whole = True
 """
 
 
-@pytest.mark.parametrize(("first", "ends"), [("wait_for_imports()", "whole True"), ("", "never interrupted")])
+@pytest.mark.parametrize(
+    ("first", "ends"), [("interrupt_after_imports()", "whole True"), ("", "never interrupted")]
+)
 def test_an_interrupt_within_an_import_is_taken_when_it_is_done(first: str, ends: str, tmp_path: Path):
     (tmp_path / "deaf.py").write_text(DEAF)
     code = (
-        "import time; from edofsim.core.interrupts import wait_for_imports\n"
+        "import time; from edofsim.core.interrupts import interrupt_after_imports\n"
         f"{first}\n"
         "try:\n"
         "    import deaf\n"

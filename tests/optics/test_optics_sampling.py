@@ -9,7 +9,7 @@ import torch
 
 from edofsim.errors import InputError
 from edofsim.optics import Camera, plan_sampling, psf_bank
-from edofsim.optics.sampling import COARSER, coarsest_pitch, coarsest_pitches, sampled_alike
+from edofsim.optics.sampling import OWN_GRID, coarsest_pitch, coarsest_pitches, sampled_alike
 from edofsim.recipe.camera import CameraRecipe
 
 
@@ -119,7 +119,7 @@ def test_the_coarsest_pitches_are_the_coarsest_that_are_taken(mask):
 @pytest.mark.parametrize("relief_um", [None, 16.0, 3.0])
 def test_depths_share_a_pitch_that_each_of_them_takes(relief_um):
     """Every depth once; a fixed sampling of the group's pitch is taken for each, and none would do with one
-    `COARSER` times as coarse; samples of a height map are seen wherever the finest pitch sees them."""
+    `OWN_GRID` times as coarse; samples of a height map are seen wherever the finest pitch sees them."""
     bands, depths = torch.tensor([450e-9, 620e-9], dtype=torch.float64), torch.linspace(0, 3.8, 14).double()
     seen = camera(window_px=64)
     if relief_um is not None:
@@ -132,5 +132,5 @@ def test_depths_share_a_pitch_that_each_of_them_takes(relief_um):
         assert relief_um is None or pitch <= max(finest, 1.01e-6 * relief_um)
         for depth in depths[some] if relief_um is None else ():
             with pytest.raises(InputError, match="coarse|repeats"):
-                plan(camera(pitch * 1e6 * COARSER * 1.002), [450, 620], (float(depth),), 64)
+                plan(camera(pitch * 1e6 * OWN_GRID * 1.002), [450, 620], (float(depth),), 64)
     assert len(groups) == {None: 4, 16.0: 2, 3.0: 1}[relief_um]
