@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,12 +43,19 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
 
     Raises InputError where it cannot be written.
     """
+    with ThreadPoolExecutor(1) as beside:
+        focused = beside.submit(_focused, result)  # plots are drawn on one core meanwhile
+        return write_report(path, _run_report(result, cost, focused.result))
+
+
+def _run_report(result: Run, cost: Plot | None, focused: Callable[[], Mapping[float, Tensor]]) -> RunReport:
+    """All that is on the page."""
     camera = result.optics
     height, width = _relief(camera)
     shown = slice(None, None, 2)  # of the depths from far to near
     depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths.tolist()[shown][::-1])
     scene, lens_alone = result.scene.recipe, result.lens_alone
-    report = RunReport(
+    return RunReport(
         title=scene.name,
         purpose=scene.purpose,
         camera=result.camera.recipe.name,
@@ -62,7 +70,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         height_m=height,
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,
-        focused=_focused(result),
+        focused=focused,
         plan=tuple(
             PlanRow(
                 d.effect,
@@ -88,7 +96,6 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         notes=_notes(result.view.metadata),
         restored_label=f"Restored ({result.restored_by.partition(',')[0]})",
     )
-    return write_report(path, report)
 
 
 def _focused(result: Run) -> dict[float, Tensor]:
