@@ -12,6 +12,7 @@ from torch import Tensor
 
 from .capture import Photo, capture
 from .capture.device import torch_device
+from .capture.fidelity import simpler_camera
 from .capture.framing import framed, seen_through
 from .core.progress import Progress
 from .optics import Camera
@@ -43,8 +44,8 @@ class Run:
     """All that the main job made. Images are linear [channel, y, x], full scale 1.
 
     wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
-    `channel_psfs` at the inverse depths `psf_depths` [depth] in 1/m, from far to near, that stand for the
-    scene.
+    `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
+    from far to near, that stand for the scene.
     """
 
     scene: Loaded[SceneRecipe]
@@ -132,7 +133,7 @@ def run(
         lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
     with watch.stage("psfs", 0.92, 0.93):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
-        psfs = channel_psfs(optics, view.wavelengths, depths)
+        psfs = channel_psfs(simpler_camera(optics, plan.fidelity), view.wavelengths, depths)
     with watch.stage("restore", 0.93, 0.94):
         restored, by = restore(
             photo.image,

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from ..pipeline import Run
     from ..report import Plot
 
+LINEAR = "photo (EXR, linear)"
+
 
 def run(
     scene: Scene = "desk",
@@ -108,10 +110,13 @@ def run(
         images = _images(result)
 
         def saved(name: str) -> Path:
+            if name == LINEAR:
+                return write_photo(folder / "photo.exr", result.photo)
             return save_image(folder / f"{name}.png", images[name])
 
-        outputs = dict(zip(images, in_threads(saved, list(images), torch.device("cpu")), strict=True))
-        outputs["photo (EXR, linear)"] = write_photo(folder / "photo.exr", result.photo)
+        longest_first = [LINEAR, *images]
+        paths = dict(zip(longest_first, in_threads(saved, longest_first, torch.device("cpu")), strict=True))
+        outputs = {name: paths[name] for name in (*images, LINEAR)}
         outputs["report"] = write_run_report(folder / "report.html", result, chart)
         numbers = pipeline.figures(result)
         numbers["seconds.report"] = clock.perf_counter() - started

@@ -48,8 +48,13 @@ class Done:
 
 
 def load_report() -> None:
-    """Load what draws plots and pages while other work goes on: it takes a third of a second."""
-    Thread(target=import_module, args=("edofsim.report",), daemon=True).start()
+    """Load what scores images and draws plots and pages while other work goes on: it takes half a second."""
+
+    def load() -> None:
+        for name in ("skimage.metrics", "edofsim.report"):
+            import_module(name)
+
+    Thread(target=load, daemon=True).start()
 
 
 @contextmanager

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
-QUICK = Fidelity(occlusion="normalised", layers=6, oversampling=1)
+QUICK = Fidelity(occlusion="normalised", layers=6, oversampling=1, read_noise=False, shot_noise=False)
 """How its pictures are simulated."""
 LEAST_DIOPTRES = 0.01
 PICTURE = 250  # samples across the picture of the DOE
@@ -43,19 +42,12 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
 
     Raises InputError where it cannot be written.
     """
-    with ThreadPoolExecutor(1) as beside:
-        focused = beside.submit(_focused, result)  # plots are drawn on one core meanwhile
-        return write_report(path, _run_report(result, cost, focused.result))
-
-
-def _run_report(result: Run, cost: Plot | None, focused: Callable[[], Mapping[float, Tensor]]) -> RunReport:
-    """All that is on the page."""
     camera = result.optics
     height, width = _relief(camera)
     shown = slice(None, None, 2)  # of the depths from far to near
     depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths.tolist()[shown][::-1])
     scene, lens_alone = result.scene.recipe, result.lens_alone
-    return RunReport(
+    report = RunReport(
         title=scene.name,
         purpose=scene.purpose,
         camera=result.camera.recipe.name,
@@ -70,7 +62,7 @@ def _run_report(result: Run, cost: Plot | None, focused: Callable[[], Mapping[fl
         height_m=height,
         mask_width_m=width,
         focus_m=camera.recipe.focus.distance_m,
-        focused=focused,
+        focused=_focused(result),
         plan=tuple(
             PlanRow(
                 d.effect,
@@ -96,6 +88,7 @@ def _run_report(result: Run, cost: Plot | None, focused: Callable[[], Mapping[fl
         notes=_notes(result.view.metadata),
         restored_label=f"Restored ({result.restored_by.partition(',')[0]})",
     )
+    return write_report(path, report)
 
 
 def _focused(result: Run) -> dict[float, Tensor]:

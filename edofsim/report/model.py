@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from torch import Tensor
@@ -110,8 +110,7 @@ class RunReport:
     psfs, mtfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
         sensor, with mask_width_m the width that it covers, optional
     focus_m: distance in focus without a mask, marked in the figures
-    focused: gives what the lens alone sees when it is focused elsewhere, [3, y, x] by distance in metres; it
-        is asked when all else is drawn
+    focused: what the lens alone sees when it is focused elsewhere, [3, y, x] by distance in metres
     plan: effects considered; target: what error was asked for, a sentence; cost: its chart, optional
     seconds: time of each stage, in order; peak_memory_mib: largest memory of the process
     recipes: file name and text of each recipe; command: what to type for the same page
@@ -136,7 +135,7 @@ class RunReport:
     height_m: Tensor | None = None
     mask_width_m: float | None = None
     focus_m: float | None = None
-    focused: Callable[[], Mapping[float, Tensor]] = dict
+    focused: Mapping[float, Tensor] = field(default_factory=dict)
     plan: tuple[PlanRow, ...] = ()
     target: str = ""
     cost: Plot | None = None

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import urllib.parse
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -21,8 +21,8 @@ import jinja2
 from markupsafe import Markup
 
 from ..core.files import write_text
-from .pictures import Picture
-from .plot import Plot
+from .pictures import Picture, data_uri
+from .plot import Plot, darken
 from .words import DASH, number
 
 Cell = str | bool | SupportsFloat | None
@@ -234,15 +234,6 @@ class Page:
     back: Link | None = None  # where the page's index is
 
 
-def draw(sections: Iterable[Section]) -> None:
-    """Draw the plots of sections now, not when the page is written."""
-    for section in sections:
-        for block in section.blocks:
-            for each in block.blocks if isinstance(block, SideBySide) else (block,):
-                if isinstance(each, Plot):
-                    _ = each.sources
-
-
 def page_html(page: Page) -> str:
     """The page as one HTML document; everything in it is escaped, and it loads nothing."""
     return _template().render(page=page)
@@ -272,9 +263,22 @@ def _template() -> jinja2.Template:
         # jinja2 has no type for its globals; the checker takes that of its own
         style=Markup((folder / "page.css").read_text(encoding="utf-8")),  # pyrefly: ignore[bad-argument-type]
         script=Markup((folder / "page.js").read_text(encoding="utf-8")),  # pyrefly: ignore[bad-argument-type]
+        plot_sources=_plot_sources,  # pyrefly: ignore[bad-argument-type]
     )
     environment.filters.update(slug=_slug, href=_href, shown=_shown)
     return environment.get_template("page.html")
+
+
+def _plot_sources(plot: Plot) -> dict[str, str]:
+    """Data URIs of a plot for light and dark pages, wide and narrow."""
+    drawn = {"wide": plot.svg()}
+    if plot.paint_narrow:
+        drawn["narrow"] = plot.svg(narrow=True)
+    uris = {}
+    for name, svg in drawn.items():
+        uris[name] = data_uri(svg, "image/svg+xml")
+        uris[f"{name}_dark"] = data_uri(darken(svg), "image/svg+xml")
+    return uris
 
 
 def _is_number(value: Cell) -> TypeGuard[SupportsFloat]:

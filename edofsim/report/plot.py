@@ -10,7 +10,7 @@ import functools
 import io
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -23,7 +23,6 @@ from matplotlib.figure import Figure
 
 from ..core.files import write_bytes
 from ..errors import InputError
-from .pictures import data_uri
 from .words import metres
 
 TITLE_PT = 9
@@ -99,19 +98,6 @@ class Plot:
             buffer = io.StringIO()
             FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
         return buffer.getvalue()
-
-    @functools.cached_property
-    def sources(self) -> Mapping[str, str]:
-        """Data URIs of it for light and dark pages, wide and narrow: `wide`, `wide_dark`, and `narrow` alike
-        where it is drawn for a phone. It is drawn when they are first asked for."""
-        drawn = {"wide": self.svg()}
-        if self.paint_narrow:
-            drawn["narrow"] = self.svg(narrow=True)
-        uris = {}
-        for name, svg in drawn.items():
-            uris[name] = data_uri(svg, "image/svg+xml")
-            uris[f"{name}_dark"] = data_uri(darken(svg), "image/svg+xml")
-        return uris
 
     def png(self, *, dpi: float = 150) -> bytes:
         """The plot on white."""

@@ -30,7 +30,6 @@ from .page import (
     Table,
     Text,
     Values,
-    draw,
     write_page,
 )  # fmt: skip
 from .pictures import (
@@ -67,8 +66,9 @@ def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> P
         crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
     gain = display_gain(report.ideal)
     shown = _pictures(report, gain)
-    images = Section("Images", _images(report, shown, crops, gain))
-    others = [
+    sections = [
+        Section("Images", _images(report, shown, crops, gain)),
+        Section("Focus", _focus(report, gain)),
         Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain, chosen)),
         Section("Depth and scores", _depth(report)),
         Section("Optics", _optics(report)),
@@ -76,8 +76,6 @@ def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> P
         Section("Time and memory", _cost(report)),
         Section("Reproduce", _reproduce(report)),
     ]
-    draw(others)
-    sections = [images, Section("Focus", _focus(report, gain)), *others]
     rows, columns = report.inverse_depth.shape
     return Page(
         title=report.title,
@@ -186,7 +184,7 @@ def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     pictures = tuple(
         picture(image, distance(metres), f"{report.title}, {report.lens_alone_label.lower()} focused at "
                 f"{distance(metres)}.", gain=gain, largest=FOCUSED_PX)
-        for metres, image in report.focused().items()
+        for metres, image in report.focused.items()
     )  # fmt: skip
     caption = (
         f"What {report.camera} sees without its mask when it is focused at another distance, without "

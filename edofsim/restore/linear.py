@@ -16,13 +16,19 @@ sharp at that depth. With its PSNR that of a trained D-CNN rises and falls over 
 from __future__ import annotations
 
 import torch
-from scipy.fft import next_fast_len
 from torch import Tensor
 
 from .photograph_statistics import COLOUR_CORRELATION, power_spectrum, transfer_functions
 
 NOISE = 0.006  # read noise, below the middle of the training's range
 SUPPORT = 9
+
+
+def _length(at_least: int) -> int:
+    """Of transforms that are fast."""
+    from scipy.fft import next_fast_len  # takes a tenth of a second: only where filters are designed
+
+    return next_fast_len(at_least, real=True)
 
 
 def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
@@ -32,7 +38,7 @@ def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
     N and the transfer functions H of the depths, the filter is W = E[H*] S / (E|H|^2 S + N), and leaves
     |1 - W H|^2 S + |W|^2 N at each frequency and depth.
     """
-    size = next_fast_len(2 * psf.shape[-1], real=True)
+    size = _length(2 * psf.shape[-1])
     transfer = transfer_functions(psf, size)
     spectrum = power_spectrum(size, psf)
     mean, power = transfer.mean(0), transfer.abs().square().mean(0)
@@ -50,7 +56,7 @@ def colour_error(psf: Tensor, noise: float = NOISE, groups: int = 1) -> Tensor:
     leaves S - 2 Re(W X*) + W R W*. The mean over the photo is not judged: it passes whole.
     """
     # no filter is cut off: a period as long as the PSFs will do
-    size = next_fast_len(psf.shape[-1], real=True)
+    size = _length(psf.shape[-1])
     # in double precision: in coarse details the scene is 1e7 times as strong as the noise
     transfer = transfer_functions(psf, size).to(torch.complex128).movedim(1, -1)
     spectrum = power_spectrum(size, psf.double())
@@ -87,7 +93,7 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
     with R the covariance of the pixels that it sees and X theirs with the pixel to be restored; at a depth it
     leaves V - 2 F X + F R F, V the variance of the scene.
     """
-    size = next_fast_len(2 * psf.shape[-1], real=True)
+    size = _length(2 * psf.shape[-1])
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
     covariance, with_sharp = _covariances(transfer, spectrum, size, support, noise)
     grouped = covariance.unflatten(0, (groups, -1)).mean(1), with_sharp.unflatten(0, (groups, -1)).mean(1)
@@ -101,7 +107,7 @@ def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) 
     """The filters of `local_error`, [group, 3 out, 3 in, support, support], as a convolution of torch takes
     them. psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group."""
     channels = psf.shape[1]
-    size = next_fast_len(max(2 * psf.shape[-1], psf.shape[-1] + support), real=True)
+    size = _length(max(2 * psf.shape[-1], psf.shape[-1] + support))
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
     filters = []
     for part in transfer.unflatten(0, (groups, -1)):  # one at a time: a covariance has support^4 numbers

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from skimage.metrics import structural_similarity
 from torch import Tensor
 
 from ..errors import InputError
@@ -58,6 +57,8 @@ def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
     _same_shape(image, truth)
     if min(image.shape[-2:]) < SSIM_WINDOW:
         return None
+    from skimage.metrics import structural_similarity  # takes a seventh of a second
+
     _, values = structural_similarity(
         image.detach().cpu().double().numpy(),
         truth.detach().cpu().double().numpy(),

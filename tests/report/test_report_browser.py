@@ -95,7 +95,7 @@ def long_report() -> RunReport:
         purpose="A purpose. " * 12,
         camera="a-camera-with-a-long-name-too",
         ideal=ideal, photo=photo, restored=photo, lens_alone=photo, inverse_depth=depth,
-        focused=lambda: {0.5: ideal, 1.0: photo, 100.0: 0.5 * ideal},
+        focused={0.5: ideal, 1.0: photo, 100.0: 0.5 * ideal},
         scores={"photo": scored, "restored": scored, "lens_alone": scored},
         psfs=Psfs(torch.full((12, 3, 65, 65), 1 / 65**2), depths, 6.0),
         mtfs=Mtfs(torch.linspace(0, 100, 5), torch.rand(12, 3, 5, generator=random), depths),
