@@ -273,7 +273,9 @@ def timed(way: Callable[[int], np.ndarray], seed: int) -> tuple[np.ndarray, floa
 def view_image(mi: Any, stage: Any, model: SceneModel, settings: RenderSettings, seed: int) -> np.ndarray:
     """A view of a loaded scene, float64 [band, y, x]: survey, paths, sums and fragments."""
     seeded = replace(settings, seed=seed)
-    view = render_stage(mi, stage, model.wavelengths, seeded, {}, lambda *_: None, None, time.perf_counter())
+    view = render_stage(
+        mi, stage, model.wavelengths, seeded, {}, lambda *_: None, None, time.perf_counter()
+    ).view()
     return view.all_in_focus().numpy().astype(np.float64)
 
 

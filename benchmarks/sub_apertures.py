@@ -26,7 +26,8 @@ from edofsim.plan.effects.sub_apertures import FEWER, differences
 from edofsim.plan.facts import facts_of, photographed, rms
 from edofsim.recipe import load_scene
 from edofsim.record import record, write_record
-from edofsim.render import View, render
+from edofsim.render import render
+from edofsim.render.view import View
 
 SCENES = ("clutter", "foliage", "stilllife", "hallway", "bench", "desk", "night", "charts")
 SIDES = (2, 4)

@@ -24,7 +24,8 @@ from .optics import Camera, PsfBank, psf_bank
 from .plan import Plan, parse_target, plan_photo
 from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
-from .render import View, render
+from .render import render
+from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
 from .restore.choice import any_camera_network, choose_network, depths_between, restoring

@@ -32,7 +32,8 @@ from .plan import (
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
-from .render import View, cached, render
+from .render import cached, render
+from .render.view import View
 from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between, restoring

@@ -23,7 +23,8 @@ from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, Se
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.fabrication import Fabrication
 from ..record import writable_folder
-from ..render import View, render
+from ..render import render
+from ..render.view import View
 from ..report import (
     Column,
     DepthRange,

@@ -19,9 +19,10 @@ from ..plan import parse_target, plan_photo
 from ..plan.scene import passes_of
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
 from ..record import machine, write_csv
-from ..render import View, render
+from ..render import render
 from ..render.fetch import run_of
 from ..render.settings import samples_of_a_pass
+from ..render.view import View
 from ..restore import restore
 from ..restore.checkpoint import (
     Checkpoint,

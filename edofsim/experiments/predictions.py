@@ -35,7 +35,8 @@ from ..plan import (
 )
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import machine
-from ..render import View, render
+from ..render import render
+from ..render.view import View
 from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.choice import restoring

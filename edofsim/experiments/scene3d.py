@@ -32,8 +32,9 @@ from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, Se
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.load import shipped, shipped_folder
 from ..record import writable_folder
-from ..render import View, render
+from ..render import render
 from ..render.keys import view_key
+from ..render.view import View
 from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
 from ..restore.scores import depth_ranges, score_parts, within_scale

@@ -18,9 +18,10 @@ from ..capture.sensor import automatic_exposure
 from ..core.progress import Progress
 from ..optics import Camera
 from ..recipe import SceneRecipe
-from ..render import Task, View, cached, forecast, render
+from ..render import Task, cached, forecast, render
 from ..render.fetch import run_of
 from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
+from ..render.view import View
 from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.progress import Progress
 from ..recipe.scene import SceneRecipe
@@ -10,13 +11,14 @@ from . import cache as store
 from .fetch import fetch, is_picture, place_of
 from .jobs import Forecast, RenderOutcome, Task, forecast, render_many
 from .keys import view_key
-from .view import View
+
+if TYPE_CHECKING:
+    from .view import View
 
 __all__ = [
     "Forecast",
     "RenderOutcome",
     "Task",
-    "View",
     "cached",
     "finished",
     "forecast",
@@ -49,7 +51,8 @@ def cached(
     recipe: SceneRecipe, base: Path, *, cache: Path | None = None, noise: float | None = None
 ) -> View | None:
     """The view of a scene if it is in the cache."""
-    return store.load(place_of(recipe, base, cache, noise), aside=False)[0]
+    known = store.load(place_of(recipe, base, cache, noise), aside=False)[0]
+    return None if known is None else known.view()
 
 
 def finished(

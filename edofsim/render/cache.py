@@ -24,7 +24,7 @@ from ..core.files import sync, whole
 from ..core.json_values import Json
 from ..core.store import user_folder
 from .exr import read_view, write_view
-from .view import View
+from .fragments import Fragments
 
 OPTION = "--cache or EDOFSIM_CACHE"
 ADVICE = "choose another folder with --cache, and start again: finished work is kept"
@@ -85,7 +85,7 @@ class Pruned:
     bytes: int
 
 
-def load(place: Place, *, aside: bool) -> tuple[View | None, str]:
+def load(place: Place, *, aside: bool) -> tuple[Fragments | None, str]:
     """The view of a key, or None, and a message if the entry is damaged.
 
     aside: set a damaged entry aside; only for who holds the key's lock."""
@@ -141,7 +141,7 @@ def set_aside(path: Path) -> Path:
     return aside
 
 
-def store(place: Place, view: View, recipe: Json, record: Json) -> Callable[[], View]:
+def store(place: Place, view: Fragments, recipe: Json, record: Json) -> Callable[[], Fragments]:
     """Write an entry and return what gives the view as it is read: the same now and from the cache.
 
     Raises what `core.files.whole` raises.

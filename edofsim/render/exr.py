@@ -26,11 +26,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from ..core.images import save_exr
 from ..core.json_values import Json
-from .view import View
+from .fragments import Fragments
 
 if TYPE_CHECKING:
     import OpenEXR
@@ -51,15 +50,15 @@ def channel_name(wavelength: float) -> str:
     return f"S0.{wavelength * 1e9:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
 
 
-def exposure_value(radiance: torch.Tensor) -> float:
+def exposure_value(radiance: np.ndarray) -> float:
     """EV that brings radiances into half float's range; 0 if they are in it."""
-    peak = float(radiance.max()) if radiance.numel() else 0.0
+    peak = float(radiance.max()) if radiance.size else 0.0
     if SMALLEST_PEAK <= peak <= LARGEST or not peak > 0:
         return 0.0
     return float(np.ceil(np.log2(peak / LARGEST)))
 
 
-def write_view(path: Path, view: View, recipe: Json | None = None) -> Callable[[], View]:
+def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Callable[[], Fragments]:
     """Write a view, and return what gives it as `read_view` does.
 
     recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be written.
@@ -70,9 +69,9 @@ def write_view(path: Path, view: View, recipe: Json | None = None) -> Callable[[
     value = exposure_value(view.radiance)
     names = [channel_name(w) for w in view.wavelengths.tolist()]
     scale = 2.0**-value
-    image = (view.all_in_focus() * scale).numpy().astype(np.float16)
+    image = (view.all_in_focus() * np.float32(scale)).astype(np.float16)
     with np.errstate(divide="ignore"):
-        depth = (1 / view.mean_inverse_depth().numpy()).astype(np.float32)
+        depth = (1 / view.mean_inverse_depth()).astype(np.float32)
     spectral = {
         "spectralLayoutVersion": "1.0",
         "emissiveUnits": "W.m^-2.sr^-1",
@@ -113,14 +112,14 @@ def write_view(path: Path, view: View, recipe: Json | None = None) -> Callable[[
     return partial(_view_from, json.loads(header["edofsim"]), value, image, depth, table, margin)
 
 
-def _listed(view: View) -> torch.Tensor:
+def _listed(view: Fragments) -> np.ndarray:
     """Which fragments the table holds, bool [fragment]: those of pixels with more than one."""
     rows, columns = view.padded_shape
-    count = torch.bincount(view.pixel, minlength=rows * columns)
+    count = np.bincount(view.pixel, minlength=rows * columns)
     return (count[view.pixel] > 1) | view.hidden | (view.coverage != 1)
 
 
-def _table(view: View, listed: torch.Tensor, names: list[str], scale: float) -> dict[str, np.ndarray]:
+def _table(view: Fragments, listed: np.ndarray, names: list[str], scale: float) -> dict[str, np.ndarray]:
     count = int(listed.sum())
     height = max(1, -(-count // TABLE_WIDTH))
 
@@ -129,17 +128,17 @@ def _table(view: View, listed: torch.Tensor, names: list[str], scale: float) -> 
         out[:count] = values
         return out.reshape(height, TABLE_WIDTH)
 
-    radiance = (view.radiance[:, listed] * scale).numpy().astype(np.float16)
+    radiance = (view.radiance[:, listed] * np.float32(scale)).astype(np.float16)
     return {
-        "pixel": cells(view.pixel[listed].numpy().astype(np.uint32), EMPTY),
-        "coverage": cells(view.coverage[listed].numpy().astype(np.float32)),
-        "inverseDepth": cells(view.inverse_depth[listed].numpy().astype(np.float32)),
-        "hidden": cells(view.hidden[listed].numpy().astype(np.uint32)),
+        "pixel": cells(view.pixel[listed].astype(np.uint32), EMPTY),
+        "coverage": cells(view.coverage[listed].astype(np.float32)),
+        "inverseDepth": cells(view.inverse_depth[listed].astype(np.float32)),
+        "hidden": cells(view.hidden[listed].astype(np.uint32)),
         **{name: cells(radiance[band]) for band, name in enumerate(names)},
     }
 
 
-def read_view(path: Path) -> View:
+def read_view(path: Path) -> Fragments:
     """Read a view that `write_view` wrote.
 
     Raises ValueError, with the reason, for a file that is damaged, or not a view of ours.
@@ -152,7 +151,7 @@ def read_view(path: Path) -> View:
         raise ValueError(f"{path} is not a readable view: {error}") from error
 
 
-def _view_of(file: OpenEXR.File) -> View:
+def _view_of(file: OpenEXR.File) -> Fragments:
     """The view in an open file; any kind of error for one that is damaged."""
     image, table = file.parts
     header = image.header
@@ -177,10 +176,10 @@ def _view_from(
     depth: np.ndarray,
     table: Mapping[str, np.ndarray],
     margin: int,
-) -> View:
+) -> Fragments:
     """The view of what a file holds: image, float16 [band, y, x], stored radiance; exposure: its EV; depth,
     float32 [y, x] in metres; table: of fragments, by channel; about: what the view says of itself."""
-    wavelengths = torch.tensor(about["wavelengths_m"], dtype=torch.float64)
+    wavelengths = np.array(about["wavelengths_m"], np.float64)
     cells = {name: values.reshape(-1) for name, values in table.items()}
     used = np.flatnonzero(cells["pixel"] != EMPTY)
     listed = cells["pixel"][used].astype(np.int64)
@@ -201,15 +200,15 @@ def _view_from(
         radiance[band] = np.concatenate(some).astype(np.float32)[order]
     if exposure:
         radiance *= 2.0**exposure
-    return View(
+    return Fragments(
         height=rows - 2 * margin,
         width=columns - 2 * margin,
         margin=margin,
-        pixel=torch.from_numpy(pixel[order]),
-        coverage=torch.from_numpy(coverage[order]),
-        inverse_depth=torch.from_numpy(inverse_depth[order].astype(np.float32)),
-        radiance=torch.from_numpy(radiance),
-        hidden=torch.from_numpy(hidden[order]),
+        pixel=pixel[order],
+        coverage=coverage[order],
+        inverse_depth=inverse_depth[order].astype(np.float32),
+        radiance=radiance,
+        hidden=hidden[order],
         wavelengths=wavelengths,
         pixel_angle=about["pixel_angle"],
         noise=about["noise"],

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.json_values import Json
 from ..core.progress import Progress, part, silent
@@ -17,9 +18,12 @@ from ..recipe.scene import SceneRecipe
 from ..record import writable_folder
 from . import cache as store
 from .engine import find_engines
+from .fragments import Fragments
 from .keys import canonical, view_key
 from .settings import RenderSettings
-from .view import View
+
+if TYPE_CHECKING:
+    from .view import View
 
 LOG = logging.getLogger(__name__)
 
@@ -36,11 +40,11 @@ class Fetched:
     noise: float
 
 
-def _found(view: View, place: store.Place) -> Fetched:
-    return Fetched(lambda: view, place, 0.0, _samples(view), view.noise)
+def _found(fragments: Fragments, place: store.Place) -> Fetched:
+    return Fetched(fragments.view, place, 0.0, _samples(fragments), fragments.noise)
 
 
-def _samples(view: View) -> int:
+def _samples(view: View | Fragments) -> int:
     return int(view.metadata.get("samples", 0))
 
 
@@ -69,27 +73,29 @@ def fetch(
         from .readers import picture_view
 
         # Read faster than the cache could be.
-        return _found(picture_view(recipe, base), place)
+        picture = picture_view(recipe, base)
+        return Fetched(lambda: picture, place, 0.0, _samples(picture), picture.noise)
     # Without the lock first: readers of a finished view never wait for each other, and need not write.
-    view, _ = store.load(place, aside=False)
-    if view is not None:
-        return _found(view, place)
+    known, _ = store.load(place, aside=False)
+    if known is not None:
+        return _found(known, place)
     writable_folder(place.folder, store.OPTION)
     with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
-        view, message = store.load(place, aside=True)
-        if view is not None:
-            return _found(view, place)
+        known, message = store.load(place, aside=True)
+        if known is not None:
+            return _found(known, place)
         if message:
             LOG.warning(message)
         start = time.perf_counter()
-        view, stored = _rendered(recipe, base, place, noise, device, say)
-        return Fetched(stored, place, time.perf_counter() - start, _samples(view), view.noise)
+        fresh, stored = _rendered(recipe, base, place, noise, device, say)
+        seconds = time.perf_counter() - start
+        return Fetched(lambda: stored().view(), place, seconds, _samples(fresh), fresh.noise)
 
 
 def _rendered(
     recipe: SceneRecipe, base: Path, place: store.Place, noise: float | None, device: str, say: Progress
-) -> tuple[View, Callable[[], View]]:
-    """A view, and what gives it as it is read."""
+) -> tuple[Fragments, Callable[[], Fragments]]:
+    """A view's fragments, and what gives them as they are read."""
     from ..scene import build_scene
     from ..scene.foreign import NotCarried
     from .rendering import render_foreign, render_model

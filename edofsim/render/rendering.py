@@ -1,4 +1,4 @@
-"""A scene rendered to a view: survey of depths, passes of samples, fragments."""
+"""A scene rendered: survey of depths, passes of samples, fragments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
 from ..core.interrupts import interruptible
 from ..core.json_values import Json
@@ -19,10 +18,10 @@ from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
 from .engine import thread_count, use_engine
+from .fragments import Fragments
 from .partial import load_partial, save_partial
 from .passes import LEAST_PASSES, Group, Launch, Sums, groups_of, launches_of, pass_sizes
 from .settings import INTEGRATOR, RenderSettings
-from .view import View
 
 if TYPE_CHECKING:
     from .foreign import ForeignStage
@@ -45,7 +44,7 @@ def render_model(
     device: str = "auto",
     progress: Progress | None = None,
     partial: Path | None = None,
-) -> View:
+) -> Fragments:
     """Render a scene.
 
     partial: file that keeps finished work when this is interrupted, and that is gone on from. The same model
@@ -72,7 +71,7 @@ def render_foreign(
     device: str = "auto",
     progress: Progress | None = None,
     partial: Path | None = None,
-) -> View:
+) -> Fragments:
     """Render a Mitsuba scene through Mitsuba's spectral variant, for the reasons given. See
     `render_model`."""
     from .foreign import load_foreign
@@ -96,7 +95,7 @@ def render_stage(
     say: Progress,
     partial: Path | None,
     begun: float,
-) -> View:
+) -> Fragments:
     """Survey, samples and fragments of a stage that is loaded."""
     loaded = time.perf_counter()
     surveys, limits, hidden = survey_layers(stage, settings, part(say, 0.0, SURVEY_SHARE))
@@ -264,7 +263,7 @@ def assemble(
     groups: tuple[Group, ...],
     sums: Sums,
     metadata: Json,
-) -> View:
+) -> Fragments:
     """Fragments from sums, sorted by pixel and from near to far."""
     pixel = np.concatenate([np.tile(group.pixels, group.surfaces) for group in groups])
     hidden = np.concatenate([np.full(group.slots, group.layer > 0) for group in groups])
@@ -275,16 +274,16 @@ def assemble(
     radiance = np.empty((len(wavelengths), len(slot)), np.float32)
     for total, mean in zip(sums.radiance, radiance, strict=True):
         mean[:] = total[slot] / sums.samples
-    return View(
+    return Fragments(
         height=settings.height,
         width=settings.width,
         margin=settings.margin,
-        pixel=torch.from_numpy(pixel[slot]),
-        coverage=torch.from_numpy((sums.count[slot] / sums.samples).astype(np.float32)),
-        inverse_depth=torch.from_numpy(inverse_depth),
-        radiance=torch.from_numpy(radiance),
-        hidden=torch.from_numpy(hidden[slot]),
-        wavelengths=torch.from_numpy(np.asarray(wavelengths, np.float64).copy()),
+        pixel=pixel[slot],
+        coverage=(sums.count[slot] / sums.samples).astype(np.float32),
+        inverse_depth=inverse_depth,
+        radiance=radiance,
+        hidden=hidden[slot],
+        wavelengths=np.asarray(wavelengths, np.float64).copy(),
         pixel_angle=settings.pixel_angle,
         noise=sums.noise(),
         metadata=metadata,

@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.masks.clear import ClearMask
 from ..render.exr import read_view, write_view
+from ..render.fragments import Fragments
 from ..render.view import View
 from .case import Case, Finding, timed
 from .measures import distance
@@ -190,8 +191,8 @@ def _storage() -> Iterator[Finding]:
     def round_trip(view: View) -> float:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "view.exr"
-            write_view(path, view)
-            read = read_view(path)
+            write_view(path, Fragments.of(view))
+            read = read_view(path).view()
         bright = distance(read.radiance[:, MIDDLE].double(), view.radiance[:, MIDDLE])
         rest = torch.arange(view.pixel.numel()) != MIDDLE
         return max(bright, distance(read.radiance[:, rest].double(), view.radiance[:, rest]))

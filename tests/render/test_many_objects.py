@@ -143,7 +143,7 @@ def test_objects_that_are_one_mesh_look_as_if_each_were_its_own(monkeypatch: pyt
     views = []
     for many in (len(objects) + 1, 0):
         monkeypatch.setattr(loading, "MANY", many)
-        views.append(render_model(model, settings))
+        views.append(render_model(model, settings).view())
     apart, together = views
     assert bool(apart.hidden.any())
     for name in ("pixel", "coverage", "inverse_depth", "hidden", "radiance"):

@@ -31,7 +31,7 @@ def test_white_furnace(mi, make):
     view = render_model(
         make.model([ball, *corner], sky=1.0),
         make.settings(samples=256, max_depth=64, angle=0.006, hidden=False),
-    )
+    ).view()
     image = view.all_in_focus().numpy()
     assert image.shape[0] == 31
     assert abs(image.mean(axis=(1, 2)) - 1).max() < 0.003
@@ -59,7 +59,7 @@ def test_lambert_under_a_lamp(mi, make):
     )
     view = render_model(
         make.model([floor, lamp]), make.settings(4, 4, angle=1e-3, samples=1024, max_depth=2, hidden=False)
-    )
+    ).view()
     d2 = distance**2 + x**2
     cosine = distance / np.sqrt(d2)
     expected = rho / np.pi * lamp_radiance * side**2 * cosine**2 / d2
@@ -76,7 +76,7 @@ def test_texture_is_upright_and_interpolated(mi, make):
     image[1, 1] = (1, 0, 1)  # lower right: bright in the long ones
     wall = make.thing("wall", make.facing(0.16, 0.16, 1.0), make.matt(make.texture(basis, image)))
     settings = make.settings(16, 16, angle=0.01, samples=64, max_depth=2, hidden=False)
-    got = render_model(make.model([wall], sky=1.0), settings).all_in_focus().numpy()
+    got = render_model(make.model([wall], sky=1.0), settings).all_in_focus()
     assert got[0, 1, 1] == pytest.approx(0.9, rel=0.02) and got[30, 1, 1] == pytest.approx(0.1, rel=0.02)
     assert got[0, 14, 14] == pytest.approx(0.1, rel=0.02) and got[30, 14, 14] == pytest.approx(0.9, rel=0.02)
     # along the top row from the left texel's centre (u = 1/4) to the right one's (u = 3/4), at pixel centres
@@ -95,6 +95,7 @@ def test_sky_picture_is_where_it_says(mi, make):
     settings = make.settings(81, 41, angle=0.01, samples=16, max_depth=1, hidden=False)
     got = (
         render_model(make.model([far], sky=make.texture(basis, image), bands=4), settings)
+        .view()
         .all_in_focus()
         .numpy()[0]
     )
@@ -119,7 +120,7 @@ def test_colorchecker_under_d65(mi, make):
         card = make.facing(0.01, 0.01, 1.0, x=(column - 2.5) * 0.01, y=(1.5 - row) * 0.01)
         cards.append(make.thing(f"patch {number}", card, make.matt(patch.copy().align(shape).values, 33)))
     scene = replace(make.model(cards, sky=d65, bands=33), wavelengths=shape.wavelengths * 1e-9)
-    view = render_model(scene, make.settings(6, 4, angle=0.01, samples=64, max_depth=2, hidden=False))
+    view = render_model(scene, make.settings(6, 4, angle=0.01, samples=64, max_depth=2, hidden=False)).view()
     radiance = view.all_in_focus().numpy().reshape(33, 24).T
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape).values
     white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
@@ -189,10 +190,7 @@ def test_same_as_packed_passes(mi, make, kind, bands):
     settings = make.settings(16, 12, angle=0.012, samples=256, max_depth=4, hidden=False)
     seeds = range(8)
     ours = np.stack(
-        [
-            render_model(scene, replace(settings, seed=s)).all_in_focus().numpy().astype(np.float64)
-            for s in seeds
-        ]
+        [render_model(scene, replace(settings, seed=s)).all_in_focus().astype(np.float64) for s in seeds]
     )
     theirs = packed_images(mi, scene, settings, 1024, [1000 * seed + 1 for seed in seeds])
     assert ours.mean(axis=(0, 2, 3)) == pytest.approx(theirs.mean(axis=(0, 2, 3)), rel=3e-3)
@@ -233,13 +231,16 @@ def test_dispersive_glass_bends_each_band_by_its_own_index(mi, make):
     index (they differ by far more than noise), and no light gained or lost: a furnace stays white."""
     index = np.linspace(1.8, 1.4, 5)
     settings = make.settings(12, 12, angle=0.008, samples=1024, max_depth=8, hidden=False)
-    ours = render_model(glass_scene(make, {"int_ior": index}), settings)
+    ours = render_model(glass_scene(make, {"int_ior": index}), settings).view()
     assert "one band a path behind glass that disperses light (ball)" in ours.metadata["route"]
     image = ours.all_in_focus().numpy()
     apart = []
     for band in (0, 4):
         plain = (
-            render_model(glass_scene(make, {}, int_ior=float(index[band])), settings).all_in_focus().numpy()
+            render_model(glass_scene(make, {}, int_ior=float(index[band])), settings)
+            .view()
+            .all_in_focus()
+            .numpy()
         )
         apart.append(np.sqrt(np.mean((image[band] - plain[band]) ** 2)))
         other = np.sqrt(np.mean((image[4 - band] - plain[band]) ** 2))
@@ -252,7 +253,7 @@ def test_dispersive_glass_in_a_furnace(mi, make):
     scene = glass_scene(make, {"int_ior": np.linspace(1.8, 1.4, 5)})
     ball = replace(scene, objects=scene.objects[:1])
     settings = make.settings(12, 12, angle=0.01, samples=1024, max_depth=32, hidden=False)
-    image = render_model(ball, settings).all_in_focus().numpy()
+    image = render_model(ball, settings).all_in_focus()
     assert image.mean(axis=(1, 2)) == pytest.approx(1, rel=0.02)
 
 
@@ -261,7 +262,7 @@ def test_what_is_not_affine_is_refused(mi, make):
     surface = make.surface({"type": "plastic", "nonlinear": True}, "diffuse_reflectance", make.flat(0.5))
     scene = make.model([make.thing("mug", make.facing(1, 1, 1), surface)], sky=1.0)
     with pytest.raises(InputError, match="mug.*plastic.*not affine"):
-        render_model(scene, make.settings(4, 4))
+        render_model(scene, make.settings(4, 4)).view()
 
 
 def test_packed_scene_shows_the_band_it_is_asked_for(mi, make):
@@ -289,8 +290,8 @@ def test_light_spectra_that_are_constants_of_the_kernel_change_no_bit(mi, make, 
     ]  # fmt: skip
     scene = make.model([ball, *lamps], sky={"none": None, "flat": 0.5, "picture": picture}[sky])
     settings = make.settings(samples=16, angle=0.006)
-    few = render_model(scene, settings)
+    few = render_model(scene, settings).view()
     monkeypatch.setattr("edofsim.render.translate.FEW_LIGHT_ROWS", 0)
-    many = render_model(scene, settings)
+    many = render_model(scene, settings).view()
     assert few.radiance.abs().sum() > 0
     assert torch.equal(few.radiance, many.radiance)

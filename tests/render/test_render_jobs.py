@@ -61,7 +61,7 @@ def test_same_bytes_for_one_thread_and_two(mi, make, monkeypatch):
     views = []
     for threads in (1, 2):
         monkeypatch.setattr(engines, "_threads", threads)
-        views.append(render_model(scene(make), settings))
+        views.append(render_model(scene(make), settings).view())
         assert views[-1].metadata["run"]["threads"] == threads
     assert same(*views) and views[0].hidden.any()
 
@@ -69,17 +69,17 @@ def test_same_bytes_for_one_thread_and_two(mi, make, monkeypatch):
 def test_same_bytes_however_samples_are_launched(mi, make, monkeypatch):
     """Random numbers follow from pixel and sample, so the size of a launch cannot matter."""
     settings = make.settings(24, 16, angle=0.01, samples=16, pupil_radius=0.03)
-    whole = render_model(scene(make), settings)
+    whole = render_model(scene(make), settings).view()
     monkeypatch.setattr("edofsim.render.passes.LAUNCH_BYTES", 4 * 4 * 16 * 37)
     monkeypatch.setattr(tracing, "SURVEY_LAUNCH", 16 * 29)
-    assert same(whole, render_model(scene(make), settings))
+    assert same(whole, render_model(scene(make), settings).view())
 
 
 @pytest.mark.parametrize("after", [1, 3, 7])
 def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypatch, after):
     """Ctrl-C keeps finished launches; the second start traces only the others and gives the same bytes."""
     settings = make.settings(24, 16, angle=0.01, samples=256, pupil_radius=0.03)
-    whole = render_model(scene(make), settings)
+    whole = render_model(scene(make), settings).view()
     traced = []
     real = tracing.run_launch
 
@@ -95,21 +95,21 @@ def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypa
 
     partial = tmp_path / "view.partial"
     with pytest.raises(KeyboardInterrupt):
-        render_model(scene(make), settings, partial=partial, progress=ctrl_c)
+        render_model(scene(make), settings, partial=partial, progress=ctrl_c).view()
     first = len(traced)
     assert first == after and partial.is_file()
     traced.clear()
-    again = render_model(scene(make), settings, partial=partial)
+    again = render_model(scene(make), settings, partial=partial).view()
     rest = len(traced)
     traced.clear()
-    render_model(scene(make), settings)
+    render_model(scene(make), settings).view()
     assert first + rest == len(traced)
     assert same(whole, again) and again.noise == whole.noise
 
 
 def test_damaged_sums_are_not_gone_on_from(mi, make, tmp_path):
     settings = make.settings(24, 16, angle=0.01, samples=16)
-    whole = render_model(scene(make), settings)
+    whole = render_model(scene(make), settings).view()
     partial = tmp_path / "view.partial"
 
     def stop(fraction, message):
@@ -117,18 +117,18 @@ def test_damaged_sums_are_not_gone_on_from(mi, make, tmp_path):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        render_model(scene(make), settings, partial=partial, progress=stop)
+        render_model(scene(make), settings, partial=partial, progress=stop).view()
     content = bytearray(partial.read_bytes())
     content[len(content) // 2] ^= 1
     partial.write_bytes(content)
-    assert same(whole, render_model(scene(make), settings, partial=partial))
+    assert same(whole, render_model(scene(make), settings, partial=partial).view())
 
 
 def test_noise_to_reach(mi, make):
     """Samples are added until the estimate is there; half the noise takes about four times as many."""
     settings = make.settings(16, 12, angle=0.01, samples=16, hidden=False)
-    coarse = render_model(scene(make), replace(settings, noise=0.04))
-    fine = render_model(scene(make), replace(settings, noise=0.02))
+    coarse = render_model(scene(make), replace(settings, noise=0.04)).view()
+    fine = render_model(scene(make), replace(settings, noise=0.02)).view()
     assert coarse.noise <= 0.04 and fine.noise <= 0.02
     assert 2.5 < fine.metadata["samples"] / coarse.metadata["samples"] < 6
 
@@ -136,10 +136,10 @@ def test_noise_to_reach(mi, make):
 def test_estimated_noise_is_the_true_noise(mi, make):
     """The estimate from the scatter between passes against the difference from a long render."""
     settings = make.settings(16, 12, angle=0.01, samples=32, hidden=False)
-    truth = render_model(scene(make), replace(settings, samples=4096, seed=99)).all_in_focus().mean(0)
+    truth = render_model(scene(make), replace(settings, samples=4096, seed=99)).view().all_in_focus().mean(0)
     estimated, true = [], []
     for seed in range(4):
-        view = render_model(scene(make), replace(settings, seed=seed))
+        view = render_model(scene(make), replace(settings, seed=seed)).view()
         error = view.all_in_focus().mean(0) - truth
         true.append(float(error.square().mean().sqrt() / truth.mean()))
         estimated.append(view.noise)

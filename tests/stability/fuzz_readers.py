@@ -106,7 +106,7 @@ def view(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
 
     def read(path: Path) -> object:
         try:
-            return read_view(path)
+            return read_view(path).view()
         except ValueError as error:
             raise InputError(str(error)) from error
 

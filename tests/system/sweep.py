@@ -160,9 +160,9 @@ def numbers(folder: Path) -> Iterator[Try]:
             return picture_view(recipe, folder)
         settings = RenderSettings.from_recipe(recipe)
         try:
-            return render_model(build_scene(recipe, folder), settings)
+            return render_model(build_scene(recipe, folder), settings).view()
         except NotCarried as reasons:
-            return render_foreign(recipe, folder, settings, reasons.problems)
+            return render_foreign(recipe, folder, settings, reasons.problems).view()
 
     light = [{"kind": "environment"}]
     yield from swept("scene", SceneRecipe, scene(objects=[CARD], lights=light), rendered)
@@ -443,7 +443,7 @@ def main() -> None:
     from edofsim.render.settings import RenderSettings
     from edofsim.scene import build_scene
 
-    render_model(build_scene(validated, folder), RenderSettings.from_recipe(validated))
+    render_model(build_scene(validated, folder), RenderSettings.from_recipe(validated)).view()
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     for number, each in enumerate(every[first:last], first):

@@ -1,0 +1,88 @@
+"""What rendering makes and a file holds of a view: numpy arrays, for which PyTorch need not be loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..core.json_values import Json
+
+if TYPE_CHECKING:
+    from .view import View
+
+
+@dataclass(frozen=True)
+class Fragments:
+    """A view's fragments before any photo is taken of them. Fields and order are those of `View`.
+
+    pixel: int64 [fragment]; coverage, inverse_depth: float32 [fragment]; radiance: float32 [band, fragment];
+    hidden: bool [fragment]; wavelengths: float64 [band], metres.
+    """
+
+    height: int
+    width: int
+    margin: int
+    pixel: np.ndarray
+    coverage: np.ndarray
+    inverse_depth: np.ndarray
+    radiance: np.ndarray
+    hidden: np.ndarray
+    wavelengths: np.ndarray
+    pixel_angle: float
+    noise: float = 0.0
+    metadata: Json = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, view: View) -> Fragments:
+        """Those of a view, which stays where it is; they share its memory where that is the processor's."""
+        held = {each.name: getattr(view, each.name) for each in fields(cls)}
+        arrays = ("pixel", "coverage", "inverse_depth", "radiance", "hidden", "wavelengths")
+        return cls(**held | {name: held[name].detach().cpu().numpy() for name in arrays})
+
+    def view(self) -> View:
+        """The view, which shares their memory. Raises InputError as `View` does."""
+        import torch  # takes a second: rendering does without
+
+        from .view import View
+
+        return View(
+            height=self.height,
+            width=self.width,
+            margin=self.margin,
+            pixel=torch.from_numpy(self.pixel),
+            coverage=torch.from_numpy(self.coverage),
+            inverse_depth=torch.from_numpy(self.inverse_depth),
+            radiance=torch.from_numpy(self.radiance),
+            hidden=torch.from_numpy(self.hidden),
+            wavelengths=torch.from_numpy(self.wavelengths),
+            pixel_angle=self.pixel_angle,
+            noise=self.noise,
+            metadata=self.metadata,
+        )
+
+    @property
+    def padded_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the frame with its margin."""
+        return self.height + 2 * self.margin, self.width + 2 * self.margin
+
+    @property
+    def bands(self) -> int:
+        return len(self.wavelengths)
+
+    def all_in_focus(self) -> np.ndarray:
+        """As `View.all_in_focus`, float32 [band, y, x]."""
+        seen = np.flatnonzero(~self.hidden)
+        image = np.zeros((self.bands, *self.padded_shape), np.float32)
+        for flat, radiance in zip(image.reshape(self.bands, -1), self.radiance, strict=True):
+            np.add.at(flat, self.pixel[seen], radiance[seen])
+        return image
+
+    def mean_inverse_depth(self) -> np.ndarray:
+        """As `View.mean_inverse_depth`, float32 [y, x]."""
+        total, weight = (np.zeros(self.padded_shape, np.float32) for _ in range(2))
+        seen = self.coverage * ~self.hidden
+        np.add.at(total.reshape(-1), self.pixel, seen * self.inverse_depth)
+        np.add.at(weight.reshape(-1), self.pixel, seen)
+        return total / np.maximum(weight, np.finfo(np.float32).tiny)
