@@ -9,9 +9,6 @@ from ..render.view import View
 from .checks import PIXEL_ANGLE_SLACK
 from .resample import resampled, resampled_sides
 
-DIGITS = 7
-"""Of a pixel's angle: so that cameras whose distances differ by rounding share their views."""
-
 
 def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> SceneRecipe:
     """A scene as a camera frames it: where its recipe gives no `frame.pixel_angle_mrad`, or "auto", one pixel
@@ -21,11 +18,9 @@ def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> Scene
     `seen_through`). Raises InputError for such a scene otherwise, as its view could not be photographed, and
     for one whose frame would have too many pixels.
     """
-    own = float(f"{camera.pixel_angle * 1e3:.{DIGITS}g}")
-    if follows(recipe):
-        frame = recipe.frame.model_copy(update={"pixel_angle_mrad": own})
-        return recipe.model_copy(update={"frame": frame})
-    given = recipe.frame.pixel_angle * 1e3
+    if recipe.follows_camera:
+        return recipe.seen_at(camera.pixel_angle)
+    given, own = recipe.frame.pixel_angle * 1e3, camera.pixel_angle * 1e3
     if abs(given / own - 1) <= PIXEL_ANGLE_SLACK:
         return recipe
     if not resample:
@@ -60,9 +55,3 @@ def seen_through(camera: Camera, recipe: SceneRecipe, view: View) -> tuple[Scene
         return recipe, view
     gap = recipe.render.depth_gap_dpt
     return as_resampled(recipe, camera), resampled(view, camera.pixel_angle, gap)
-
-
-def follows(recipe: SceneRecipe) -> bool:
-    """Whether the pixels of a scene are those of its camera."""
-    frame = recipe.frame
-    return frame.pixel_angle_mrad == "auto" or "pixel_angle_mrad" not in frame.model_fields_set

@@ -139,14 +139,11 @@ def render(
 
 def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:
     """A scene as its own camera frames it; one that gives its pixels' angle is rendered so, for any."""
-    from ..capture.framing import follows, framed
-    from ..optics import Camera
-    from ..recipe import load_camera
+    from .angles import pixel_angle
 
-    if not follows(scene.recipe):
+    if not scene.recipe.follows_camera:
         return scene
-    camera = load_camera(scene.recipe.camera, scene.base)
-    return replace(scene, recipe=framed(scene.recipe, Camera.from_recipe(camera.recipe, camera.base)))
+    return replace(scene, recipe=scene.recipe.seen_at(pixel_angle(scene.recipe.camera, scene.base)))
 
 
 def _as_planned(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -10,6 +11,14 @@ def shipped_folder(name: str) -> Path:
     package = Path(__file__).resolve().parent.parent
     installed = package / "shipped" / name
     return installed if installed.is_dir() else package.parent / name
+
+
+def installed(package: str) -> Path:
+    """The folder of an installed package, which is not imported for it."""
+    spec = find_spec(package)
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError(f"the package {package} is not installed", name=package)
+    return Path(spec.origin).parent
 
 
 def shipped(folder: Path, suffix: str = ".toml") -> dict[str, Path]:

@@ -36,23 +36,29 @@ class Loaded(Generic[Recipe]):
 
 def load_scene(source: str | Path) -> Loaded[SceneRecipe]:
     """A scene recipe from its file, or a shipped one by name (`desk`). Raises InputError."""
-    return _load(SceneRecipe, source, shipped_folder("scenes"), "scene")
+    return _read(SceneRecipe, _file(source, shipped_folder("scenes"), "scene"))
 
 
 def load_camera(source: str | Path, base: Path | None = None) -> Loaded[CameraRecipe]:
     """A camera recipe from its file (relative to `base` if that is given), or a shipped one by name
     (`paper-cubic`). Raises InputError."""
+    return _read(CameraRecipe, camera_file(source, base))
+
+
+def camera_file(source: str | Path, base: Path | None = None) -> Path:
+    """The file that `load_camera` reads. Raises InputError where there is none."""
     if base is not None and (base / source).is_file():
-        source = base / source
-    return _load(CameraRecipe, source, shipped_folder("scenes") / "cameras", "camera")
+        return base / source
+    return _file(source, shipped_folder("scenes") / "cameras", "camera")
 
 
 def load_train(source: str | Path) -> Loaded[TrainRecipe]:
     """A training recipe from its file, or a shipped one by name. Raises InputError."""
-    return _load(TrainRecipe, source, shipped_folder("train"), "training recipe")
+    return _read(TrainRecipe, _file(source, shipped_folder("train"), "training recipe"))
 
 
-def _load(model: type[Recipe], source: str | Path, folder: Path, noun: str) -> Loaded[Recipe]:
+def _file(source: str | Path, folder: Path, noun: str) -> Path:
+    """A recipe's file, or the shipped one of that name."""
     path = Path(source)
     if path.suffix != ".toml" and not path.exists():
         known = shipped(folder)
@@ -63,5 +69,9 @@ def _load(model: type[Recipe], source: str | Path, folder: Path, noun: str) -> L
                 f"{source}: no such file and no shipped {noun}; {hint}shipped: {', '.join(known) or 'none'}"
             )
         path = known[path.name]
+    return path
+
+
+def _read(model: type[Recipe], path: Path) -> Loaded[Recipe]:
     data, text = read_toml(path)
     return Loaded(validate(model, data, text, path), path, text)

@@ -33,6 +33,8 @@ class Bands(RecipeModel):
         return np.linspace(self.start_nm, self.stop_nm, self.count) * 1e-9
 
 
+ANGLE_DIGITS = 7
+"""Of the angle of a camera's pixel, in mrad: cameras whose distances differ by rounding share their views."""
 MOST_PIXELS = 8192
 """Of a frame's width or height."""
 
@@ -98,3 +100,13 @@ class SceneRecipe(RecipeModel):
         if self.source is not None and self.lights and not self.source.rendered:
             raise ValueError("a picture brings its own light: take [[lights]] out")
         return self
+
+    @property
+    def follows_camera(self) -> bool:
+        """Whether its pixels are those of the camera that looks at it."""
+        return self.frame.pixel_angle_mrad == "auto" or "pixel_angle_mrad" not in self.frame.model_fields_set
+
+    def seen_at(self, pixel_angle: float) -> SceneRecipe:
+        """The scene in pixels that see an angle of this tangent, rounded to `ANGLE_DIGITS`."""
+        rounded = float(f"{pixel_angle * 1e3:.{ANGLE_DIGITS}g}")
+        return self.model_copy(update={"frame": self.frame.model_copy(update={"pixel_angle_mrad": rounded})})

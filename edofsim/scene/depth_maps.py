@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core.images import check_numbers, check_pixels, existing, read_exr, read_picture
+from ..core.shipped import installed
 from ..errors import InputError, first_line
 from ..recipe.sources import DepthMap
 from .pictures import read_pfm
@@ -86,9 +87,7 @@ def read_sintel(path: Path, what: str) -> np.ndarray:
 
 def packaged(name: str, what: str) -> np.ndarray:
     """A picture or disparity map that comes inside scikit-image."""
-    import skimage.data
-
-    folder = Path(skimage.data.__file__).parent
+    folder = installed("skimage") / "data"
     for suffix in (".png", ".jpg", ".npz"):
         path = folder / f"{name}{suffix}"
         if path.parent == folder and path.is_file():

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from ..core.shipped import installed
 from ..errors import InputError
 
 DEPTH_OF_FIELD_TEXT = (
@@ -42,9 +42,7 @@ def _blank(rows: float, columns: float) -> Image.Image:
 
 @lru_cache(maxsize=64)
 def _font(name: str, size: int) -> ImageFont.FreeTypeFont:
-    import matplotlib
-
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name, size)
+    return ImageFont.truetype(installed("matplotlib") / "mpl-data" / "fonts" / "ttf" / name, size)
 
 
 def _coverage(image: Image.Image) -> np.ndarray:

@@ -10,8 +10,10 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from ..core.images import read_picture, srgb_decode, unit_rgb
+from ..core.shipped import installed
 from ..errors import InputError
 from ..recipe.surfaces import (
     AnyTexture,
@@ -54,14 +56,12 @@ def photo(name: str) -> np.ndarray:
     """A photograph of skimage.data, as it is stored. Raises InputError for one that would be downloaded."""
     if name not in PHOTOGRAPHS:
         raise InputError(f"there is no photograph {name!r}; known: {', '.join(PHOTOGRAPHS)}")
-    import skimage.data
-    from skimage.io import imread
-
-    folder = Path(skimage.data.__file__).parent
+    folder = installed("skimage") / "data"
     found = [path for path in (folder / f"{name}.png", folder / f"{name}.jpg") if path.exists()]
     if not found:
         raise InputError(f"this installation of scikit-image lacks its photograph {name!r}")
-    return imread(found[0])
+    with Image.open(found[0]) as picture:
+        return np.asarray(picture)
 
 
 def _cropped(image: np.ndarray, crop: tuple[float, float, float, float] | None) -> np.ndarray:

@@ -96,6 +96,19 @@ def test_a_view_that_is_written_is_the_one_that_will_be_read(tmp_path, scale):
             assert one == other, field.name
 
 
+def test_fragments_are_the_view_s_in_arrays():
+    """Both ways, and what is made of them is the same to the bit."""
+    view = made_view()
+    fragments = Fragments.of(view)
+    back = fragments.view()
+    for field in fields(View):
+        one, other = getattr(view, field.name), getattr(back, field.name)
+        assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other, field.name
+    assert np.array_equal(fragments.all_in_focus(), view.all_in_focus().numpy())
+    assert np.array_equal(fragments.mean_inverse_depth(), view.mean_inverse_depth().numpy())
+    assert (fragments.padded_shape, fragments.bands) == (view.padded_shape, view.bands)
+
+
 def test_bytes_follow_from_the_view(tmp_path):
     write_view(tmp_path / "one.exr", Fragments.of(made_view()), {"b": 1, "a": 2})
     write_view(tmp_path / "two.exr", Fragments.of(made_view()), {"a": 2, "b": 1})
