@@ -104,9 +104,7 @@ def _window_minimum(values: np.ndarray, radius: int, axis: int) -> np.ndarray:
     span = 1
     while span < 2 * radius + 1:
         step = min(span, 2 * radius + 1 - span)
-        length = out.shape[axis] - step
-        out = np.minimum(
-            np.take(out, range(length), axis=axis), np.take(out, range(step, length + step), axis=axis)
-        )
+        near, far = (slice(None), slice(-step)), (slice(None), slice(step, None))
+        out = np.minimum(*(out[part if axis else part[::-1]] for part in (near, far)))
         span += step
     return out
