@@ -3,7 +3,8 @@
 Six cameras, none of which a training drew: two with ordinary lenses, a cubic mask, rings, a height map of
 another training, and the paper's with its mask at another focus. Each photographs pictures as planes at
 random depths (see `planes`), and the middle of shipped scenes with depth, rendered for its pixels, as
-`scene3d` does. Both are told the camera, as designed, and the range of depths; neither is told more.
+`scene3d` does. Both are told the camera, as designed, and the range of depths; neither is told more. Beside
+them stands what was trained for that camera alone, where there is such a thing.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from ..restore.checkpoint import (
     load_checkpoint,
 )
 from ..restore.conditioning import conditioned_on
+from ..restore.network import apply_network
 from ..restore.restore import for_any_camera
 from ..restore.scores import psnr, within_scale
 from .experiment import Findings
@@ -50,21 +52,25 @@ FARTHER = ("hallway",)
 """The scene for a lens whose blur of half a metre takes more samples of its pupil than are allowed."""
 OWN_MAP = "fourier-wiener"
 """The training whose height map stands for one of somebody's own."""
+CUBIC = "cubic-dcnn"
+"""The network that was trained for the cubic mask."""
 REFOCUSED_M = 0.8
-PHOTO, WIENER, ANY = "photo", "wiener", "any"
-WHAT = {PHOTO: "photo", WIENER: "Wiener", ANY: "for any camera"}
+PHOTO, WIENER, ANY, OWN = "photo", "wiener", "any", "own"
+WHAT = {PHOTO: "photo", WIENER: "Wiener", ANY: "for any camera", OWN: "for this camera"}
 
 
 @dataclass(frozen=True)
 class Taker:
     """A camera with its mask as designed; said: in words; nearest_per_m: inverse depth up to which its
-    pictures stand; scenes: that it photographs."""
+    pictures stand; scenes: that it photographs; own: the network that was trained for it, None where there is
+    none."""
 
     name: str
     said: str
     camera: Camera
     nearest_per_m: float = NEAREST_PER_M
     scenes: tuple[str, ...] = SCENES
+    own: Checkpoint | None = None
 
 
 def takers() -> list[Taker]:
@@ -81,9 +87,14 @@ def takers() -> list[Taker]:
     return [
         Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], 1.0, FARTHER),
         Taker("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
-        Taker("cubic", "the cubic mask", found["paper-cubic"]),
+        Taker("cubic", "the cubic mask", found["paper-cubic"], own=load_checkpoint(CUBIC)),
         Taker("rings", "phase rings", found["paper-rings"]),
-        Taker("height-map", "another height map", camera_with_mask(load_camera("paper-clear").recipe, own)),
+        Taker(
+            "height-map",
+            "another height map",
+            camera_with_mask(load_camera("paper-clear").recipe, own),
+            own=own,
+        ),
         Taker("refocused", f"the paper's, focus at {REFOCUSED_M} m", Camera.from_recipe(moved, learned.base)),
     ]
 
@@ -102,14 +113,15 @@ def run(
     """Six cameras that no network was trained for: pictures at random depths and deep scenes, restored by the
     network for any camera and by Wiener deconvolution. Interrupt it at any time: the same command goes on.
 
-    Figures: psnr_db.CAMERA.{random,SCENE}.{photo,wiener,any}, gain_db.CAMERA.{random,SCENE} (above Wiener
-    deconvolution), gain_db.{mean,least}, gain_db.mean.{random,deep}, pictures, left_out.
+    Figures: psnr_db.CAMERA.{random,SCENE}.{photo,wiener,any,own}, gain_db.CAMERA.{random,SCENE} (above Wiener
+    deconvolution), gain_db.{mean,least}, gain_db.mean.{random,deep}; own, where something was trained for the
+    camera, and gap_db.CAMERA.{random,SCENE}, by which that is better; gap_db.greatest; pictures, left_out.
     """
     found = photographs(data, limit)
     checkpoint = load_checkpoint(network)
     if not checkpoint.network.any_camera:
         raise InputError(f"--network {network}: this was trained for one camera; name one for any camera")
-    digest = hashlib.sha256(find_checkpoint(network).read_bytes()).hexdigest()
+    digest = _digest(network)
     every = takers()
     scores: dict[str, dict[str, dict[str, float]]] = {}
     rows: list[PictureScore] = []
@@ -144,11 +156,15 @@ def figures_of(scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[
             figures |= {f"psnr_db.{camera}.{condition}.{what}": value for what, value in values.items()}
             gain = figures[f"gain_db.{camera}.{condition}"] = values[ANY] - values[WIENER]
             gains[RANDOM if condition == RANDOM else "deep"].append(gain)
+            if OWN in values:
+                figures[f"gap_db.{camera}.{condition}"] = values[OWN] - values[ANY]
     for name, values in gains.items():
         if values:
             figures[f"gain_db.mean.{name}"] = sum(values) / len(values)
     together = [value for values in gains.values() for value in values]
-    return {**figures, "gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
+    figures |= {"gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
+    gaps = [value for name, value in figures.items() if name.startswith("gap_db.")]
+    return {**figures, **({"gap_db.greatest": max(gaps)} if gaps else {})}
 
 
 def _planes(
@@ -175,13 +191,20 @@ def _planes(
         Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),
         Contestant(ANY, camera, restored, known + digest),
     ]
+    if taker.own is not None:
+        own = taker.own.network
+
+        def by_own(photo: Tensor, glare: Tensor) -> Tensor:
+            return apply_network(own, photo, glare=glare)
+
+        contestants.append(Contestant(OWN, camera, by_own, known + _digest(taker.own.name)))
     condition = Condition(RANDOM, None, READ_NOISE, paper_test(seed))
     rows: list[PictureScore] = []
     values: dict[str, float] = {}
     for index, contestant in enumerate(contestants):
         place = folder / taker.name
         place.mkdir(parents=True, exist_ok=True)
-        tell = part(progress, index / 2, (index + 1) / 2)
+        tell = part(progress, index / len(contestants), (index + 1) / len(contestants))
         measured = measure(
             contestant,
             data.pictures,
@@ -195,7 +218,7 @@ def _planes(
         values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
         values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
         rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
-    return {what: values[what] for what in (PHOTO, WIENER, ANY)}, rows
+    return {what: values[what] for what in WHAT if what in values}, rows
 
 
 def _deep(
@@ -206,7 +229,8 @@ def _deep(
     recipe = _with_pixels(scored_version(loaded.recipe, quick=True), taker.camera)
     kept = Kept(folder / "finished.jsonl")
     described = taker.camera.recipe.model_dump(mode="json")
-    key = key_of(camera=described, network=digest, scene=recipe.model_dump(mode="json"), seed=seed)
+    named = {} if taker.own is None else {OWN: _digest(taker.own.name)}
+    key = key_of(camera=described, network=digest, scene=recipe.model_dump(mode="json"), seed=seed, **named)
     known = kept.get(key)
     if known is not None:
         return known
@@ -215,10 +239,16 @@ def _deep(
     way = next(way for way in WAYS if way.name == OURS)
     with torch.inference_mode():
         taken = take(view, way, System(ANY, camera, checkpoint), seed)
-    images = {PHOTO: taken.images["photo"], WIENER: taken.images["wiener"], ANY: taken.images["restored"]}
+        images = {PHOTO: taken.images["photo"], WIENER: taken.images["wiener"], ANY: taken.images["restored"]}
+        if taker.own is not None:
+            images[OWN] = take(view, way, System(OWN, camera, taker.own), seed).images["restored"]
     found = {what: psnr(within_scale(image), taken.truth) for what, image in images.items()}
     kept.put(key, found)
     return found
+
+
+def _digest(network: str | Path) -> str:
+    return hashlib.sha256(find_checkpoint(network).read_bytes()).hexdigest()
 
 
 def _with_pixels(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
@@ -238,5 +268,6 @@ def _table(scores: Mapping[str, Mapping[str, Mapping[str, float]]], every: Seque
     for taker in every:
         for condition, values in scores[taker.name].items():
             said = "pictures, random depths" if condition == RANDOM else condition
-            rows.append((taker.said, said, *(values[what] for what in WHAT), values[ANY] - values[WIENER]))
+            found = (values.get(what) for what in WHAT)
+            rows.append((taker.said, said, *found, values[ANY] - values[WIENER]))
     return Table(columns, tuple(rows))

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from torch import Tensor
 
 from edofsim.errors import InputError
 from edofsim.experiments import cameras
-from edofsim.experiments.cameras import ANY, PHOTO, WIENER, figures_of, takers
+from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, figures_of, takers
 from edofsim.experiments.planes import RANDOM
 from edofsim.learn.random_cameras import random_camera
+from edofsim.optics import Camera
+from edofsim.optics.grid import PupilGrid
+from edofsim.optics.height import surface
 from edofsim.recipe.load import load_train
+from edofsim.restore.checkpoint import camera_with_mask, trained_camera
 
 
 def test_gains_are_above_wiener_deconvolution_and_their_means_over_cameras() -> None:
@@ -22,7 +27,31 @@ def test_gains_are_above_wiener_deconvolution_and_their_means_over_cameras() -> 
     assert figures["gain_db.one.random"] == 3.0 and figures["gain_db.two.desk"] == -0.5
     assert figures["gain_db.mean.random"] == 2.0 and figures["gain_db.mean.deep"] == 0.25
     assert figures["gain_db.mean"] == pytest.approx((3 + 1 + 1 - 0.5) / 4)
-    assert figures["gain_db.least"] == -0.5
+    assert figures["gain_db.least"] == -0.5 and not any(name.startswith("gap_db") for name in figures)
+    scores["one"][RANDOM][OWN], scores["two"]["desk"][OWN] = 28.25, 19.25
+    figures = figures_of(scores)
+    assert figures["psnr_db.one.random.own"] == 28.25 and "gap_db.one.desk" not in figures
+    assert (figures["gap_db.one.random"], figures["gap_db.two.desk"]) == (1.25, -0.25)
+    assert figures["gap_db.greatest"] == 1.25
+
+
+def heights(camera: Camera) -> Tensor:
+    """Of the mask, across the pupil, in metres."""
+    made = surface(camera, PupilGrid(101, camera.aperture_radius / 50, camera.aperture_radius))
+    assert made is not None
+    return made
+
+
+def test_what_was_trained_for_a_camera_was_trained_for_its_mask() -> None:
+    """Lens and focus are the same, and the mask to 10 nm, but for what lifts all of it."""
+    own = {taker.name: taker for taker in takers() if taker.own is not None}
+    assert list(own) == ["cubic", "height-map"]
+    for taker in own.values():
+        trained = camera_with_mask(trained_camera(taker.own), taker.own)
+        assert taker.camera.recipe.lens == trained.recipe.lens
+        assert taker.camera.recipe.focus == trained.recipe.focus
+        apart = heights(taker.camera) - heights(trained)
+        assert float((apart - apart.mean()).abs().max()) < 1e-8
 
 
 def test_there_are_six_cameras_and_the_training_drew_none_of_them() -> None:
