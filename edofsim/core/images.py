@@ -11,7 +11,9 @@ import math
 import os
 import warnings
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -146,19 +148,27 @@ def write_png(path: Path, image: ArrayLike) -> Path:
     return write_bytes(path, png_bytes((values * 255).round().astype(np.uint8)))
 
 
+@lru_cache(maxsize=1)
+def openexr() -> ModuleType:
+    """The package OpenEXR, with all cores to unpack what it reads; by itself it takes one."""
+    import OpenEXR
+
+    OpenEXR.set_global_thread_count(os.cpu_count() or 1)
+    return OpenEXR
+
+
 def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
     """The channels of an OpenEXR file by name, each [y, x]."""
     existing(path, what)
-    import OpenEXR
-
+    reader = openexr()
     try:
-        with OpenEXR.File(str(path), header_only=True) as file:
+        with reader.File(str(path), header_only=True) as file:
             low, high = (np.asarray(corner, int) for corner in file.header()["dataWindow"])
             columns, rows = (high - low + 1).tolist()
             names = [channel.name for channel in file.header()["channels"]]
         check_pixels(rows, columns, path, what)
         check_numbers((len(names), rows, columns), path, what)
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with reader.File(str(path), separate_channels=True) as file:
             return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except InputError:
         raise
@@ -193,9 +203,6 @@ def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mappin
 
 def save_exr(file: OpenEXR.File, path: Path) -> None:
     """Write it there and then, and not as `files.whole` does. Raises OSError where that cannot be."""
-    import OpenEXR
-
-    OpenEXR.set_global_thread_count(os.cpu_count() or 1)  # for compressing; 0 where nobody says
     try:
         file.write(str(path))
     except RuntimeError as error:  # OpenEXR's own kind, for anything that goes wrong with the file

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..core.images import save_exr
+from ..core.images import openexr, save_exr
 from ..core.json_values import Json
 from .fragments import Fragments
 
@@ -143,10 +143,8 @@ def read_view(path: Path) -> Fragments:
 
     Raises ValueError, with the reason, for a file that is damaged, or not a view of ours.
     """
-    import OpenEXR
-
     try:
-        return _view_of(OpenEXR.File(str(path), separate_channels=True))
+        return _view_of(openexr().File(str(path), separate_channels=True))
     except (RuntimeError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise ValueError(f"{path} is not a readable view: {error}") from error
 
