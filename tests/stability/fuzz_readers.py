@@ -98,11 +98,12 @@ def training(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
 def view(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     """A spectral EXR with fragments; as the cache reads it, with a damaged one's reason as a ValueError."""
     from edofsim.render.exr import read_view, write_view
+    from edofsim.render.fragments import Fragments
     from edofsim.stability.views import flat, layered_view
 
     path = folder / "seed.exr"
     half = flat(0.5).coverage.reshape(30, 35) * 0.5
-    write_view(path, layered_view(half, 1.2, 0.4, 0.5))
+    write_view(path, Fragments.of(layered_view(half, 1.2, 0.4, 0.5)))
 
     def read(path: Path) -> object:
         try:

@@ -7,24 +7,24 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from importlib import import_module
 
-import torch
+import numpy as np
 
 from ...render import rendering
-from ...render.view import View
+from ...render.fragments import Fragments
 from .mutant import Mutant, after, scaled, swapped, together
 
 RENDERER = ("renderer",)
 
 
-def _views(change: Callable[[View], View]) -> Callable[[], AbstractContextManager[object]]:
+def _views(change: Callable[[Fragments], Fragments]) -> Callable[[], AbstractContextManager[object]]:
     return lambda: after(rendering, "assemble", change)
 
 
-def _light(change: Callable[[torch.Tensor], torch.Tensor]) -> Callable[[], AbstractContextManager[object]]:
+def _light(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[], AbstractContextManager[object]]:
     return _views(lambda view: replace(view, radiance=change(view.radiance)))
 
 
-def _visible_alone(view: View) -> View:
+def _visible_alone(view: Fragments) -> Fragments:
     seen = ~view.hidden
     return replace(
         view,
@@ -36,12 +36,12 @@ def _visible_alone(view: View) -> View:
     )
 
 
-def _along_rays(view: View) -> View:
+def _along_rays(view: Fragments) -> Fragments:
     """Depth as the length of a ray."""
     rows, columns = view.padded_shape
     y = (view.pixel // columns - (rows - 1) / 2) * view.pixel_angle
     x = (view.pixel % columns - (columns - 1) / 2) * view.pixel_angle
-    return replace(view, inverse_depth=view.inverse_depth / (1 + x**2 + y**2).sqrt().float())
+    return replace(view, inverse_depth=(view.inverse_depth / np.sqrt(1 + x**2 + y**2)).astype(np.float32))
 
 
 def _rays(across: float, down: float) -> Callable[[], AbstractContextManager[object]]:
@@ -75,11 +75,14 @@ def _one_bounce_less() -> AbstractContextManager[object]:
 MUTANTS: tuple[Mutant, ...] = (
     Mutant("half the light", "in every pixel", RENDERER, _light(lambda x: 0.5 * x)),
     Mutant("light 5 % up", "in every pixel", RENDERER, _light(lambda x: 1.05 * x)),
-    Mutant("bands of a view reversed", "violet is red", RENDERER, _light(lambda x: x.flip(0))),
+    Mutant("bands of a view reversed", "violet is red", RENDERER, _light(lambda x: x[::-1].copy())),
     Mutant(
-        "gamma", "light is stored as the root of itself", RENDERER, _light(lambda x: x.clamp_min(0).sqrt())
+        "gamma",
+        "light is stored as the root of itself",
+        RENDERER,
+        _light(lambda x: np.sqrt(np.maximum(x, 0))),
     ),
-    Mutant("lamps clamped", "at a radiance of 100", RENDERER, _light(lambda x: x.clamp_max(100))),
+    Mutant("lamps clamped", "at a radiance of 100", RENDERER, _light(lambda x: np.minimum(x, 100))),
     Mutant("mirrored camera", "left and right change places", RENDERER, _rays(-1, 1)),
     Mutant("camera upside down", "top and bottom change places", RENDERER, _rays(1, -1)),
     Mutant("length of rays", "in place of depth along the axis", RENDERER, _views(_along_rays)),
@@ -94,7 +97,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "light left to coverage",
         "every fragment covers its pixel",
         RENDERER,
-        _views(lambda view: replace(view, coverage=torch.ones_like(view.coverage))),
+        _views(lambda view: replace(view, coverage=np.ones_like(view.coverage))),
     ),
     Mutant("a bounce fewer", "than is asked for", RENDERER, _one_bounce_less),
     Mutant(

@@ -7,9 +7,10 @@ from contextlib import AbstractContextManager
 from importlib import import_module
 
 import torch
+from skimage import metrics
 from torch import Tensor
 
-from ...restore import checkpoint, network, scores
+from ...restore import checkpoint, network
 from ...restore.restorer import Restorer
 from .. import network_cases, restoration
 from .mutant import Mutant, after, scaled, swapped
@@ -124,7 +125,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "SSIM 1 % down",
         "of equal images too",
         RESTORING,
-        lambda: after(scores, "structural_similarity", _less_alike),
+        lambda: after(metrics, "structural_similarity", _less_alike),
     ),
     Mutant(
         "denormals kept",
