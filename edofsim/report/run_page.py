@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from ..optics.threads import in_threads
 from ..restore.scores import Score, psnr, within_scale
 from .crops import Detail, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
@@ -143,15 +144,16 @@ def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
         "wiener": "computed from the same photo by Wiener deconvolution",
         "lens_alone": "through the lens without a mask",
     }
-    pictures = {}
-    for name, image in report.images().items():
+    images = report.images()
+
+    def one(name: str) -> Picture:
         label = report.label(name)
         score = report.scores.get(name)
         note = decibels(score.whole.psnr_db) if score else ""
-        pictures[name] = picture(
-            image, label, f"{label}: {report.title}, {what[name]}.", gain=gain, note=note
-        )
-    return pictures
+        said = f"{label}: {report.title}, {what[name]}."
+        return picture(images[name], label, said, gain=gain, note=note)
+
+    return dict(zip(images, in_threads(one, list(images), torch.device("cpu")), strict=True))
 
 
 def _images(
@@ -181,11 +183,13 @@ def _images(
 
 def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     """The slider over depth."""
-    pictures = tuple(
-        picture(image, distance(metres), f"{report.title}, {report.lens_alone_label.lower()} focused at "
-                f"{distance(metres)}.", gain=gain, largest=FOCUSED_PX)
-        for metres, image in report.focused.items()
-    )  # fmt: skip
+
+    def one(focused: tuple[float, torch.Tensor]) -> Picture:
+        at = distance(focused[0])
+        said = f"{report.title}, {report.lens_alone_label.lower()} focused at {at}."
+        return picture(focused[1], at, said, gain=gain, largest=FOCUSED_PX)
+
+    pictures = tuple(in_threads(one, list(report.focused.items()), torch.device("cpu")))
     caption = (
         f"What {report.camera} sees without its mask when it is focused at another distance, without "
         "noise, in three bands and few depth layers."
