@@ -73,6 +73,7 @@ def prepare(
         designed = optics.with_height(mask.to(workers.device)())
     training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
+    _keep(network, recipe.network.keep)
     system = System(
         optics,
         mask,
@@ -165,7 +166,11 @@ def _started(
 def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[Json, ...]]:
     """The network with weights that only the seed decides, or those of a checkpoint, and its history."""
     table = recipe.network
-    if table.start is not None:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(recipe.seed)
+        if table.start is None:
+            settings = network_class(table.kind).settings_for(table.settings, camera.psf.window_px)
+            return build_network(table.kind, settings), ()
         checkpoint = load_checkpoint(table.start, camera)
         network = checkpoint.network
         other = {**network.settings(), **table.settings} != network.settings()
@@ -175,10 +180,18 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
             except InputError as error:
                 raise InputError(f"network.start = {table.start!r}: {error}") from None
         return network, tuple(history_of(checkpoint))
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(recipe.seed)
-        settings = network_class(table.kind).settings_for(table.settings, camera.psf.window_px)
-        return build_network(table.kind, settings), ()
+
+
+def _keep(network: Restorer, parts: tuple[str, ...]) -> None:
+    """Let the weights of some parts be. Raises InputError for a part that the network lacks, and where
+    nothing is left to learn."""
+    known = dict(network.named_children())
+    for part in parts:
+        if part not in known:
+            raise InputError(f"network.keep: {network.kind!r} has no {part!r}; its parts are {', '.join(known)}")
+        known[part].requires_grad_(False)
+    if not any(weights.requires_grad for weights in network.parameters()):
+        raise InputError(f"network.keep = {list(parts)}: nothing of the network is left to learn")
 
 
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:

@@ -20,12 +20,14 @@ class NetworkTable(RecipeModel):
     """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. start_share:
     what is saved in the end is a mean of the weights and those at the start, which have this share: of a
     training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
-    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least."""
+    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least. keep:
+    parts of the network whose weights do not learn, by their names in it."""
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     settings: Json = {}
     start: str | None = None
     start_share: Annotated[float, Field(ge=0, lt=1)] | Literal["validation"] = 0.0
+    keep: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _startable(self) -> NetworkTable:

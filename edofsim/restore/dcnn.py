@@ -8,10 +8,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..core.json_values import Json
 from ..errors import InputError
 from .blur_likelihood import STEP
 from .borders import continued
 from .distances import DistanceTold
+from .filter_bank import compressed
+from .local_unet import Trunk
 from .restorer import Restorer
 
 KERNELS = 32
@@ -31,7 +34,9 @@ class DCnn(DistanceTold):
     `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
     that see 25 pixels. distances: so many parts of the depth range. Of each the last convolution has three
     channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
-    all distances restores what is near badly.
+    all distances restores what is near badly. second: width, blocks and kernel of a U-Net (see
+    `LocalUNet`) that sees photo and result, and farther than these blocks do, and adds what they lack; None
+    for none.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.
@@ -41,7 +46,11 @@ class DCnn(DistanceTold):
     told = ("transfer", "_matrix", "_constant")
 
     def __init__(
-        self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS, distances: int = 0
+        self,
+        kernels: int = KERNELS,
+        dilations: tuple[int, ...] = DILATIONS,
+        distances: int = 0,
+        second: Json | None = None,
     ) -> None:
         super().__init__()
         if kernels < 1 or not dilations or min(dilations) < 1 or distances < 0:
@@ -74,12 +83,18 @@ class DCnn(DistanceTold):
             assert layer.bias is not None
             nn.init.zeros_(layer.bias)
         self.refine = nn.Sequential(*refine)
+        self.second = Trunk(6, 3, **second, side=distances) if second else None
+        if self.second is not None:
+            self.radius += self.second.radius
+            self.multiple = max(self.multiple, self.second.multiple)
 
     def settings(self) -> dict[str, object]:
         own: dict[str, object] = {}
         if (self.kernels, self.dilations) != (KERNELS, DILATIONS):
             own = {"kernels": self.kernels, "dilations": list(self.dilations)}
-        return {**own, **({"distances": self.distances} if self.distances else {})}
+        if self.distances:
+            own["distances"] = self.distances
+        return {**own, **({"second": self.second.settings()} if self.second is not None else {})}
 
     def set_psfs(self, psf: Tensor) -> None:
         self.set_distances(psf)
@@ -105,18 +120,22 @@ class DCnn(DistanceTold):
         # pyrefly: ignore[bad-argument-type] - those of its own class
         found = cls(**{**network.settings(), **(settings or {})})
         places = _places(network.dilations, found.dilations)
-        if places is None or found.kernels < network.kernels or network.distances not in (0, found.distances):
-            raise InputError(
-                f"a D-CNN of {network.kernels} kernels, dilations {list(network.dilations)} and "
-                f"{network.distances} distances does not fit into one of {found.kernels}, "
-                f"{list(found.dilations)} and {found.distances}"
+        fits = places is not None and found.kernels >= network.kernels
+        told = network.distances in (0, found.distances)
+        seconds = [each.second.settings() if each.second is not None else None for each in (network, found)]
+        if not (fits and told and seconds[0] in (None, seconds[1])):
+            smaller, larger = (
+                f"{each.kernels} kernels, dilations {list(each.dilations)}, {each.distances} distances and "
+                f"{'no second stage' if second is None else f'a second stage {second}'}"
+                for each, second in zip((network, found), seconds, strict=True)
             )
+            raise InputError(f"a D-CNN of {smaller} does not fit into one of {larger}")
         if network.distances:
             found.use(network.known())
         with torch.no_grad():
             for index in range(len(found.dilations)):
                 _hand_on(found.residual[3 * index], found.residual[3 * index + 1], network.kernels)
-            for old, new in enumerate(places):
+            for old, new in enumerate(places or ()):
                 for part in (0, 1):
                     _copy_into(network.residual[3 * old + part], found.residual[3 * new + part])
             first, last = network.residual[-1], found.residual[-1]
@@ -127,19 +146,33 @@ class DCnn(DistanceTold):
                 own = own.repeat(len(value) // len(own), *[1] * (own.ndim - 1))
                 value[tuple(slice(size) for size in own.shape)] = own
             found.refine.load_state_dict(network.refine.state_dict())
+            if network.second is not None and found.second is not None:
+                found.second.load_state_dict(network.second.state_dict())
         return found
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
 
         In use a photo is continued beyond its border (see `borders`); in training black lies there."""
-        sharp = self._sharp(photo, self.likely(photo)) if self.training else self.unclamped(photo)
-        return sharp.clamp(0, 1)
+        if not self.training:
+            return self.unclamped(photo).clamp(0, 1)
+        likely = self.likely(photo)
+        return self._again(photo, self._sharp(photo, likely), likely).clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
+        likely = self.likely(photo)
+        return self._again(photo, self._by_first_stage(photo, likely), likely)
+
+    def _again(self, photo: Tensor, sharp: Tensor, likely: Tensor | None) -> Tensor:
+        if self.second is None:
+            return sharp
+        seen = compressed(torch.cat([photo, sharp], 1)).contiguous(memory_format=torch.channels_last)
+        return sharp + self.second(seen, likely).to(sharp.dtype)
+
+    def _by_first_stage(self, photo: Tensor, likely: Tensor | None) -> Tensor:
         reach = self.reach + REFINED
-        beyond, likely = continued(photo, reach), self.likely(photo)
+        beyond = continued(photo, reach)
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
             beyond = beyond.contiguous(memory_format=torch.channels_last)
             return self._by_fixed_statistics(beyond, likely)

@@ -202,6 +202,41 @@ def test_a_share_of_no_start_is_refused() -> None:
         NetworkTable(start_share=0.5)
 
 
+def test_parts_that_are_kept_do_not_learn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither weights nor running means, also where the training is interrupted; the others do."""
+    first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
+    loaded = _recipe(tmp_path)
+    changes = {"start": str(first), "settings": {"second": {"width": 4, "blocks": [1], "kernel": 3}}, "keep": ("residual", "refine")}
+    network = loaded.recipe.network.model_copy(update=changes)
+    kept = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
+    with monkeypatch.context() as patch:
+        _stop_after(2, patch)
+        train(kept, tmp_path / "parts")
+    found = [
+        load_checkpoint(path).network.state_dict()
+        for path in (
+            first,
+            train(kept, tmp_path / "straight").checkpoint,
+            train(kept, tmp_path / "parts", resume=True).checkpoint,
+        )
+    ]
+    before, after, resumed = found
+    assert all(torch.equal(after[name], value) for name, value in before.items())
+    assert [name for name, value in after.items() if not torch.equal(resumed[name], value)] == []
+    assert after["second.last.weight"].abs().max() > 0
+
+
+@pytest.mark.parametrize(
+    "keep, message",
+    [(("second",), "'dcnn' has no 'second'; its parts are residual, refine"), (("residual", "refine"), "left to learn")],
+)
+def test_what_cannot_be_kept_is_refused(keep: tuple[str, ...], message: str, tmp_path: Path) -> None:
+    loaded = _recipe(tmp_path)
+    network = loaded.recipe.network.model_copy(update={"keep": keep})
+    with pytest.raises(InputError, match=message):
+        train(Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, ""), tmp_path / "out")
+
+
 def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:
     """From halfway on: what the first half left, the second keeps."""
     saved: list[dict[str, torch.Tensor]] = []

@@ -204,3 +204,55 @@ def test_gradients_reach_the_photo_through_a_told_d_cnn() -> None:
     photo = _photo(8, 1, 3, 48, 48).requires_grad_()
     told(photo).square().sum().backward()
     assert photo.grad is not None and photo.grad.abs().mean() > 1e-3
+
+
+SECOND = {"width": 4, "blocks": [1, 1, 1], "kernel": 3}
+
+
+@pytest.mark.parametrize("distances", [0, 4])
+def test_a_second_stage_changes_nothing_at_first_and_is_kept(distances: int, tmp_path: Path) -> None:
+    small = _shaken(DCnn(distances=distances))
+    if distances:
+        small.set_psfs(_blurs(8))
+    large = DCnn.grown(small, {"second": SECOND}).eval()
+    photo = _photo(3, 3, 70, 61)
+    torch.testing.assert_close(apply_network(large, photo), apply_network(small, photo), rtol=0, atol=1e-6)
+    _shaken(large.second)
+    changed = apply_network(large, photo)
+    assert (changed - apply_network(small, photo)).abs().mean() > 0.01
+    path = save_checkpoint(tmp_path / "large.safetensors", large, {"name": "large"})
+    assert torch.equal(apply_network(load_checkpoint(path).network, photo), changed)
+    torch.testing.assert_close(apply_network(DCnn.grown(large), photo), changed, rtol=0, atol=1e-6)
+    for settings in ({"second": None}, {"second": {**SECOND, "width": 8}}):
+        with pytest.raises(InputError, match="does not fit"):
+            DCnn.grown(large, settings)
+
+
+@pytest.mark.parametrize("distances", [0, 4])
+def test_a_second_stage_restores_in_tiles_as_whole(distances: int) -> None:
+    network = _shaken(DCnn(distances=distances, second=SECOND), by=0.1)
+    photo = torch.nn.functional.avg_pool2d(_texture(352, 5), 5, 1)[0] * 0.02 + 0.5
+    whole, tiles = (apply_network(network, photo, tile=tile) for tile in (512, 96))
+    torch.testing.assert_close(tiles, whole, rtol=0, atol=1e-5)
+
+
+def test_a_pixel_sees_no_farther_than_a_second_stage_says() -> None:
+    network = _shaken(DCnn(second=SECOND), by=0.02).double()
+    _shaken(network.second, by=0.2)
+    size = 2 * network.radius + 23
+    photo = (0.5 + 0.01 * _photo(4, 1, 3, size, size).double()).requires_grad_()
+    reach = 0
+    middle = size // 2 // network.multiple * network.multiple
+    for place in (middle, middle + network.multiple - 1):  # the ends of pixels that share a coarse one
+        gradient = torch.autograd.grad(network.unclamped(photo)[0, 1, place, place], photo)[0]
+        reach = max(reach, int((gradient[0].abs().sum(0) > 0).nonzero().sub(place).abs().max()))
+    assert network.radius - network.multiple <= reach <= network.radius
+
+
+def test_what_is_kept_in_a_training_has_no_gradient_and_costs_none() -> None:
+    network = _shaken(DCnn(second=SECOND))
+    for part in (network.residual, network.refine):
+        part.requires_grad_(False)
+    network.unclamped(_photo(5, 1, 3, 24, 24)).square().mean().backward()
+    assert all(weights.grad is None for weights in network.residual.parameters())
+    assert all(weights.grad.abs().max() > 0 for weights in network.second.parameters())
