@@ -73,3 +73,18 @@ def test_moving_turns_normals_with_the_surface():
     gradient = (moved.vertices - [1, 2, 3]) / np.array([1, 4, 9])
     gradient /= np.linalg.norm(gradient, axis=1, keepdims=True)
     np.testing.assert_allclose(moved.normals, gradient, atol=1e-5)
+
+
+@pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.parametrize("count", [3, 4, 5, 9, 40])
+def test_a_smooth_path_is_the_spline_of_scipy(count: int, closed: bool) -> None:
+    from scipy.interpolate import CubicSpline
+
+    points = np.random.default_rng(count).normal(size=(count, 3))
+    through = np.concatenate([points, points[:1]]) if closed else points
+    chords = np.linalg.norm(np.diff(through, axis=0), axis=1)
+    knots = np.concatenate([[0], np.cumsum(np.sqrt(chords))])
+    spline = CubicSpline(knots, through, bc_type="periodic" if closed else "natural")
+    expected = spline(np.linspace(0, knots[-1], 12 * len(through)))
+    found = solids.smooth_path(points, closed)
+    np.testing.assert_allclose(found, expected[:-1] if closed else expected, atol=1e-13)
