@@ -150,7 +150,8 @@ def write_png(path: Path, image: ArrayLike) -> Path:
 
 @lru_cache(maxsize=1)
 def openexr() -> ModuleType:
-    """The package OpenEXR, with all cores to unpack what it reads; by itself it takes one."""
+    """The package OpenEXR, with all cores to unpack what it reads and pack what it writes; by itself it takes
+    one."""
     import OpenEXR
 
     OpenEXR.set_global_thread_count(os.cpu_count() or 1)
@@ -192,12 +193,11 @@ def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mappin
 
     Raises what `files.whole` raises.
     """
-    import OpenEXR
-
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
+    writer = openexr()
+    header = {"compression": writer.ZIP_COMPRESSION, "type": writer.scanlineimage, **attributes}
     planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
     with whole(path) as temporary:
-        save_exr(OpenEXR.File(header, planes), temporary)
+        save_exr(writer.File(header, planes), temporary)
     return path
 
 

@@ -63,8 +63,7 @@ def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Calla
 
     recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be written.
     """
-    import OpenEXR
-
+    writer = openexr()
     rows, columns = view.padded_shape
     value = exposure_value(view.radiance)
     names = [channel_name(w) for w in view.wavelengths.tolist()]
@@ -76,8 +75,8 @@ def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Calla
         "spectralLayoutVersion": "1.0",
         "emissiveUnits": "W.m^-2.sr^-1",
         "EV": value,
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
+        "compression": writer.ZIP_COMPRESSION,
+        "type": writer.scanlineimage,
     }
     margin = view.margin
     window = (
@@ -100,15 +99,15 @@ def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Calla
         "recipe": json.dumps(recipe or {}, sort_keys=True),
     }
     channels = {name: np.ascontiguousarray(image[band]) for band, name in enumerate(names)}
-    parts = [OpenEXR.Part(header, {**channels, "Z": depth}, "image")]
+    parts = [writer.Part(header, {**channels, "Z": depth}, "image")]
     listed = _listed(view)
     table = _table(view, listed, names, scale)
     size = (np.zeros(2, np.int32), np.array(table["pixel"].shape[::-1], np.int32) - 1)
     # All parts of a file share their display window.
     parts.append(
-        OpenEXR.Part({**spectral, "dataWindow": size, "displayWindow": frame}, {**table}, "fragments")
+        writer.Part({**spectral, "dataWindow": size, "displayWindow": frame}, {**table}, "fragments")
     )
-    save_exr(OpenEXR.File(parts), path)
+    save_exr(writer.File(parts), path)
     return partial(_view_from, json.loads(header["edofsim"]), value, image, depth, table, margin)
 
 

@@ -18,7 +18,7 @@ from ...recipe.surfaces import AnySurface, MattSurface
 from .. import solids
 from .context import Builder, Context, Part
 
-Grid = np.ndarray  # float64 [x, y, z]: a distance at each grid point, or its coordinate, of one where alike
+Grid = np.ndarray  # float32 [x, y, z]: a distance at each grid point, or its coordinate, of one where alike
 
 _LOW, _HIGH = np.array([-1.15, 0.0, -0.75]), np.array([1.15, 2.45, 0.75])
 
@@ -40,13 +40,13 @@ class Bust(Builder, Placed):
         axes = [
             np.arange(low - 2 * step, high + 2.5 * step, step) for low, high in zip(_LOW, _HIGH, strict=True)
         ]
-        x, y, z = np.meshgrid(*axes, indexing="ij", sparse=True)
+        x, y, z = np.meshgrid(*(axis.astype(np.float32) for axis in axes), indexing="ij", sparse=True)
         distance = _figure(x, y, z, context.rng("face"))
         # kept off the grid points, where marching cubes would make triangles without an area
         distance = np.where(np.abs(distance) < 0.06 * step, np.copysign(0.06 * step, distance), distance)
         spacing = (step, step, step)
         vertices, faces, normals, _ = marching_cubes(
-            distance.astype(np.float32), 0.0, spacing=spacing, gradient_direction="ascent"
+            distance, 0.0, spacing=spacing, gradient_direction="ascent"
         )
         vertices = vertices + [axis[0] for axis in axes]
         height = np.ptp(vertices[:, 1])
@@ -71,9 +71,10 @@ def _ellipsoid(x: Grid, y: Grid, z: Grid, centre: Triple, radii: Triple) -> Grid
 
 def _capsule(x: Grid, y: Grid, z: Grid, start: Triple, end: Triple, r0: float, r1: float) -> Grid:
     """About the distance from a rod from `start` to `end` whose radius goes from r0 to r1."""
-    a, d = np.array(start, float), np.array(end, float) - np.array(start, float)
-    t = np.clip(((x - a[0]) * d[0] + (y - a[1]) * d[1] + (z - a[2]) * d[2]) / (d @ d), 0, 1)
-    offset = [p - (a[i] + t * d[i]) for i, p in enumerate((x, y, z))]
+    d = [after - before for before, after in zip(start, end, strict=True)]
+    along = sum((p - a) * s for p, a, s in zip((x, y, z), start, d, strict=True))
+    t = np.clip(along / sum(s * s for s in d), 0, 1)
+    offset = [p - (a + t * s) for p, a, s in zip((x, y, z), start, d, strict=True)]
     return np.sqrt(sum(o**2 for o in offset)) - (r0 + (r1 - r0) * t)
 
 
@@ -119,7 +120,7 @@ def _figure(x: Grid, y: Grid, z: Grid, rng: np.random.Generator) -> Grid:
     d = _join(d, lips, 0.05)
     d = _carve(d, _ellipsoid(x, y, z, (0, lips_y + 0.003, -0.45), (0.12, 0.008, 0.05)), 0.02)
     hair = _ellipsoid(x, y, z, (0, head_y + 0.17, 0.13), (0.42, 0.41, 0.46))
-    a, b, c = rng.uniform(0, 2 * np.pi, 3)
+    a, b, c = rng.uniform(0, 2 * np.pi, 3).tolist()
     curls = np.sin(17 * x + a) * np.sin(15 * y + 9 * z + b) + 0.5 * np.sin(31 * z + 12 * x + c)
     fringe = _ellipsoid(x, y, z, (0, head_y - 0.2, -0.62), (0.62, 0.56, 0.52))
     d = _join(d, _carve(hair + 0.018 * curls, fringe, 0.05), 0.02)
