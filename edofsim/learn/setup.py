@@ -188,7 +188,9 @@ def _keep(network: Restorer, parts: tuple[str, ...]) -> None:
     known = dict(network.named_children())
     for part in parts:
         if part not in known:
-            raise InputError(f"network.keep: {network.kind!r} has no {part!r}; its parts are {', '.join(known)}")
+            raise InputError(
+                f"network.keep: {network.kind!r} has no {part!r}; its parts are {', '.join(known)}"
+            )
         known[part].requires_grad_(False)
     if not any(weights.requires_grad for weights in network.parameters()):
         raise InputError(f"network.keep = {list(parts)}: nothing of the network is left to learn")

@@ -355,7 +355,8 @@ def save_result(
 
 
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:
-    """Adam with a rate for what learns of the network and one for a mask that learns; its values do not decay."""
+    """Adam with a rate for what learns of the network and one for a mask that learns, whose values do not
+    decay."""
     settings, doe = setup.recipe.optimiser, setup.recipe.doe
     groups: list[Json] = []
     network = [weights for weights in setup.system.network.parameters() if weights.requires_grad]

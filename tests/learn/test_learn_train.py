@@ -206,7 +206,11 @@ def test_parts_that_are_kept_do_not_learn(tmp_path: Path, monkeypatch: pytest.Mo
     """Neither weights nor running means, also where the training is interrupted; the others do."""
     first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
     loaded = _recipe(tmp_path)
-    changes = {"start": str(first), "settings": {"second": {"width": 4, "blocks": [1], "kernel": 3}}, "keep": ("residual", "refine")}
+    changes = {
+        "start": str(first),
+        "settings": {"second": {"width": 4, "blocks": [1], "kernel": 3}},
+        "keep": ("residual", "refine"),
+    }
     network = loaded.recipe.network.model_copy(update=changes)
     kept = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
     with monkeypatch.context() as patch:
@@ -228,13 +232,18 @@ def test_parts_that_are_kept_do_not_learn(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(
     "keep, message",
-    [(("second",), "'dcnn' has no 'second'; its parts are residual, refine"), (("residual", "refine"), "left to learn")],
+    [
+        (("second",), "'dcnn' has no 'second'; its parts are residual, refine"),
+        (("residual", "refine"), "left to learn"),
+    ],
 )
 def test_what_cannot_be_kept_is_refused(keep: tuple[str, ...], message: str, tmp_path: Path) -> None:
     loaded = _recipe(tmp_path)
     network = loaded.recipe.network.model_copy(update={"keep": keep})
     with pytest.raises(InputError, match=message):
-        train(Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, ""), tmp_path / "out")
+        train(
+            Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, ""), tmp_path / "out"
+        )
 
 
 def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:
