@@ -78,7 +78,7 @@ def prepare(
         optics,
         mask,
         network,
-        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
+        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma, recipe.loss.log_square),
         recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,

@@ -23,6 +23,7 @@ LEAK = 0.01
 BETWEEN = 2  # distances in each part that is told apart
 BELIEF = (0.027, 0.075)
 """How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
+SCALE = 0.1  # of the branches of a second stage at first
 REFINED = 2  # pixels that the transposed convolutions see around them
 
 
@@ -85,6 +86,9 @@ class DCnn(DistanceTold):
         self.refine = nn.Sequential(*refine)
         self.second = Trunk(6, 3, **second, side=distances) if second else None
         if self.second is not None:
+            for name, weights in self.second.named_parameters():
+                if "scale_" in name:  # its last convolution starts at zero: blocks need not, and learn sooner
+                    nn.init.constant_(weights, SCALE)
             self.radius += self.second.radius
             self.multiple = max(self.multiple, self.second.multiple)
 

@@ -1,0 +1,99 @@
+"""How much of what a deep scene costs a restoration is distance: a ceiling for `told-dcnn`.
+
+`python -m benchmarks.true_depth [--network NAME] [--json FILE]` photographs the middles of the shipped scenes
+as `evaluate scene3d --quick` does (all bands, sub-apertures) and restores them by a D-CNN that is told
+distances: by the photo's own blur, as in use, and as they truly are. Beside them the same pictures as planes
+at the mean inverse distance of each scene, told by their blur.
+Figures: `psnr_db.{SCENE,mean}.{blur,true,plane}`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from statistics import fmean
+
+import torch
+from torch import Tensor
+
+from edofsim.experiments.protocols import OURS, WAYS, System, systems_of, take, views_of
+from edofsim.experiments.scene3d import scored_version
+from edofsim.recipe.load import load_camera, load_scene, shipped, shipped_folder
+from edofsim.record import record, write_record
+from edofsim.render import render
+from edofsim.render.view import View
+from edofsim.restore.conditioning import conditioned_on
+from edofsim.restore.dcnn import DCnn
+from edofsim.restore.scores import psnr, within_scale
+
+WAY = next(way for way in WAYS if way.name == OURS)
+
+
+def likely(view: View, parts: int, nearest_per_m: float) -> Tensor:
+    """What share of each pixel of the frame lies in each part of the depth range, [1, parts, y, x]; surfaces
+    between the middles of two parts count for both, as near as they are."""
+    rows, columns = view.padded_shape
+    seen = ~view.hidden
+    place = (view.inverse_depth[seen] * parts / nearest_per_m - 0.5).clamp(0, parts - 1)
+    lower = place.floor().long().clamp_max(parts - 2)
+    upper = place - lower
+    share = torch.zeros(parts, rows * columns)
+    for part, weight in ((lower, 1 - upper), (lower + 1, upper)):
+        share.index_put_((part, view.pixel[seen]), weight * view.coverage[seen], accumulate=True)
+    return view.crop_margin((share / share.sum(0).clamp_min(1e-6)).view(parts, rows, columns))[None]
+
+
+def as_plane(view: View) -> View:
+    """What a pinhole sees of a view, at the mean inverse distance."""
+    picture = view.all_in_focus()
+    inverse = torch.full(picture.shape[1:], float(view.mean_inverse_depth().mean()))
+    about = {"wavelengths": view.wavelengths, "pixel_angle": view.pixel_angle, "margin": view.margin}
+    return View.flat(picture, inverse, metadata={}, **about)
+
+
+def score(view: View, system: System) -> float:
+    taken = take(view, WAY, system)
+    return psnr(within_scale(taken.images["restored"]), taken.truth)
+
+
+@torch.no_grad()
+def restored(name: str) -> dict[str, float]:
+    found: dict[str, list[float]] = {"blur": [], "true": [], "plane": []}
+    figures: dict[str, float] = {}
+    for path in shipped(shipped_folder("scenes")).values():
+        scene = load_scene(path)
+        system = systems_of(load_camera(scene.recipe.camera, scene.base), [name])[1]
+        assert system.checkpoint is not None
+        view = views_of(render(scored_version(scene.recipe, quick=True), scene.base), system.camera)[OURS]
+        network = conditioned_on(system.checkpoint, system.camera, view.wavelengths)
+        assert isinstance(network, DCnn) and network.distances
+        nearest = system.checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
+        truth = likely(view, network.distances, nearest)
+        found["blur"].append(score(view, system))
+        found["plane"].append(score(as_plane(view), system))
+        network.likely = lambda photo, truth=truth: truth
+        try:
+            found["true"].append(score(view, system))
+        finally:
+            del network.likely
+        for way, values in found.items():
+            figures[f"psnr_db.{scene.recipe.name}.{way}"] = values[-1]
+        told = ", ".join(f"{way} {values[-1]:.2f}" for way, values in found.items())
+        print(f"{scene.recipe.name}: {told} dB", flush=True)
+    for way, values in found.items():
+        figures[f"psnr_db.mean.{way}"] = fmean(values)
+    print(", ".join(f"{way} {fmean(values):.2f}" for way, values in found.items()) + " dB in the mean")
+    return figures
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.true_depth")
+    parser.add_argument("--network", default="told-dcnn")
+    parser.add_argument("--json", type=Path)
+    asked = parser.parse_args()
+    figures = restored(asked.network)
+    if asked.json:
+        typed = shlex.join(["python", "-m", "benchmarks.true_depth", *sys.argv[1:]])
+        write_record(asked.json, record("true_depth", figures=figures, typed=typed))
