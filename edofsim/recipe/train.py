@@ -60,7 +60,8 @@ class DoeTable(RecipeModel):
 
 class LossTable(RecipeModel):
     """alpha, beta, gamma of the paper's loss, and log_square, the weight of the logarithm of the mean square
-    error; `restore.losses` says why these. truncated_energy: weight of the fraction of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it,
+    error; `restore.losses` says why these. truncated_energy: weight of the fraction of light that leaves
+    the PSFs' window: unpunished, a mask learns to throw light out of it,
     which a real camera would show as veiling glare. light_kept: what is judged has the lowest spatial
     frequencies of the truth, as in use it gets those of the photo (see `restore.light`), and is made as in
     use, at borders too."""
