@@ -1,9 +1,9 @@
 """How much of what a deep scene costs a restoration is distance: a ceiling for `told-dcnn`.
 
-`python -m benchmarks.true_depth [--network NAME] [--json FILE]` photographs the middles of the shipped scenes
-as `evaluate scene3d --quick` does (all bands, sub-apertures) and restores them by a D-CNN that is told
-distances: by the photo's own blur, as in use, and as they truly are. Beside them the same pictures as planes
-at the mean inverse distance of each scene, told by their blur.
+`python -m benchmarks.true_depth [--json FILE]` photographs the middles of the shipped scenes as `evaluate
+scene3d --quick` does (all bands, sub-apertures) and restores them by `told-dcnn`, told the distances by the
+photo's own blur, as in use, and as they truly are. Beside them the same pictures as planes at the mean
+inverse distance of each scene, told by their blur.
 Figures: `psnr_db.{SCENE,mean}.{blur,true,plane}`.
 """
 
@@ -18,7 +18,7 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
-from edofsim.experiments.protocols import OURS, WAYS, System, systems_of, take, views_of
+from edofsim.experiments.protocols import OURS, WAYS, System, systems_of, take
 from edofsim.experiments.scene3d import scored_version
 from edofsim.recipe.load import load_camera, load_scene, shipped, shipped_folder
 from edofsim.record import record, write_record
@@ -28,6 +28,7 @@ from edofsim.restore.conditioning import conditioned_on
 from edofsim.restore.dcnn import DCnn
 from edofsim.restore.scores import psnr, within_scale
 
+NETWORK = "told-dcnn"
 WAY = next(way for way in WAYS if way.name == OURS)
 
 
@@ -59,14 +60,14 @@ def score(view: View, system: System) -> float:
 
 
 @torch.no_grad()
-def restored(name: str) -> dict[str, float]:
+def restored() -> dict[str, float]:
     found: dict[str, list[float]] = {"blur": [], "true": [], "plane": []}
     figures: dict[str, float] = {}
     for path in shipped(shipped_folder("scenes")).values():
         scene = load_scene(path)
-        system = systems_of(load_camera(scene.recipe.camera, scene.base), [name])[1]
+        system = systems_of(load_camera(scene.recipe.camera, scene.base), [NETWORK])[1]
         assert system.checkpoint is not None
-        view = views_of(render(scored_version(scene.recipe, quick=True), scene.base), system.camera)[OURS]
+        view = render(scored_version(scene.recipe, quick=True), scene.base)
         network = conditioned_on(system.checkpoint, system.camera, view.wavelengths)
         assert isinstance(network, DCnn) and network.distances
         nearest = system.checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
@@ -90,10 +91,9 @@ def restored(name: str) -> dict[str, float]:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m benchmarks.true_depth")
-    parser.add_argument("--network", default="told-dcnn")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    figures = restored(asked.network)
+    figures = restored()
     if asked.json:
         typed = shlex.join(["python", "-m", "benchmarks.true_depth", *sys.argv[1:]])
         write_record(asked.json, record("true_depth", figures=figures, typed=typed))

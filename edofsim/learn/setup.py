@@ -73,12 +73,11 @@ def prepare(
         designed = optics.with_height(mask.to(workers.device)())
     training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
-    _keep(network, recipe.network.keep)
     system = System(
         optics,
         mask,
         network,
-        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma, recipe.loss.log_square),
+        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
         recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
@@ -164,7 +163,8 @@ def _started(
 
 
 def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[Json, ...]]:
-    """The network with weights that only the seed decides, or those of a checkpoint, and its history."""
+    """The network with weights that only the seed decides, or those of a checkpoint, and its history. What it
+    lacks of one that grows out of it is the seed's, too."""
     table = recipe.network
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(recipe.seed)
@@ -180,20 +180,6 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
             except InputError as error:
                 raise InputError(f"network.start = {table.start!r}: {error}") from None
         return network, tuple(history_of(checkpoint))
-
-
-def _keep(network: Restorer, parts: tuple[str, ...]) -> None:
-    """Let the weights of some parts be. Raises InputError for a part that the network lacks, and where
-    nothing is left to learn."""
-    known = dict(network.named_children())
-    for part in parts:
-        if part not in known:
-            raise InputError(
-                f"network.keep: {network.kind!r} has no {part!r}; its parts are {', '.join(known)}"
-            )
-        known[part].requires_grad_(False)
-    if not any(weights.requires_grad for weights in network.parameters()):
-        raise InputError(f"network.keep = {list(parts)}: nothing of the network is left to learn")
 
 
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:

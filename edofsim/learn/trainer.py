@@ -218,13 +218,13 @@ def _step(loop: _Loop, fraction: float) -> JudgedPhotos:
 
 
 def _update(loop: _Loop, draw: Draw, frozen: bool) -> JudgedPhotos:
-    """One step of the optimiser for all that the loss depends on. frozen: the running means stay, as they do
-    in parts that are kept."""
+    """One step of the optimiser for all that the loss depends on. frozen: the running means stay."""
     setup = loop.setup
     loop.wrapped.train()
-    for module in setup.system.network.modules():
-        if isinstance(module, nn.BatchNorm2d) and (frozen or not module.weight.requires_grad):
-            module.eval()
+    if frozen:
+        for module in setup.system.network.modules():
+            if isinstance(module, nn.BatchNorm2d):
+                module.eval()
     # a batch that is not finite spoils the running means before its loss is known
     means = [buffer.clone() for buffer in setup.system.network.buffers()]
     outcome = loop.wrapped(draw)
@@ -355,12 +355,10 @@ def save_result(
 
 
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:
-    """Adam with a rate for what learns of the network and one for a mask that learns, whose values do not
-    decay."""
+    """Adam with a rate for the network and one for a mask that learns; its values do not decay."""
     settings, doe = setup.recipe.optimiser, setup.recipe.doe
     groups: list[Json] = []
-    network = [weights for weights in setup.system.network.parameters() if weights.requires_grad]
-    mask = list(setup.system.mask.parameters())
+    network, mask = (list(module.parameters()) for module in (setup.system.network, setup.system.mask))
     groups.append(
         {"params": network, "full_rate": settings.learning_rate, "weight_decay": settings.weight_decay}
     )

@@ -20,14 +20,12 @@ class NetworkTable(RecipeModel):
     """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. start_share:
     what is saved in the end is a mean of the weights and those at the start, which have this share: of a
     training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
-    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least. keep:
-    parts of the network whose weights do not learn, by their names in it."""
+    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least."""
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     settings: Json = {}
     start: str | None = None
     start_share: Annotated[float, Field(ge=0, lt=1)] | Literal["validation"] = 0.0
-    keep: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _startable(self) -> NetworkTable:
@@ -59,9 +57,8 @@ class DoeTable(RecipeModel):
 
 
 class LossTable(RecipeModel):
-    """alpha, beta, gamma of the paper's loss, and log_square, the weight of the logarithm of the mean square
-    error; `restore.losses` says why these. truncated_energy: weight of the fraction of light that leaves
-    the PSFs' window: unpunished, a mask learns to throw light out of it,
+    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. truncated_energy: weight of
+    the fraction of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it,
     which a real camera would show as veiling glare. light_kept: what is judged has the lowest spatial
     frequencies of the truth, as in use it gets those of the photo (see `restore.light`), and is made as in
     use, at borders too."""
@@ -69,7 +66,6 @@ class LossTable(RecipeModel):
     alpha: NotNegative = 0.01
     beta: NotNegative = 10.0
     gamma: Annotated[float, Field(gt=0, le=2)] = 0.8
-    log_square: NotNegative = 0.0
     truncated_energy: NotNegative = 0.2
     light_kept: bool = False
 

@@ -8,13 +8,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ..core.json_values import Json
 from ..errors import InputError
 from .blur_likelihood import STEP
 from .borders import continued
 from .distances import DistanceTold
-from .filter_bank import compressed
-from .local_unet import Trunk
 from .restorer import Restorer
 
 KERNELS = 32
@@ -23,7 +20,6 @@ LEAK = 0.01
 BETWEEN = 2  # distances in each part that is told apart
 BELIEF = (0.027, 0.075)
 """How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
-SCALE = 0.1  # of the branches of a second stage at first
 REFINED = 2  # pixels that the transposed convolutions see around them
 
 
@@ -35,9 +31,7 @@ class DCnn(DistanceTold):
     `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
     that see 25 pixels. distances: so many parts of the depth range. Of each the last convolution has three
     channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
-    all distances restores what is near badly. second: width, blocks and kernel of a U-Net (see
-    `LocalUNet`) that sees photo and result, and farther than these blocks do, and adds what they lack; None
-    for none.
+    all distances restores what is near badly.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.
@@ -47,11 +41,7 @@ class DCnn(DistanceTold):
     told = ("transfer", "_matrix", "_constant")
 
     def __init__(
-        self,
-        kernels: int = KERNELS,
-        dilations: tuple[int, ...] = DILATIONS,
-        distances: int = 0,
-        second: Json | None = None,
+        self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS, distances: int = 0
     ) -> None:
         super().__init__()
         if kernels < 1 or not dilations or min(dilations) < 1 or distances < 0:
@@ -84,21 +74,12 @@ class DCnn(DistanceTold):
             assert layer.bias is not None
             nn.init.zeros_(layer.bias)
         self.refine = nn.Sequential(*refine)
-        self.second = Trunk(6, 3, **second, side=distances) if second else None
-        if self.second is not None:
-            for name, weights in self.second.named_parameters():
-                if "scale_" in name:  # its last convolution starts at zero: blocks need not, and learn sooner
-                    nn.init.constant_(weights, SCALE)
-            self.radius += self.second.radius
-            self.multiple = max(self.multiple, self.second.multiple)
 
     def settings(self) -> dict[str, object]:
         own: dict[str, object] = {}
         if (self.kernels, self.dilations) != (KERNELS, DILATIONS):
             own = {"kernels": self.kernels, "dilations": list(self.dilations)}
-        if self.distances:
-            own["distances"] = self.distances
-        return {**own, **({"second": self.second.settings()} if self.second is not None else {})}
+        return {**own, **({"distances": self.distances} if self.distances else {})}
 
     def set_psfs(self, psf: Tensor) -> None:
         self.set_distances(psf)
@@ -124,22 +105,18 @@ class DCnn(DistanceTold):
         # pyrefly: ignore[bad-argument-type] - those of its own class
         found = cls(**{**network.settings(), **(settings or {})})
         places = _places(network.dilations, found.dilations)
-        fits = places is not None and found.kernels >= network.kernels
-        told = network.distances in (0, found.distances)
-        seconds = [each.second.settings() if each.second is not None else None for each in (network, found)]
-        if not (fits and told and seconds[0] in (None, seconds[1])):
-            smaller, larger = (
-                f"{each.kernels} kernels, dilations {list(each.dilations)}, {each.distances} distances and "
-                f"{'no second stage' if second is None else f'a second stage {second}'}"
-                for each, second in zip((network, found), seconds, strict=True)
+        if places is None or found.kernels < network.kernels or network.distances not in (0, found.distances):
+            raise InputError(
+                f"a D-CNN of {network.kernels} kernels, dilations {list(network.dilations)} and "
+                f"{network.distances} distances does not fit into one of {found.kernels}, "
+                f"{list(found.dilations)} and {found.distances}"
             )
-            raise InputError(f"a D-CNN of {smaller} does not fit into one of {larger}")
         if network.distances:
             found.use(network.known())
         with torch.no_grad():
             for index in range(len(found.dilations)):
                 _hand_on(found.residual[3 * index], found.residual[3 * index + 1], network.kernels)
-            for old, new in enumerate(places or ()):
+            for old, new in enumerate(places):
                 for part in (0, 1):
                     _copy_into(network.residual[3 * old + part], found.residual[3 * new + part])
             first, last = network.residual[-1], found.residual[-1]
@@ -150,33 +127,19 @@ class DCnn(DistanceTold):
                 own = own.repeat(len(value) // len(own), *[1] * (own.ndim - 1))
                 value[tuple(slice(size) for size in own.shape)] = own
             found.refine.load_state_dict(network.refine.state_dict())
-            if network.second is not None and found.second is not None:
-                found.second.load_state_dict(network.second.state_dict())
         return found
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
 
         In use a photo is continued beyond its border (see `borders`); in training black lies there."""
-        if not self.training:
-            return self.unclamped(photo).clamp(0, 1)
-        likely = self.likely(photo)
-        return self._again(photo, self._sharp(photo, likely), likely).clamp(0, 1)
+        sharp = self._sharp(photo, self.likely(photo)) if self.training else self.unclamped(photo)
+        return sharp.clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
-        likely = self.likely(photo)
-        return self._again(photo, self._by_first_stage(photo, likely), likely)
-
-    def _again(self, photo: Tensor, sharp: Tensor, likely: Tensor | None) -> Tensor:
-        if self.second is None:
-            return sharp
-        seen = compressed(torch.cat([photo, sharp], 1)).contiguous(memory_format=torch.channels_last)
-        return sharp + self.second(seen, likely).to(sharp.dtype)
-
-    def _by_first_stage(self, photo: Tensor, likely: Tensor | None) -> Tensor:
         reach = self.reach + REFINED
-        beyond = continued(photo, reach)
+        beyond, likely = continued(photo, reach), self.likely(photo)
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):
             beyond = beyond.contiguous(memory_format=torch.channels_last)
             return self._by_fixed_statistics(beyond, likely)

@@ -197,53 +197,22 @@ def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path)
     assert not any("start" in name for name in first.figures)
 
 
+def test_what_is_new_in_a_larger_network_follows_the_seed(tmp_path: Path) -> None:
+    """Whatever was drawn at random before it."""
+    first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
+    loaded = _recipe(tmp_path)
+    network = loaded.recipe.network.model_copy(update={"start": str(first), "settings": {"kernels": 34}})
+    found = []
+    for seed in (1, 2):
+        torch.manual_seed(seed)
+        larger = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
+        found.append(load_checkpoint(train(larger, tmp_path / f"{seed}").checkpoint).network.state_dict())
+    assert all(torch.equal(found[0][name], value) for name, value in found[1].items())
+
+
 def test_a_share_of_no_start_is_refused() -> None:
     with pytest.raises(ValidationError, match="start_share = 0.5 needs a start"):
         NetworkTable(start_share=0.5)
-
-
-def test_parts_that_are_kept_do_not_learn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither weights nor running means, also where the training is interrupted; the others do."""
-    first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
-    loaded = _recipe(tmp_path)
-    changes = {
-        "start": str(first),
-        "settings": {"second": {"width": 4, "blocks": [1], "kernel": 3}},
-        "keep": ("residual", "refine"),
-    }
-    network = loaded.recipe.network.model_copy(update=changes)
-    kept = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
-    with monkeypatch.context() as patch:
-        _stop_after(2, patch)
-        train(kept, tmp_path / "parts")
-    found = [
-        load_checkpoint(path).network.state_dict()
-        for path in (
-            first,
-            train(kept, tmp_path / "straight").checkpoint,
-            train(kept, tmp_path / "parts", resume=True).checkpoint,
-        )
-    ]
-    before, after, resumed = found
-    assert all(torch.equal(after[name], value) for name, value in before.items())
-    assert [name for name, value in after.items() if not torch.equal(resumed[name], value)] == []
-    assert after["second.last.weight"].abs().max() > 0
-
-
-@pytest.mark.parametrize(
-    "keep, message",
-    [
-        (("second",), "'dcnn' has no 'second'; its parts are residual, refine"),
-        (("residual", "refine"), "left to learn"),
-    ],
-)
-def test_what_cannot_be_kept_is_refused(keep: tuple[str, ...], message: str, tmp_path: Path) -> None:
-    loaded = _recipe(tmp_path)
-    network = loaded.recipe.network.model_copy(update={"keep": keep})
-    with pytest.raises(InputError, match=message):
-        train(
-            Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, ""), tmp_path / "out"
-        )
 
 
 def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:
