@@ -17,6 +17,7 @@ from torch import Tensor
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
 from ..capture.photo import PHOTO_MODEL_VERSION
+from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.json_values import Json
 from ..core.progress import Progress
@@ -24,11 +25,13 @@ from ..core.store import Store, user_folder
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
 from ..optics import cache as bank_cache
+from ..optics.fabrication import unscattered_fraction
 from ..optics.sampling import plan_sampling
 from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
 from ..recipe.scene import SceneRecipe
 from ..render.view import View
+from ..restore.light import with_other_glare
 from ..scene.family import members
 from .camera_pool import PooledOptics
 from .reader import TrainingReader, Wanted
@@ -238,7 +241,7 @@ def open_views(
         elif not table.once:
             _check_sampling(view, optics, recipe.name)
         last = held_back == 1 or (table.members > 0 and index % table.members >= table.members - kept)
-        views[last].append(_once(view, table, optics, height_noise, index) if table.once else view)
+        views[last].append(_once(view, table, optics, height_noise) if table.once else view)
     described = {
         "kind": "views",
         "scenes": list(table.scenes),
@@ -277,23 +280,25 @@ def _check_sampling(view: View, optics: Optics, name: str) -> None:
 
 
 @torch.no_grad()
-def _once(view: View, table: Views, optics: Optics, height_noise: float, index: int) -> Shot:
-    """The view by the mask with errors of fabrication that only `index` decides, its pupil sampled as finely
-    as the nearest of its surfaces asks for."""
+def _once(view: View, table: Views, optics: Optics, height_noise: float) -> Shot:
+    """The view by the mask as designed, its pupil sampled as finely as the nearest of its surfaces asks for.
+    Of its light, what errors of fabrication scatter is spread evenly over the photo, as it is in the mean
+    over masks: errors of single samples would be smoothed on a finer pupil, and scatter less."""
     recipe = optics.camera.recipe
     psf = recipe.psf.model_copy(update={"pupil_sampling_um": "auto"})
     optics = replace(optics, camera=replace(optics.camera, recipe=recipe.model_copy(update={"psf": psf})))
-    height = optics.camera.height_map
-    if height is not None:
-        generator = torch.Generator().manual_seed(index)
-        error = torch.randn(height.shape, generator=generator, dtype=height.dtype)
-        optics = optics.with_height(height + height_noise * error.to(height.device))
     key = _shot_key(view, table, optics)
     known = SHOTS.find(key, _folder())
     if known is None:
         known = photographed(view, table, optics)
         SHOTS.keep(key, known, _folder())
-    return Shot(*(tensor.to(optics.device) for tensor in (known.clean, known.ideal, known.truncated)))
+    shot = Shot(*(tensor.to(optics.device) for tensor in (known.clean, known.ideal, known.truncated)))
+    if optics.camera.height_map is None:
+        return shot
+    camera, bands = _camera(optics.camera, table.bands), view.wavelengths.double()
+    scattered = 1 - unscattered_fraction(bands, height_noise, camera.mask_material)
+    glare = channel_weights(camera, bands).to(scattered) @ scattered
+    return replace(shot, clean=with_other_glare(shot.clean, torch.zeros_like(glare), glare))
 
 
 def _shot_key(view: View, table: Views, optics: Optics) -> str:

@@ -28,9 +28,11 @@ from torch import Tensor
 from ..core.files import write_bytes
 from ..core.json_values import Json
 from ..errors import InputError, first_line
-from ..optics import Camera
+from ..optics import PAPER_COLOURS, Camera
+from ..optics.fabrication import unscattered_fraction
 from ..optics.masks import PhaseMask
 from ..optics.masks.height_map import HeightMapMask
+from ..optics.materials import material
 from ..recipe.base import RecipeModel, in_new_names
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, shipped_folder
@@ -173,7 +175,20 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
     height, sampling = arrays.get("mask.height_m"), arrays.get("mask.sampling_m")
     if height is not None and (sampling is None or height.ndim != 2 or height.shape[0] != height.shape[1]):
         raise InputError(f"{path}: its height map is not a square array with a sampling; it is damaged")
+    if height is not None and network.psfs == "mean" and not network.any_camera:
+        network.glare = _glare_in_training(card)
     return Checkpoint(network.eval(), height, None if sampling is None else float(sampling), card, path)
+
+
+def _glare_in_training(card: Json) -> tuple[float, ...] | None:
+    """What the errors of fabrication spread of the light of the paper's colours in a training; None where its
+    card does not say."""
+    try:
+        error = float(card["recipe"]["doe"]["height_noise_nm"]) * 1e-9
+        relief = material(card["camera"]["mask"]["material"])
+    except (KeyError, TypeError, ValueError, InputError):
+        return None
+    return tuple((1 - unscattered_fraction(PAPER_COLOURS, error, relief)).tolist())
 
 
 def without_denormals(values: Tensor) -> Tensor:

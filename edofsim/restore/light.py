@@ -70,6 +70,11 @@ def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
     Of several photos `glare` is [.., 3]. What is spread is the mean of the world; beyond the frame that goes
     on as its border does.
     """
+    return with_other_glare(photo, glare, torch.zeros_like(glare))
+
+
+def with_other_glare(photo: Tensor, glare: Tensor, wanted: Tensor) -> Tensor:
+    """The same photo as it would be if the part `wanted` of the light were spread, in place of `glare`."""
     mean = photo
     for axis in (-2, -1):
         count = photo.new_ones(photo.shape[axis])
@@ -77,8 +82,8 @@ def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
         count[-1] += AROUND_PX
         weight = (count / count.sum())[:, None] if axis == -2 else count / count.sum()
         mean = (mean * weight).sum(axis, keepdim=True)
-    part = glare.to(photo)[..., None, None]
-    return (photo - part * mean) / (1 - part)
+    kept = ((1 - wanted) / (1 - glare)).to(photo)[..., None, None]
+    return mean + kept * (photo - mean)
 
 
 def without_truncated(psf: Tensor, noise: float) -> tuple[Tensor, float]:

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from ..errors import InputError
 from ..recipe.kinds import NETWORKS
 from .borders import ALONG_REACH
-from .light import keep_light, without_glare
+from .light import keep_light, with_other_glare, without_glare
 from .restorer import Restorer
 
 
@@ -48,8 +48,9 @@ def apply_network(
 
     Its lowest spatial frequencies are the photo's, see `light`. glare: [3], the part of the light that is
     spread evenly over the photo, as the camera's mask is known to be made; None for none. A network for any
-    camera is given the photo without it. linear: [3, y, x], what Wiener deconvolution makes of that, for one
-    that `sees_linear`; None for the photo itself.
+    camera is given the photo without it, another with as much as in its training, where that is known.
+    linear: [3, y, x], what Wiener deconvolution makes of that, for one that `sees_linear`; None for the photo
+    itself.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
@@ -67,11 +68,19 @@ def apply_network(
     precision = next((weights.dtype for weights in network.parameters()), image.dtype)
     photo = factor * image.to(precision)
     with torch.inference_mode():
-        seen = photo
+        seen = photo if network.glare is None else _as_in_training(photo, glare, network.glare)
         if network.sees_linear:
             seen = torch.cat([photo, photo if linear is None else factor * linear.to(photo)])
         restored = _restored(network, seen[None].contiguous(memory_format=torch.channels_last), tile)
         return (keep_light(photo, restored, glare) / factor).clamp(0, 1).to(image.dtype)
+
+
+def _as_in_training(photo: Tensor, glare: Tensor | None, wanted: tuple[float, ...]) -> Tensor:
+    """The photo with the glare that its network knows. What is at full scale or beyond stays there: how much
+    light it was is not known, and in training it was clipped, too."""
+    own = photo.new_zeros(3) if glare is None else glare.to(photo)
+    seen = with_other_glare(photo, own, photo.new_tensor(wanted))
+    return torch.where(photo >= 1, seen.clamp_min(1), seen)
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:

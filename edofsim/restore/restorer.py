@@ -26,6 +26,10 @@ class Restorer(nn.Module):
 
     told: names of its buffers that `set_psfs` fills.
 
+    glare: of each colour, the part of the light that was spread evenly over the photos that it was trained
+    on, by the errors of its mask's making; None: not known. Photos are given as much before it sees them: one
+    without would have more contrast than it knows.
+
     any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
     photos have three more channels, what Wiener deconvolution makes of the photo.
     """
@@ -39,6 +43,7 @@ class Restorer(nn.Module):
     multiple: int = 1
     border: int = 0
     groups: int = 1
+    glare: tuple[float, ...] | None = None
 
     @classmethod
     def settings_for(cls, settings: Mapping[str, object], window_px: int) -> dict[str, object]:

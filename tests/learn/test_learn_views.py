@@ -155,8 +155,8 @@ def test_members_start_at_the_recipes_own_seed_as_render_has_them() -> None:
 def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """But for veiling glare, an even light: it is a part of the mean of the whole, or of the part. Errors
-    of fabrication change each view's photo."""
+    """But for veiling glare, an even light: it is a part of the mean of the whole, or of the part. So is what
+    errors of fabrication scatter."""
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
     fine = CAMERA.model_copy(update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})})
@@ -175,7 +175,6 @@ def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     assert (expected.clean - expected.ideal).abs().max() > 0.1
     made = source(True, noise=40e-9)
     assert not torch.allclose(made.views[0].clean, source(True).views[0].clean, atol=2e-3)
-    assert not torch.equal(made.views[0].clean, made.held_back[0].clean)
 
 
 def test_a_mask_that_learns_cannot_be_photographed_once(tmp_path: Path) -> None:

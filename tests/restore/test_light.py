@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
 from torch import Tensor
@@ -10,8 +12,9 @@ from edofsim.capture.planes import photograph
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.restore import restore
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
-from edofsim.restore.light import BLUR_PX, MOST, REACH, SMOOTH_PX, keep_light, without_glare
+from edofsim.restore.light import BLUR_PX, MOST, REACH, SMOOTH_PX, keep_light, with_other_glare, without_glare
 from edofsim.restore.network import apply_network
+from edofsim.restore.restorer import Restorer
 
 LEVELS = (0.02, 0.05, 0.2, 0.8)
 HUES = ((1, 0.4, 0.4), (1, 1, 0.4), (0.4, 1, 0.4), (0.4, 1, 1), (0.4, 0.4, 1), (1, 0.4, 1))
@@ -102,6 +105,50 @@ def test_a_veil_is_taken_off_and_the_mean_is_kept() -> None:
     world = torch.nn.functional.pad(sharp[None], (64,) * 4, mode="replicate")[0]
     photo = (1 - part) * sharp + part * world.mean((-1, -2), keepdim=True)
     torch.testing.assert_close(without_glare(photo, glare), sharp, rtol=0, atol=1e-5)
+    other = torch.tensor([0.2, 0.0, 0.1])
+    part = other[:, None, None]
+    hazy = (1 - part) * sharp + part * world.mean((-1, -2), keepdim=True)
+    torch.testing.assert_close(with_other_glare(photo, glare, other), hazy, rtol=0, atol=1e-5)
+
+
+class _Watching(Restorer):
+    """Returns photos as they are, and remembers what it saw."""
+
+    def forward(self, photo: Tensor) -> Tensor:
+        self.seen = photo[0].clone()
+        return photo
+
+
+def test_a_network_sees_the_veil_of_its_training() -> None:
+    """Whatever veil the photo has; what is at full scale stays there; and what it restores has the light of
+    the photo as it was."""
+    network = _Watching()
+    network.glare = (0.1, 0.2, 0.3)
+    sharp = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(6)) * 0.5 + 0.2
+    for colour in range(3):
+        sharp[colour, 4 * colour, 5] = 1.0
+    world = torch.nn.functional.pad(sharp[None], (64,) * 4, mode="replicate")[0].mean((-1, -2))
+    for part in ((0.0, 0.0, 0.0), (0.05, 0.3, 0.1)):
+        had, wanted = (torch.tensor(each)[:, None, None] for each in (part, network.glare))
+        photo = (1 - had) * sharp + had * world[:, None, None]
+        photo[sharp == 1] = 1.0
+        apply_network(network, photo, glare=torch.tensor(part) if any(part) else None)
+        expected = (1 - wanted) * sharp + wanted * world[:, None, None]
+        below = sharp < 1
+        torch.testing.assert_close(network.seen[below], expected[below], rtol=0, atol=2e-3)
+        assert (network.seen[~below] >= 1).all()
+
+
+def test_the_veil_of_a_training_follows_from_its_errors_of_fabrication() -> None:
+    """Of networks that were told the PSFs of such masks; exp(-s^2) of the light keeps its way, s the error of
+    the phase."""
+    for name in ("told-dcnn", "paper-bank"):
+        checkpoint = load_checkpoint(name)
+        relief = Camera.from_recipe(trained_camera(checkpoint)).mask_material
+        error = checkpoint.card["recipe"]["doe"]["height_noise_nm"] * 1e-9
+        phase = 2 * math.pi * error * (relief.index(PAPER_COLOURS) - 1) / PAPER_COLOURS
+        assert checkpoint.network.glare == pytest.approx((1 - (-phase.square()).exp()).tolist())
+    assert [load_checkpoint(name).network.glare for name in ("paper-dcnn", "any-bank")] == [None, None]
 
 
 def test_a_level_that_is_wrong_is_mended_and_detail_is_left() -> None:
