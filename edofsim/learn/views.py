@@ -50,9 +50,9 @@ class Views(TrainingReader):
     are kept for validation, of a scene itself its lower part. bands: the paper's three colours, or all of the
     view's bands through the sensor's response (slower by their number). layers, occlusion, sub_apertures: as
     in `expose`. exposure: factors on the automatic exposure, drawn for each patch, evenly in their logarithm;
-    white_balance: as of `natural`. once: each view is photographed once, by the mask with errors of
-    fabrication of its own, and patches are cut from the photos, which makes a step as cheap as one of
-    photographs; only for a mask that does not learn. For many cameras depths are stretched to each one's
+    white_balance: as of `natural`. once: each view is photographed once, with the veiling glare that errors
+    of fabrication make in the mean, and patches are cut from the photos, which makes a step as cheap as one
+    of photographs; only for a mask that does not learn. For many cameras depths are stretched to each one's
     range, and bands are three.
     """
 
