@@ -68,19 +68,14 @@ def apply_network(
     precision = next((weights.dtype for weights in network.parameters()), image.dtype)
     photo = factor * image.to(precision)
     with torch.inference_mode():
-        seen = photo if network.glare is None else _as_in_training(photo, glare, network.glare)
+        seen = photo
+        if network.glare is not None:
+            own = photo.new_zeros(3) if glare is None else glare.to(photo)
+            seen = with_other_glare(photo, own, photo.new_tensor(network.glare))
         if network.sees_linear:
             seen = torch.cat([photo, photo if linear is None else factor * linear.to(photo)])
         restored = _restored(network, seen[None].contiguous(memory_format=torch.channels_last), tile)
         return (keep_light(photo, restored, glare) / factor).clamp(0, 1).to(image.dtype)
-
-
-def _as_in_training(photo: Tensor, glare: Tensor | None, wanted: tuple[float, ...]) -> Tensor:
-    """The photo with the glare that its network knows. What is at full scale or beyond stays there: how much
-    light it was is not known, and in training it was clipped, too."""
-    own = photo.new_zeros(3) if glare is None else glare.to(photo)
-    seen = with_other_glare(photo, own, photo.new_tensor(wanted))
-    return torch.where(photo >= 1, seen.clamp_min(1), seen)
 
 
 def _restored(network: Restorer, photo: Tensor, tile: int) -> Tensor:
