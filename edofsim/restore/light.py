@@ -70,20 +70,27 @@ def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
     Of several photos `glare` is [.., 3]. What is spread is the mean of the world; beyond the frame that goes
     on as its border does.
     """
-    return with_other_glare(photo, glare, torch.zeros_like(glare))
+    part = glare.to(photo)[..., None, None]
+    return (photo - part * _mean_of_world(photo)) / (1 - part)
 
 
 def with_other_glare(photo: Tensor, glare: Tensor, wanted: Tensor) -> Tensor:
-    """The same photo as it would be if the part `wanted` of the light were spread, in place of `glare`."""
-    mean = photo
+    """The same photo as it would be if the part `wanted` of the light were spread, in place of `glare`.
+    What is beyond full scale counts as full scale in that: a lamp would outshine all the rest."""
+    light = without_glare(photo, glare)
+    mean = _mean_of_world(light.clamp_max(1))
+    return mean + (1 - wanted.to(photo))[..., None, None] * (light - mean)
+
+
+def _mean_of_world(photo: Tensor) -> Tensor:
+    """[.., 3, 1, 1]."""
     for axis in (-2, -1):
         count = photo.new_ones(photo.shape[axis])
         count[0] += AROUND_PX
         count[-1] += AROUND_PX
         weight = (count / count.sum())[:, None] if axis == -2 else count / count.sum()
-        mean = (mean * weight).sum(axis, keepdim=True)
-    kept = ((1 - wanted) / (1 - glare)).to(photo)[..., None, None]
-    return mean + kept * (photo - mean)
+        photo = (photo * weight).sum(axis, keepdim=True)
+    return photo
 
 
 def without_truncated(psf: Tensor, noise: float) -> tuple[Tensor, float]:
