@@ -37,8 +37,8 @@ MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 @dataclass(frozen=True)
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    relief; history: of the checkpoint that the network starts from; start: its weights, where some of them
-    are kept; pool: cameras in place of one."""
+    relief; history: of the checkpoint that the network starts from; beside: that of the one beside it; start:
+    weights that it starts from, where some of them are kept; pool: cameras in place of one."""
 
     recipe: TrainRecipe
     camera: CameraRecipe
@@ -47,6 +47,7 @@ class Setup:
     sampling: float | None
     device: torch.device
     history: tuple[Json, ...] = ()
+    beside: tuple[Json, ...] = ()
     start: Mapping[str, Tensor] = field(default_factory=dict)
     pool: CameraPool | None = None
 
@@ -73,6 +74,7 @@ def prepare(
         designed = optics.with_height(mask.to(workers.device)())
     training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
+    network, beside = _beside(recipe, camera, network)
     system = System(
         optics,
         mask,
@@ -89,7 +91,9 @@ def prepare(
     system.network.to(memory_format=torch.channels_last)
     start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
     pool = camera_pool(recipe, network, workers.device, progress)
-    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, start, pool)
+    return Setup(
+        recipe, camera, system, training_data, sampling, workers.device, history, beside, start, pool
+    )
 
 
 def trained(network: nn.Module) -> Iterator[tuple[str, Tensor]]:
@@ -166,20 +170,36 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
     """The network with weights that only the seed decides, or those of a checkpoint, and its history. What it
     lacks of one that grows out of it is the seed's, too."""
     table = recipe.network
+    history: tuple[Json, ...] = ()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(recipe.seed)
         if table.start is None:
             settings = network_class(table.kind).settings_for(table.settings, camera.psf.window_px)
-            return build_network(table.kind, settings), ()
-        checkpoint = load_checkpoint(table.start, camera)
-        network = checkpoint.network
-        other = {**network.settings(), **table.settings} != network.settings()
-        if network.kind != table.kind or other:
-            try:
-                network = network_class(table.kind).grown(network, table.settings)
-            except InputError as error:
-                raise InputError(f"network.start = {table.start!r}: {error}") from None
-        return network, tuple(history_of(checkpoint))
+            network = build_network(table.kind, settings)
+        else:
+            checkpoint = load_checkpoint(table.start, camera)
+            network, history = checkpoint.network, tuple(history_of(checkpoint))
+            other = {**network.settings(), **table.settings} != network.settings()
+            if network.kind != table.kind or other:
+                try:
+                    network = network_class(table.kind).grown(network, table.settings)
+                except InputError as error:
+                    raise InputError(f"network.start = {table.start!r}: {error}") from None
+    return network, history
+
+
+def _beside(
+    recipe: TrainRecipe, camera: CameraRecipe, network: Restorer
+) -> tuple[Restorer, tuple[Json, ...]]:
+    """The network with that of the checkpoint beside it which the recipe names, and the history of that."""
+    source = recipe.network.beside
+    if source is None:
+        return network, ()
+    checkpoint = load_checkpoint(source, camera)
+    try:
+        return network.beside(checkpoint.network), tuple(history_of(checkpoint))
+    except InputError as error:
+        raise InputError(f"network.beside = {source!r}: {error}") from None
 
 
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:

@@ -349,6 +349,8 @@ def save_result(
             card["weights"] += ", as the validation pictures chose"
     if setup.history:
         card["history"] = list(setup.history)
+    if setup.beside:
+        card["beside"] = list(setup.beside)
     setup.system.settle()
     height = setup.height()
     return save_checkpoint(path, setup.system.network, card, height=height, sampling=setup.sampling)

@@ -20,12 +20,15 @@ class NetworkTable(RecipeModel):
     """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. start_share:
     what is saved in the end is a mean of the weights and those at the start, which have this share: of a
     training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
-    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least."""
+    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least.
+    beside: checkpoint (file or shipped name) of the same mask, whose network restores each photo for this one
+    to see; it is kept as it is, and saved with it. Filter banks take a D-CNN."""
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     settings: Json = {}
     start: str | None = None
     start_share: Annotated[float, Field(ge=0, lt=1)] | Literal["validation"] = 0.0
+    beside: str | None = None
 
     @model_validator(mode="after")
     def _startable(self) -> NetworkTable:

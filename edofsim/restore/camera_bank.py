@@ -101,19 +101,14 @@ class CameraBank(FilterBank):
     def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> CameraBank:
         """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
         makes; at first it ignores what that was not given. Raises InputError for another network."""
-        if not isinstance(network, FilterBank) or network.sees_linear:
-            raise InputError(f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}")
+        if not isinstance(network, FilterBank) or network.sees_linear or network.dcnn is not None:
+            beside = " with a D-CNN beside it" if isinstance(network, FilterBank) and network.dcnn else ""
+            raise InputError(
+                f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{beside}"
+            )
         # pyrefly: ignore[bad-argument-type] - those of its own class
         found = cls(**{**network.settings(), **(settings or {})})
-        weights = network.trunk.state_dict()
-        first = weights["first.weight"]
-        # unshuffled pixels of images, then maps
-        images = 4 * (6 + 3 * len(BLIND) if isinstance(network, CameraBank) else 6)
-        maps, count = 4 * found.images, first.shape[1] - images
-        wider = first.new_zeros(found.trunk.first.weight.shape)
-        wider[:, :images] = first[:, :images]
-        wider[:, maps : maps + count] = first[:, images:]
-        found.trunk.load_state_dict({**weights, "first.weight": wider})
+        found.trunk.load_state_dict(found.trunk.grown(network.trunk))
         found.belief.data.copy_(network.belief)
         return found
 

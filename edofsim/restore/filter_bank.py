@@ -10,15 +10,21 @@ with PSFs of their own.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Self
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ..errors import InputError
 from .blur_likelihood import STEP
 from .borders import continued
+from .dcnn import DCnn
 from .distances import DistanceTold
 from .linear import colour_error, local_filters
 from .local_unet import Trunk
+from .restorer import Restorer
 
 BEYOND = 0.25
 """What a filter leaves so far beyond the range from 0 to 1 is around something brighter than full scale."""
@@ -35,7 +41,8 @@ class FilterBank(DistanceTold):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
 
     support: width of the filters in pixels, odd; distances: so many for each filter are told
-    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. Untaught, it returns the photo.
+    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. dcnn: settings of the `DCnn` beside it, which
+    is not trained with it; None for none. Untaught, it returns the photo.
 
     filters: [groups * 3 out, 3 in, support, support], not trained (`set_filters`).
     """
@@ -52,30 +59,77 @@ class FilterBank(DistanceTold):
         width: int = 24,
         blocks: tuple[int, ...] = (1, 2, 2),
         kernel: int = 5,
+        dcnn: Mapping[str, object] | None = None,
     ) -> None:
         super().__init__()
         if groups < 1 or distances < 1 or support < 1 or support % 2 == 0:
             raise ValueError(f"{groups} groups, {distances} distances, {support} pixels: at least 1, and odd")
         self.groups, self.support = groups, support
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
-        self.trunk = Trunk(6, 3, width, blocks, kernel, side=groups)
-        self.border = support // 2
+        # pyrefly: ignore[bad-argument-type] - those of its own class
+        self.dcnn = None if dcnn is None else DCnn(**dcnn).eval().requires_grad_(False)
+        self.trunk = self._trunk(width, blocks, kernel)
+        self.border = max(support // 2, 0 if self.dcnn is None else self.dcnn.reach)
         self.multiple = max(self.trunk.multiple, STEP)
-        self.radius = self.trunk.radius + max(support // 2, self.reach_of_distances)
+        seen = 0 if self.dcnn is None else self.dcnn.radius or 0
+        self.radius = self.trunk.radius + max(support // 2, self.reach_of_distances, seen)
         # channels last asks for four axes
         self.register_buffer("filters", torch.zeros(groups * 3, 3, support, support))
         self._transferred: tuple[Tensor, Tensor] | None = None
         self._ask_distances(groups * distances)
+        if self.dcnn is not None and self.dcnn.distances and self.dcnn.depths != self.depths:
+            raise ValueError(f"a D-CNN told {self.dcnn.depths} distances beside filters told {self.depths}")
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
 
     def settings(self) -> dict[str, object]:
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
-        return {**own, **self.trunk.settings()}
+        beside = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
+        return {**own, **self.trunk.settings(), **beside}
+
+    def _trunk(self, width: int, blocks: tuple[int, ...], kernel: int) -> Trunk:
+        """It sees the photo and what the filters make of it, and gives what they lack; with a D-CNN beside,
+        its image too, and how much that counts."""
+        more = self.dcnn is not None
+        return Trunk(9 if more else 6, 4 if more else 3, width, blocks, kernel, side=self.groups)
+
+    def beside(self, network: Restorer) -> Self:
+        """The same with a copy of a D-CNN beside it; until it is trained, it gives the mean of both images
+        where it had none. Raises InputError for another network, and for one that is told other distances."""
+        if not isinstance(network, DCnn):
+            raise InputError(f"beside a {self.kind!r} stands a 'dcnn', not a {network.kind!r}")
+        try:
+            # pyrefly: ignore[bad-argument-type] - those of its own class
+            found = type(self)(**{**self.settings(), "dcnn": network.settings()})
+        except (TypeError, ValueError) as error:
+            raise InputError(f"this D-CNN cannot stand beside this {self.kind!r}: {error}") from None
+        own = self.state_dict()
+        grown = {f"trunk.{name}": value for name, value in found.trunk.grown(self.trunk).items()}
+        beside = {f"dcnn.{name}": value for name, value in network.state_dict().items()}
+        found.load_state_dict({**own, **grown, **beside})
+        return found.train(self.training)
+
+    def train(self, mode: bool = True) -> Self:
+        super().train(mode)
+        if self.dcnn is not None:
+            self.dcnn.eval()
+        return self
 
     def set_psfs(self, psf: Tensor) -> None:
         self.set_filters(local_filters(psf, self.support, self.groups), psf)
+        if self.dcnn is not None and self.dcnn.distances:
+            self.dcnn.set_psfs(psf)
+
+    def known(self) -> object:
+        return super().known(), None if self.dcnn is None else self.dcnn.known()
+
+    def use(self, known: object) -> None:
+        assert isinstance(known, tuple)
+        own, of_dcnn = known
+        super().use(own)
+        if self.dcnn is not None:
+            self.dcnn.use(of_dcnn)
 
     def linear_error(self, psf: Tensor, filters: int) -> Tensor:
         return colour_error(psf, groups=filters)
@@ -97,22 +151,35 @@ class FilterBank(DistanceTold):
         In use a photo is continued beyond its border (see `borders`); in training its outermost `border`
         pixels, which filters cannot know, should not be judged.
         """
-        return self._restored(photo) if self.training else self.unclamped(photo).clamp(0, 1)
+        if self.training:
+            return self._restored(self._with_dcnn(photo, 0))
+        return self.unclamped(photo).clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """As in use, without the clamp."""
         # as many pixels as keep the places of the likelihood where they are
-        reach = STEP * -(-self.border // STEP)
-        sharp = self._restored(continued(photo, reach))
+        reach = STEP * -(-(self.support // 2) // STEP)
+        sharp = self._restored(self._with_dcnn(photo, reach))
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
+    def _with_dcnn(self, photo: Tensor, reach: int) -> Tensor:
+        """The photo continued by so many pixels; in three more channels what a D-CNN beside makes of it."""
+        beyond = continued(photo, reach) if reach else photo
+        if self.dcnn is None:
+            return beyond
+        with torch.no_grad():
+            image = self.dcnn.unclamped(photo).to(photo.dtype)
+        return torch.cat([beyond, functional.pad(image, (reach,) * 4, mode="replicate")], 1)
+
     def _restored(self, photo: Tensor) -> Tensor:
-        photo = self._within(photo)
+        photo, other = self._within(photo).tensor_split([3], 1)
         with torch.autocast(photo.device.type, enabled=False):
             weights = self.weights(photo)
             chosen = (self.filtered(photo) * weights[:, :, None]).sum(1)
-        seen = compressed(torch.cat([photo, chosen], 1)).contiguous(memory_format=torch.channels_last)
-        return chosen.clamp(-BEYOND, 1 + BEYOND) + self.trunk(seen, weights).to(photo.dtype)
+        seen = compressed(torch.cat([photo, chosen, other], 1)).contiguous(memory_format=torch.channels_last)
+        lacking, share = self.trunk(seen, weights).to(photo.dtype).tensor_split([3], 1)
+        sharp = chosen.clamp(-BEYOND, 1 + BEYOND) + lacking
+        return sharp if self.dcnn is None else sharp.lerp(other.clamp(-BEYOND, 1 + BEYOND), share.sigmoid())
 
     def _within(self, photo: Tensor) -> Tensor:
         return photo.clamp(-BRIGHTEST, BRIGHTEST)

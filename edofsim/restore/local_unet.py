@@ -57,6 +57,7 @@ class Trunk(nn.Module):
     ) -> None:
         super().__init__()
         self.width, self.blocks, self.kernel = width, tuple(blocks), kernel
+        self.inputs = inputs
         levels = len(self.blocks)
         channels = [width << level for level in range(levels)]
         kernels = [3] + [kernel] * (levels - 1)
@@ -88,6 +89,22 @@ class Trunk(nn.Module):
     def settings(self) -> dict[str, int | list[int]]:
         """What rebuilds it, but for its inputs and outputs."""
         return {"width": self.width, "blocks": list(self.blocks), "kernel": self.kernel}
+
+    def grown(self, other: Trunk) -> dict[str, Tensor]:
+        """Weights that make it give what another one does that has fewer images, maps and outputs, the first
+        of its own; what the other lacks counts for nothing, and is zero."""
+        weights = other.state_dict()
+        first, images = weights["first.weight"], 4 * other.inputs
+        wider = torch.zeros_like(self.first.weight)
+        wider[:, :images] = first[:, :images]
+        maps, count = 4 * self.inputs, first.shape[1] - images
+        wider[:, maps : maps + count] = first[:, images:]
+        found = {**weights, "first.weight": wider}
+        for name, own in (("last.weight", self.last.weight), ("last.bias", self.last.bias)):
+            assert own is not None
+            found[name] = torch.zeros_like(own)
+            found[name][: len(weights[name])] = weights[name]
+        return found
 
     def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
         """images: [batch, inputs, y, x]; side: [batch, side, y, x]."""

@@ -93,6 +93,11 @@ class Restorer(nn.Module):
         place of that network's. Raises InputError where that cannot be."""
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
+    def beside(self, network: Restorer) -> Restorer:
+        """The same network, which sees what another one makes of a photo, too. Raises InputError where that
+        cannot be."""
+        raise InputError(f"a network {self.kind!r} takes no other beside it; remove network.beside")
+
     def unclamped(self, photo: Tensor) -> Tensor:
         """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may
         still be moved (see `light`)."""
