@@ -170,6 +170,15 @@ NetworkOption = Annotated[
     ),
 ]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
+MembersOption = Annotated[
+    int,
+    typer.Option(
+        "--members",
+        min=0,
+        metavar="N",
+        help="So many members of each scene's family in its place, the first of the seed --seed.",
+    ),
+]
 NetworksOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -23,7 +23,7 @@ from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.threads import one_thread
-from ..options import CacheOption
+from ..options import CacheOption, MembersOption
 from ..plan import (
     Fidelity,
     decibels,
@@ -41,7 +41,7 @@ from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
 from ..restore.choice import restoring
 from ..restore.scores import psnr
-from ..scene.family import members as drawn
+from ..scene.family import in_place_of
 from . import cost
 from .cost_scores import Judge
 from .experiment import Findings, in_parts
@@ -105,9 +105,7 @@ def run(
             autocompletion=completion.scenes,
         ),
     ] = None,
-    members: Annotated[
-        int, typer.Option("--members", min=0, help="So many members of each scene's family in its place.")
-    ] = 0,
+    members: MembersOption = 0,
     first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
     masks: Annotated[
         list[str] | None,
@@ -129,8 +127,7 @@ def run(
     times_faster_score.SCENE.MASK (that for score:0.1dB).
     """
     known = [load_scene(scene) for scene in scenes or SCENES]  # refused before any time is spent
-    if members:
-        known = [replace(each, recipe=r) for each in known for r in drawn(each.recipe, members, first)]
+    known = in_place_of(known, members, first)
     unknown = [mask for mask in masks or () if mask not in MASKS]
     if unknown:
         raise InputError(f"--mask {unknown[0]}: give one of {', '.join(MASKS)}")

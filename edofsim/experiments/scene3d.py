@@ -28,7 +28,7 @@ from .. import completion
 from ..core.files import write_bytes
 from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
-from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
+from ..options import CacheOption, CameraOption, MembersOption, NetworksOption, QuickOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.load import shipped, shipped_folder
 from ..record import writable_folder
@@ -38,6 +38,7 @@ from ..render.view import View
 from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
 from ..restore.scores import depth_ranges, score_parts, within_scale
+from ..scene.family import in_place_of
 from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
 from .kept import Kept
@@ -99,6 +100,7 @@ def run(
     networks: NetworksOption = None,
     camera: CameraOption = None,
     quick: QuickOption = False,
+    members: MembersOption = 0,
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
@@ -118,6 +120,7 @@ def run(
     loaded, broken = readable(scenes or list(shipped(shipped_folder("scenes"))))
     if broken and not loaded:
         raise InputError([text for texts in broken.values() for text in texts])
+    loaded = in_place_of(loaded, members, seed)
     sources = names_of(networks)
     names = list(sources.values())
     each = writable_folder(folder / "scenes")

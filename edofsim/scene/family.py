@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
@@ -11,6 +12,7 @@ from pydantic import ValidationError
 from ..core.json_values import Json
 from ..errors import InputError
 from ..recipe.family import TomlValue, Vary
+from ..recipe.load import Loaded
 from ..recipe.scene import SceneRecipe
 
 NAMED_LISTS = ("objects", "lights")
@@ -55,6 +57,13 @@ def members(recipe: SceneRecipe, count: int, seed: int | None = None) -> list[Sc
     """`count` members with the seeds `seed`, `seed` + 1, ... (from the recipe's own seed on if None)."""
     first = recipe.seed if seed is None else seed
     return [member(recipe, first + index) for index in range(count)]
+
+
+def in_place_of(scenes: Sequence[Loaded[SceneRecipe]], count: int, seed: int) -> list[Loaded[SceneRecipe]]:
+    """`count` members of each scene's family in its place, the first of `seed`; for 0 the scenes."""
+    if not count:
+        return list(scenes)
+    return [replace(each, recipe=recipe) for each in scenes for recipe in members(each.recipe, count, seed)]
 
 
 def draw(vary: Vary, rng: np.random.Generator) -> TomlValue:

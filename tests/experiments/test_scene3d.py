@@ -6,6 +6,7 @@ import csv
 import json
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,11 +34,13 @@ from edofsim.experiments.protocols import (
     views_of,
     with_glare,
 )
+from edofsim.experiments.scene_scores import SceneScores
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import full_fidelity
 from edofsim.recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.recipe.fabrication import Fabrication
+from edofsim.recipe.load import Loaded
 from edofsim.render.view import View
 from edofsim.restore.light import without_glare
 
@@ -337,6 +340,25 @@ def test_the_command_names_what_is_broken_and_finishes_the_others(
     page = (out / "scene3d.html").read_text()
     assert "cut.png" in page and 'href="scenes/cat-trained.html"' in page
     assert 'href="../scene3d.html"' in (out / "scenes/cup-trained.html").read_text()
+
+
+def test_members_of_a_family_stand_in_its_place(
+    network: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+):
+    asked: list[str] = []
+
+    def measured(_: Path, scenes: Sequence[Loaded[SceneRecipe]], **__: object) -> SceneScores:
+        asked.extend(each.recipe.name for each in scenes)
+        raise LookupError("asked")
+
+    monkeypatch.setattr(scene3d, "measured_scenes", measured)
+    command = ["evaluate", "scene3d", "clutter", "--members", "3", "--seed", "7", "--network", str(network)]
+    with pytest.raises(LookupError, match="asked"):
+        app([*command, "--out", str(tmp_path)], standalone_mode=False)
+    assert asked == ["clutter-7", "clutter-8", "clutter-9"]
+    command[2] = "wall"
+    assert console.exit_status(lambda: app([*command, "--out", str(tmp_path)], standalone_mode=False)) == 2
+    assert "wall: the recipe has no [family]" in capfd.readouterr().err
 
 
 def test_nothing_to_photograph_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]):
