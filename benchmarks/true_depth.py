@@ -1,10 +1,10 @@
-"""How much of what a deep scene costs a restoration is distance: a ceiling for `told-dcnn`.
+"""How much of what a deep scene costs a restoration is its depth: a ceiling for the networks that go by PSFs.
 
 `python -m benchmarks.true_depth [--json FILE]` photographs the middles of the shipped scenes as `evaluate
-scene3d --quick` does (all bands, sub-apertures) and restores them by `told-dcnn`, told the distances by the
-photo's own blur, as in use, and as they truly are. Beside them the same pictures as planes at the mean
-inverse distance of each scene, told by their blur.
-Figures: `psnr_db.{SCENE,mean}.{blur,true,plane}`.
+scene3d --quick` does (all bands, sub-apertures) and restores them by `told-dcnn` and `paper-bank`, told the
+distances by the photo's own blur, as in use, and `told-dcnn` as they truly are. Beside them the same pictures
+as planes at the mean inverse distance of each scene, told by their blur: without depth edges.
+Figures: `psnr_db.{SCENE,mean}.NETWORK.{blur,plane}`, `psnr_db.{SCENE,mean}.told-dcnn.true`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from edofsim.restore.conditioning import conditioned_on
 from edofsim.restore.dcnn import DCnn
 from edofsim.restore.scores import psnr, within_scale
 
-NETWORK = "told-dcnn"
 WAY = next(way for way in WAYS if way.name == OURS)
 
 
@@ -59,34 +58,43 @@ def score(view: View, system: System) -> float:
     return psnr(within_scale(taken.images["restored"]), taken.truth)
 
 
+def told_truth(view: View, system: System) -> float:
+    """By the D-CNN of a system, told how far each place is."""
+    assert system.checkpoint is not None
+    network = conditioned_on(system.checkpoint, system.camera, view.wavelengths)
+    assert isinstance(network, DCnn) and network.distances
+    nearest = system.checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
+    truth = likely(view, network.distances, nearest)
+    network.likely = lambda photo: truth
+    try:
+        return score(view, system)
+    finally:
+        del network.likely
+
+
 @torch.no_grad()
 def restored() -> dict[str, float]:
-    found: dict[str, list[float]] = {"blur": [], "true": [], "plane": []}
+    found: dict[str, list[float]] = {}
     figures: dict[str, float] = {}
     for path in shipped(shipped_folder("scenes")).values():
         scene = load_scene(path)
-        system = systems_of(load_camera(scene.recipe.camera, scene.base), [NETWORK])[1]
-        assert system.checkpoint is not None
         view = render(scored_version(scene.recipe, quick=True), scene.base)
-        network = conditioned_on(system.checkpoint, system.camera, view.wavelengths)
-        assert isinstance(network, DCnn) and network.distances
-        nearest = system.checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
-        truth = likely(view, network.distances, nearest)
-        found["blur"].append(score(view, system))
-        found["plane"].append(score(as_plane(view), system))
-        network.likely = lambda photo, truth=truth: truth
-        try:
-            found["true"].append(score(view, system))
-        finally:
-            del network.likely
-        for way, values in found.items():
-            figures[f"psnr_db.{scene.recipe.name}.{way}"] = values[-1]
-        told = ", ".join(f"{way} {values[-1]:.2f}" for way, values in found.items())
-        print(f"{scene.recipe.name}: {told} dB", flush=True)
-    for way, values in found.items():
-        figures[f"psnr_db.mean.{way}"] = fmean(values)
-    print(", ".join(f"{way} {fmean(values):.2f}" for way, values in found.items()) + " dB in the mean")
-    return figures
+        told, bank = systems_of(load_camera(scene.recipe.camera, scene.base), ["told-dcnn", "paper-bank"])[1:]
+        plane = as_plane(view)
+        own = {f"{each.name}.blur": score(view, each) for each in (told, bank)}
+        own |= {f"{each.name}.plane": score(plane, each) for each in (told, bank)}
+        own[f"{told.name}.true"] = told_truth(view, told)
+        for way, value in own.items():
+            found.setdefault(way, []).append(value)
+            figures[f"psnr_db.{scene.recipe.name}.{way}"] = value
+        print(f"{scene.recipe.name}: {_listed(own)}", flush=True)
+    mean = {way: fmean(values) for way, values in found.items()}
+    print(f"{_listed(mean)} in the mean")
+    return figures | {f"psnr_db.mean.{way}": value for way, value in mean.items()}
+
+
+def _listed(values: dict[str, float]) -> str:
+    return ", ".join(f"{way} {value:.2f}" for way, value in values.items()) + " dB"
 
 
 if __name__ == "__main__":

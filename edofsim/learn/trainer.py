@@ -399,9 +399,10 @@ def _plain(recipe: TrainRecipe) -> Json:
 def _for_card(recipe: TrainRecipe) -> Json:
     """The recipe for a card: of a file that something started from, its name, not its folder on this disk."""
     plain = _plain(recipe)
-    for table in (plain["network"], plain["doe"]):
-        if table["start"] is not None:
-            table["start"] = Path(table["start"]).name
+    network, doe = plain["network"], plain["doe"]
+    for table, key in ((network, "start"), (network, "beside"), (doe, "start")):
+        if table[key] is not None:
+            table[key] = Path(table[key]).name
     return plain
 
 

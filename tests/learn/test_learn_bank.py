@@ -14,6 +14,7 @@ from edofsim.learn.workers import Workers
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
 from edofsim.restore.checkpoint import load_checkpoint
+from edofsim.restore.filter_bank import FilterBank
 
 WORKERS = Workers(0, 1, torch.device("cpu"))
 SMALL = {"groups": 3, "distances": 2, "support": 9, "width": 4, "blocks": [1, 1]}
@@ -106,3 +107,28 @@ def test_it_resumes_to_the_same_bytes(tmp_path: Path) -> None:
     resumed = train(broken, stopped, resume=True)
     first, second = (load_checkpoint(each.checkpoint).network.state_dict() for each in (straight, resumed))
     assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def _with_network(**network: object) -> Loaded[TrainRecipe]:
+    plain = _recipe(2, learning_rate_rad=0.0)
+    data = plain.recipe.model_dump(mode="json", by_alias=True)
+    return Loaded(TrainRecipe.model_validate({**data, "network": network}), plain.base, "")
+
+
+def test_it_is_trained_beside_a_d_cnn_which_is_kept(tmp_path: Path) -> None:
+    """Both are told the mask, and one file holds both, and where they come from."""
+    small = {"kernels": 6, "dilations": [1, 2], "distances": 3}
+    first = train(_with_network(kind="dcnn", settings=small), tmp_path / "first").checkpoint
+    recipe = _with_network(kind="filter-bank", settings=SMALL, beside=str(first))
+    both = load_checkpoint(train(recipe, tmp_path / "both").checkpoint)
+    assert isinstance(both.network, FilterBank) and both.network.dcnn is not None
+    own = load_checkpoint(first).network.state_dict()
+    beside = both.network.dcnn.state_dict()
+    assert own.keys() == beside.keys()
+    assert all(torch.equal(own[name], beside[name]) for name in own if name != "transfer")
+    # told the PSFs of the same mask, by the same errors
+    torch.testing.assert_close(beside["transfer"], own["transfer"], rtol=0, atol=2e-3)
+    assert both.card["recipe"]["network"]["beside"] == first.name
+    assert [each["name"] for each in both.card["beside"]] == ["bank"]
+    with pytest.raises(InputError, match=r"network\.beside = .*takes no other beside it"):
+        train(_with_network(kind="local-unet", beside=str(first)), tmp_path / "refused")
