@@ -32,6 +32,7 @@ from .workers import Workers
 
 RUNNING = ".running_"
 MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
+SAME_HEIGHT = 1e-10  # metres: learned heights are rounded when they are saved
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ def prepare(
         designed = optics.with_height(mask.to(workers.device)())
     training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera)
-    network, beside = _beside(recipe, camera, network)
+    with torch.no_grad():
+        network, beside = _beside(recipe, camera, network, mask())
     system = System(
         optics,
         mask,
@@ -189,17 +191,29 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
 
 
 def _beside(
-    recipe: TrainRecipe, camera: CameraRecipe, network: Restorer
+    recipe: TrainRecipe, camera: CameraRecipe, network: Restorer, height: Tensor | None
 ) -> tuple[Restorer, tuple[Json, ...]]:
-    """The network with that of the checkpoint beside it which the recipe names, and the history of that."""
+    """The network with that of the checkpoint beside it which the recipe names, and the history of that.
+    height: [n, n] in metres, of the training's mask, which is to be the checkpoint's, too."""
     source = recipe.network.beside
     if source is None:
         return network, ()
     checkpoint = load_checkpoint(source, camera)
+    if not _same(height, checkpoint.height):
+        raise InputError(
+            f"network.beside = {source!r}: it was trained with another mask; name a checkpoint of this mask, "
+            "or start with the mask of that one (doe.start)"
+        )
     try:
         return network.beside(checkpoint.network), tuple(history_of(checkpoint))
     except InputError as error:
         raise InputError(f"network.beside = {source!r}: {error}") from None
+
+
+def _same(height: Tensor | None, other: Tensor | None) -> bool:
+    if height is None or other is None or height.shape != other.shape:
+        return height is other
+    return torch.allclose(height.cpu(), other, rtol=0, atol=SAME_HEIGHT)
 
 
 def _camera(recipe: TrainRecipe, base: Path) -> tuple[CameraRecipe, Path]:

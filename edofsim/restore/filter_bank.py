@@ -68,7 +68,9 @@ class FilterBank(DistanceTold):
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         # pyrefly: ignore[bad-argument-type] - those of its own class
         self.dcnn = None if dcnn is None else DCnn(**dcnn).eval().requires_grad_(False)
-        self.trunk = self._trunk(width, blocks, kernel)
+        # it gives what filters lack; with a D-CNN beside, it sees its image, too, and says how much it counts
+        images, given = (6, 3) if self.dcnn is None else (9, 4)
+        self.trunk = Trunk(images, given, width, blocks, kernel, side=groups)
         self.border = max(support // 2, 0 if self.dcnn is None else self.dcnn.reach)
         self.multiple = max(self.trunk.multiple, STEP)
         seen = 0 if self.dcnn is None else self.dcnn.radius or 0
@@ -87,12 +89,6 @@ class FilterBank(DistanceTold):
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
         beside = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
         return {**own, **self.trunk.settings(), **beside}
-
-    def _trunk(self, width: int, blocks: tuple[int, ...], kernel: int) -> Trunk:
-        """It sees the photo and what the filters make of it, and gives what they lack; with a D-CNN beside,
-        its image too, and how much that counts."""
-        more = self.dcnn is not None
-        return Trunk(9 if more else 6, 4 if more else 3, width, blocks, kernel, side=self.groups)
 
     def beside(self, network: Restorer) -> Self:
         """The same with a copy of a D-CNN beside it; until it is trained, it gives the mean of both images

@@ -151,7 +151,7 @@ def test_a_recipe_and_a_card_with_the_names_of_before_are_read(tmp_path: Path, c
     assert any("old.toml: stray = 0.3 is now truncated_energy = 0.3" in line for line in caplog.messages)
     assert any("lamps = 0.25 is now saturated_highlights = 0.25" in line for line in caplog.messages)
     caplog.clear()
-    bank = load_checkpoint("paper-bank").card["recipe"]
+    bank = load_checkpoint("paper-dcnn").card["recipe"]
     assert "stray" in bank["loss"] and not caplog.messages
     today = TrainRecipe.model_validate(bank)
     assert today.loss.truncated_energy == bank["loss"]["stray"]
