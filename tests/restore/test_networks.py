@@ -268,4 +268,4 @@ def test_noise_leaves_no_combs_on_the_border(monkeypatch: pytest.MonkeyPatch) ->
 
     assert strength() < 1.3
     monkeypatch.setattr("edofsim.restore.borders.ALONG_PX", 0.01)
-    assert strength() > 2
+    assert strength() > 1.5
