@@ -164,7 +164,8 @@ class FilterBank(DistanceTold):
         if self.dcnn is None:
             return beyond
         with torch.no_grad():
-            image = self.dcnn.unclamped(photo).to(photo.dtype)
+            # of a lamp far beyond full scale it would make a halo: it has no logarithm (`compressed`)
+            image = self.dcnn.unclamped(photo.clamp_max(1 + BEYOND)).to(photo.dtype)
         return torch.cat([beyond, functional.pad(image, (reach,) * 4, mode="replicate")], 1)
 
     def _restored(self, photo: Tensor) -> Tensor:
