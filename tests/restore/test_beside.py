@@ -149,3 +149,4 @@ def test_filters_of_both_are_of_the_same_psfs() -> None:
     both = bank.beside(dcnn)
     both.set_psfs(_blurs(2))
     torch.testing.assert_close(both.filters, local_filters(_blurs(2), 9, 2).flatten(0, 1).to(both.filters))
+    assert both.dcnn is not None and torch.equal(both.dcnn.transfer, both.transfer)
