@@ -7,7 +7,7 @@ from torch import Tensor
 
 from edofsim.errors import InputError
 from edofsim.experiments import cameras
-from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, figures_of, takers
+from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, asked_for, figures_of, takers
 from edofsim.experiments.planes import RANDOM
 from edofsim.learn.random_cameras import random_camera
 from edofsim.optics import Camera
@@ -72,3 +72,11 @@ def test_a_network_for_one_camera_is_refused(tmp_path, monkeypatch: pytest.Monke
     monkeypatch.setattr(cameras, "takers", list)
     with pytest.raises(InputError, match="trained for one camera"):
         cameras.run(tmp_path, lambda done, text: None, network="paper-dcnn")
+
+
+def test_cameras_are_those_that_are_asked_for() -> None:
+    clear, learned = asked_for(["paper-clear", "paper-learned"])
+    assert clear.name == "paper-clear" and clear.own is None and clear.camera.mask.kind == "clear"
+    assert learned.own is not None and learned.own.name == "paper-dcnn"
+    with pytest.raises(InputError, match="more than one is called paper-clear"):
+        asked_for(["paper-clear", "paper-learned", "paper-clear"])
