@@ -25,8 +25,9 @@ from ..capture.framing import framed
 from ..core.progress import Progress, part
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, psf_bank
+from ..optics.sampling import plan_sampling
 from ..options import CacheOption, LimitOption, PicturesOption, SeedOption
-from ..recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
+from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..render import render
 from ..report import Column, Page, Section, Table, Text
 from ..report.page import Cell
@@ -53,6 +54,8 @@ from .systems import NEAREST_PER_M, READ_NOISE, Contestant, filter_depths, filte
 SCENES = ("desk", "clutter")
 FARTHER = ("hallway",)
 """The scene for a lens whose blur of half a metre takes more samples of its pupil than are allowed."""
+FARTHER_PER_M = 1.0
+"""The inverse depth up to which pictures stand for such a lens."""
 OWN_MAP = "fourier-wiener"
 """The training whose height map stands for one of somebody's own."""
 CUBIC = "cubic-dcnn"
@@ -88,7 +91,7 @@ def takers() -> list[Taker]:
     moved = learned.recipe.model_copy(update={"focus": focus})
     own = load_checkpoint(OWN_MAP)
     return [
-        Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], 1.0, FARTHER),
+        Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], FARTHER_PER_M, FARTHER),
         Taker("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
         Taker("cubic", "the cubic mask", found["paper-cubic"], own=load_checkpoint(CUBIC)),
         Taker("rings", "phase rings", found["paper-rings"]),
@@ -103,21 +106,26 @@ def takers() -> list[Taker]:
 
 
 def asked_for(sources: Sequence[str]) -> list[Taker]:
-    """Cameras by their recipes or shipped names. Raises InputError for one that cannot be read, and for two
-    of one name."""
+    """Cameras by their recipes or shipped names. A lens whose blur of half a metre takes more samples of its
+    pupil than are allowed stands for itself from a metre on, as that of 50 mm does. Raises InputError for a
+    camera that cannot be read or is too large for that as well, and for two of one name."""
     found = [load_camera(source) for source in sources]
     names = [each.recipe.name for each in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"--camera: more than one is called {', '.join(twice)}; rename one of them")
-    return [
-        Taker(
-            each.recipe.name,
-            each.recipe.name,
-            Camera.from_recipe(each.recipe, each.base),
-            own=network_of(each),
-        )
-        for each in found
-    ]
+    return [_taker(each) for each in found]
+
+
+def _taker(found: Loaded[CameraRecipe]) -> Taker:
+    name, camera = found.recipe.name, Camera.from_recipe(found.recipe, found.base)
+    shortest = torch.tensor([420e-9], dtype=torch.float64)  # of the sensor's bands, in scenes
+    window = found.recipe.psf.window_px
+    try:
+        plan_sampling(camera, shortest, torch.tensor([0.0, NEAREST_PER_M]), window)
+    except InputError:
+        plan_sampling(camera, shortest, torch.tensor([0.0, FARTHER_PER_M]), window)
+        return Taker(name, f"{name}, up to {1 / FARTHER_PER_M:g} m", camera, FARTHER_PER_M, FARTHER)
+    return Taker(name, name, camera, own=network_of(found))
 
 
 def run(

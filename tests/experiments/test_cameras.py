@@ -80,3 +80,9 @@ def test_cameras_are_those_that_are_asked_for() -> None:
     assert learned.own is not None and learned.own.name == "paper-dcnn"
     with pytest.raises(InputError, match="more than one is called paper-clear"):
         asked_for(["paper-clear", "paper-learned", "paper-clear"])
+
+
+def test_a_wide_lens_is_asked_for_pictures_from_a_metre_on() -> None:
+    wide, device = asked_for(["lens-50mm-f2", "paper-device"])
+    assert (wide.nearest_per_m, wide.scenes) == (1.0, ("hallway",)) and wide.own is None
+    assert (device.nearest_per_m, device.scenes) == (2.0, ("desk", "clutter"))
