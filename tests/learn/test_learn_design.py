@@ -233,7 +233,7 @@ def test_a_sensor_of_three_lines_has_no_other_light() -> None:
 def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
     """A trained D-CNN restores what a linear filter of its kind could, and about a constant more. Over depth
     both rise and fall together; by the learned mask they hardly do, so that only the constant is asked, and
-    by the cubic mask less than by others: the closed form of rings or of no mask is at 0.8 with its network."""
+    by the cubic mask less than by others: the closed form of rings or of no mask has 0.8 with it."""
     checkpoint = load_checkpoint(name)
     camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
     optics = Optics(camera, 96, torch.device("cpu"))
