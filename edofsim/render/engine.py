@@ -16,8 +16,9 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -310,6 +311,20 @@ def thread_count() -> int:
         return len(os.sched_getaffinity(0))
     except AttributeError:
         return os.cpu_count() or 1
+
+
+@contextmanager
+def reading_files() -> Generator[None]:
+    """Let Mitsuba read a scene's files with two threads at least: a pool of one waits for itself, for ever,
+    where it reads an OpenEXR picture (Mitsuba 3.9)."""
+    import drjit
+
+    before = drjit.thread_count()
+    drjit.set_thread_count(max(2, before))
+    try:
+        yield
+    finally:
+        drjit.set_thread_count(before)
 
 
 def use_engine(device: str = "auto", *, colours: str = "rgb") -> ModuleType:

@@ -23,6 +23,7 @@ from ..scene.foreign.nodes import Node, read_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.model import TriangleMesh
 from .closed import is_closed
+from .engine import reading_files
 from .meshes import registry_table
 from .translate import CLOSED, FIELDS
 
@@ -92,11 +93,12 @@ def load_foreign(mi: ModuleType, recipe: SceneRecipe, base: Path) -> ForeignStag
     path = Path(base) / source.path
     _check_files(read_nodes(path), path, source)
     try:
-        if path.suffix.lower() == ".json":
-            contents = _absolute(mi, json.loads(path.read_text(encoding="utf-8")), path.parent)
-            scene = mi.load_dict(contents, optimize=False)
-        else:
-            scene = mi.load_file(str(path), optimize=False)
+        with reading_files():
+            if path.suffix.lower() == ".json":
+                contents = _absolute(mi, json.loads(path.read_text(encoding="utf-8")), path.parent)
+                scene = mi.load_dict(contents, optimize=False)
+            else:
+                scene = mi.load_file(str(path), optimize=False)
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"{path}: Mitsuba refuses the scene: {str(error).strip()[:300]}") from error
     pose = np.eye(4)

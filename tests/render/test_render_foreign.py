@@ -4,8 +4,11 @@ light."""
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from edofsim.errors import InputError
@@ -60,6 +63,39 @@ def test_spectral_variant_renders_what_bands_cannot_share(tmp_path, caplog):
     assert (8 - row - 0.5) * 0.04 == pytest.approx(0.2, abs=0.05)
     assert depth.max() == pytest.approx(1 / 1.8, rel=0.02)
     assert view.hidden.any() and view.inverse_depth[view.hidden].numpy() == pytest.approx(0.25, rel=1e-3)
+
+
+ONE_THREAD = """
+from pathlib import Path
+from edofsim.recipe import SceneRecipe
+from edofsim.render import render
+from edofsim.render.engine import set_threads, thread_count
+import drjit, sys
+set_threads(1)
+folder = Path(sys.argv[1])
+view = render(SceneRecipe.model_validate_json((folder / "own.json").read_text()), folder, cache=folder)
+assert "blendbsdf" in view.metadata["route"]
+print(float(view.all_in_focus().mean()), drjit.thread_count())
+"""
+
+
+def test_an_openexr_picture_is_read_on_one_thread(tmp_path):
+    """As a machine of one core renders, and a worker that has one. It would wait for ever: so the child
+    process has a time limit. A wall of 0.5 in even light of 2; the engine has its one thread again."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    grey = np.full((8, 8), 0.5, np.float32)
+    OpenEXR.File(header, dict.fromkeys("RGB", grey)).write(str(tmp_path / "wall.exr"))
+    texture = '<texture name="reflectance" type="bitmap"><string name="filename" value="wall.exr"/></texture>'
+    plain = '<spectrum name="reflectance" value="400:0.2, 800:1.0"/>'
+    scene = SCENE.replace(plain, texture).replace('value="0.4"', 'value="0.5"')
+    assert texture in scene
+    (tmp_path / "own.xml").write_text(scene)
+    (tmp_path / "own.json").write_text(recipe().model_dump_json(by_alias=True))
+    command = [sys.executable, "-c", ONE_THREAD, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    mean, threads = done.stdout.split()
+    assert float(mean) == pytest.approx(1, rel=0.06) and threads == "1"
 
 
 def test_same_bytes_twice_and_noise(tmp_path):

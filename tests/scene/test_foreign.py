@@ -11,6 +11,7 @@ from skimage.io import imsave
 
 from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
+from edofsim.render.engine import reading_files
 from edofsim.scene import build_scene
 from edofsim.scene.foreign import MitsubaSource, NotCarried, read_scene
 from edofsim.scene.foreign.nodes import look_at
@@ -127,7 +128,8 @@ def test_an_environment_map_shines_from_where_mitsuba_has_it(tmp_path: Path):
     light = f'<emitter type="envmap"><string name="filename" value="e.exr"/>{turn}</emitter>'
     source = write(tmp_path, shape("sphere", '<float name="radius" value="0.001"/>') + light)
     ours = read_scene(source, tmp_path, BANDS, "x").environment.radiance.image
-    theirs = mi.load_file(str(tmp_path / "s.xml"))
+    with reading_files():
+        theirs = mi.load_file(str(tmp_path / "s.xml"))
     pose = theirs.sensors()[0].world_transform()
     errors = []
     for direction in np.random.default_rng(0).standard_normal((200, 3)):
