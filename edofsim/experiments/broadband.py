@@ -149,7 +149,8 @@ def run(
 
     Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;
     psnr_db.SYSTEM.CUBE.three.* in three wavelengths, psnr_db.SYSTEM.CUBE.filter.* of a Wiener filter that
-    knows distance and mask; left_out_percent.CUBE.COLOUR; cubes_left_out.
+    knows distance and mask; linear_db.SYSTEM.{three,bands}.*, of photographs by the best linear filter
+    that knows the distance, in closed form; left_out_percent.CUBE.COLOUR; cubes_left_out.
     """
     from .broadband_page import page
 
@@ -205,6 +206,12 @@ def measure(
         figures[f"{base}.photo.{label}"] = row.photo_db[0]
         figures[f"{base}.three.{label}"] = row.three_db
         figures[f"{base}.filter.{label}"] = row.filter_db
+    for name, found in optics.items():
+        for depth, db in zip(DEPTHS_M, found.linear_db.tolist(), strict=True):
+            figures |= {
+                f"linear_db.{name}.{light}.{label_of(depth)}": value
+                for light, value in zip(("three", "bands"), db, strict=True)
+            }
     for cube, shares in left_out.items():
         named = zip(CHANNELS, shares, strict=True)
         figures |= {f"left_out_percent.{cube}.{c}": 100 * share for c, share in named}

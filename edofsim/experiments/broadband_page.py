@@ -138,7 +138,14 @@ def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
         "Asymmetry of the point spread functions, mean over the bands: the part of the light that lies "
         "elsewhere in the mirrored one. 0 is symmetric.",
     )
-    return (difference, _axial(system, found), *places, asymmetric)
+    linear = Table(
+        (Column("Distance"), Column("in three wavelengths", "dB", 2), Column("in all bands", "dB", 2)),
+        tuple((names[i], *found.linear_db[i].tolist()) for i in range(len(names))),
+        "What the light alone costs: PSNR of photographs restored by the best linear filter that knows the "
+        "distance and that all bands are equally bright, in closed form. What is lost from left to right no "
+        "knowledge of spectra gives back.",
+    )
+    return (difference, linear, _axial(system, found), *places, asymmetric)
 
 
 def _axial(system: str, found: Chromatic) -> Plot:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..optics import PAPER_COLOURS, focus_distance, psf_bank
+from ..optics import PAPER_COLOURS, focus_distance, psf_bank, response
+from ..restore.linear import colour_error
 from .systems import NEAREST_PER_M, Contestant
 
 DEPTHS_M = (0.5, 1.0, math.inf)
@@ -26,7 +27,9 @@ class Chromatic:
     root of the sum of squares of the PSF), with the mask and without; inverse_depths: [inverse depth] 1/m.
     focus: [band], inverse distance in 1/m that is sharp for the lens. centroid_um: [depth, band, 2], x to the
     right and y down on the sensor, from the axis. asymmetry: [depth, band, 2], half of sum |h - mirrored h|,
-    mirrored left-right and top to bottom: 0 for a symmetric PSF, at most 1.
+    mirrored left-right and top to bottom: 0 for a symmetric PSF, at most 1. linear_db: [depth, 2], PSNR of
+    photographs restored by the best linear filter that knows the distance, in closed form
+    (`restore.linear.colour_error`), for colours of one wavelength and of all bands, evenly lit.
     """
 
     wavelengths: Tensor
@@ -37,6 +40,7 @@ class Chromatic:
     focus: Tensor
     centroid_um: Tensor
     asymmetry: Tensor
+    linear_db: Tensor
 
 
 def chromatic(system: Contestant) -> Chromatic:
@@ -49,6 +53,8 @@ def chromatic(system: Contestant) -> Chromatic:
     known = colours[:, nearest]
     depths = torch.linspace(0, NEAREST_PER_M, MAP_DEPTHS, dtype=torch.float64)
     lens = camera.without_mask()
+    seen = torch.einsum("cb,dbyx->dcyx", response(camera, BANDS_M).double(), values)
+    errors = [colour_error(psf, groups=len(inverse)).mean(1) for psf in (colours, seen)]
     return Chromatic(
         BANDS_M,
         (values - known).flatten(2).norm(dim=2) / known.flatten(2).norm(dim=2),
@@ -58,6 +64,7 @@ def chromatic(system: Contestant) -> Chromatic:
         1 / focus_distance(camera, BANDS_M),
         centroid(values) * camera.pixel * 1e6,
         asymmetry(values),
+        -10 * torch.stack(errors, 1).log10(),
     )
 
 

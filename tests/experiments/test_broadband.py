@@ -120,6 +120,23 @@ def test_a_cubic_mask_levels_depth_and_is_one_sided(echo: Callable[..., Contesta
     assert float(found.asymmetry.min()) > 0.1
 
 
+def test_a_sensor_that_sees_three_lines_loses_nothing_to_its_bands(
+    echo: Callable[..., Contestant], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a response of one band for each colour, those of the training, all bands restore as three
+    wavelengths do; with the real one the light of a cubic mask smears, most at both ends of the range."""
+    monkeypatch.setattr(chromatic, "MAP_DEPTHS", 2)
+    monkeypatch.setattr(chromatic, "BANDS_M", chromatic.PAPER_COLOURS.flip(0))
+    monkeypatch.setattr(chromatic, "response", lambda camera, wavelengths: torch.eye(3).flip(0))
+    three, bands = chromatic.chromatic(echo("cubic")).linear_db.T
+    assert bands.tolist() == pytest.approx(three.tolist(), abs=1e-9)
+    monkeypatch.undo()
+    monkeypatch.setattr(chromatic, "MAP_DEPTHS", 2)
+    three, bands = chromatic.chromatic(echo("cubic")).linear_db.T
+    lost = (three - bands).tolist()
+    assert min(lost) > 0 and min(lost[0], lost[2]) > 0.5
+
+
 def test_measures_of_a_point_spread_function() -> None:
     psf = torch.zeros(8, 8, dtype=torch.float64)
     psf[4, 6] = 1  # the centre pixel is 4, 4: two to the right
