@@ -33,6 +33,7 @@ from .workers import Workers
 RUNNING = ".running_"
 MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 SAME_HEIGHT = 1e-10  # metres: learned heights are rounded when they are saved
+ROUNDING = 1e-3  # relative, of heights that were held within a limit
 
 
 @dataclass(frozen=True)
@@ -141,11 +142,11 @@ def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, r
     doe = recipe.doe
     limit = doe.height_limit_um * 1e-6
     if doe.start is not None:
-        return _started(doe.start, recipe, optics, grid, limit, radian)
+        return _started(doe.start, recipe, optics, grid, radian)
     if isinstance(mask, HeightMapMask):
         given = None if mask.file is None else designed_map(optics)
         start = torch.full((grid.samples, grid.samples), limit / 2) if given is None else given[0]
-        return FreeHeight(start, limit, radian) if doe.learn else FixedHeight(start)
+        return _free("mask.file", start, recipe, radian) if doe.learn else FixedHeight(start)
     learner = mask.learner(grid, radian) if doe.learn else None
     if learner is not None:
         return learner
@@ -155,17 +156,33 @@ def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, r
     return FixedHeight((phase - phase.min()) * radian)
 
 
-def _started(
-    source: str, recipe: TrainRecipe, optics: Camera, grid: PupilGrid, limit: float, radian: float
-) -> nn.Module:
+def _started(source: str, recipe: TrainRecipe, optics: Camera, grid: PupilGrid, radian: float) -> nn.Module:
     """The height map of a checkpoint, to learn on or to keep."""
+    named = f"doe.start = {source!r}"
     checkpoint = load_checkpoint(source, optics.recipe)
     if checkpoint.height is None or tuple(checkpoint.height.shape) != (grid.samples, grid.samples):
+        raise InputError(f"{named}: this checkpoint has no height map of {grid.samples} samples across")
+    if not recipe.doe.learn:
+        return FixedHeight(checkpoint.height)
+    if optics.mask.learner(grid, radian) is not None:
         raise InputError(
-            f"doe.start = {source!r}: this checkpoint has no height map of {grid.samples} samples across"
+            f"{named}: a mask of kind {optics.mask.kind!r} learns by values of its own, which a height map "
+            "does not tell; write those of the checkpoint's mask into [mask], or let each sample learn: "
+            'kind = "height-map"'
         )
-    height = checkpoint.height
-    return FreeHeight(height, limit, radian) if recipe.doe.learn else FixedHeight(height)
+    return _free(named, checkpoint.height, recipe, radian)
+
+
+def _free(named: str, height: Tensor, recipe: TrainRecipe, radian: float) -> FreeHeight:
+    """A height map [n, n] in metres that learns on. Raises InputError where it is deeper than the recipe
+    allows: held within that, it would be another mask."""
+    limit_um, deepest_um = recipe.doe.height_limit_um, float(height.max()) * 1e6
+    if deepest_um > limit_um * (1 + ROUNDING):
+        raise InputError(
+            f"{named}: this height map is {deepest_um:.3g} um deep; set doe.height_limit_um, which is "
+            f"{limit_um:g}, to as much"
+        )
+    return FreeHeight(height, limit_um * 1e-6, radian)
 
 
 def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[Json, ...]]:

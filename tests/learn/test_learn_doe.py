@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from edofsim.errors import InputError
 from edofsim.learn.doe import FreeHeight, metres_per_radian
 from edofsim.learn.setup import build_mask
 from edofsim.optics import Camera, psf_bank
@@ -19,6 +20,8 @@ from edofsim.optics.masks.rings import RingsMask
 from edofsim.optics.masks.zernike import ZernikeMask
 from edofsim.recipe.camera import CameraRecipe, PsfSettings
 from edofsim.recipe.train import DoeTable, TrainRecipe
+from edofsim.restore.checkpoint import save_checkpoint
+from edofsim.restore.network import build_network
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)
 
@@ -94,3 +97,32 @@ def test_a_mask_without_relief_has_no_height() -> None:
     mask, sampling, camera = _build(CodedMask())
     assert mask() is None and sampling is None
     assert isinstance(camera.mask, CodedMask)
+
+
+def _checkpoint(path: Path, height: torch.Tensor) -> str:
+    """A network with a mask of the default camera."""
+    card = {"name": "before", "camera": CameraRecipe(name="c").model_dump(mode="json", exclude={"schema_"})}
+    network = build_network("local-unet", {"width": 4, "blocks": [1, 1]})
+    return str(save_checkpoint(path / "before.safetensors", network, card, height=height, sampling=21e-6))
+
+
+def _started(mask: object, doe: DoeTable) -> torch.Tensor:
+    recipe = TrainRecipe(name="t", camera="paper", doe=doe)
+    return build_mask(recipe, CameraRecipe(name="c", mask=mask), Path())[0]()
+
+
+def test_the_mask_of_a_checkpoint_is_kept_or_refused(tmp_path: Path) -> None:
+    """Never pressed into what a recipe allows: 1.6 um deep rings would be another mask in 1.2 um."""
+    ramp = torch.linspace(0, 1.6e-6, 239 * 239).reshape(239, 239)
+    start = _checkpoint(tmp_path, ramp)
+    for mask in (RingsMask(), HeightMapMask()):
+        assert torch.equal(_started(mask, DoeTable(start=start, learn=False)), ramp)
+    with pytest.raises(InputError, match=r"is 1\.6 um deep; set doe\.height_limit_um, which is 1\.2, to as"):
+        _started(HeightMapMask(), DoeTable(start=start))
+    deep_enough = _started(HeightMapMask(), DoeTable(start=start, height_limit_um=1.6))
+    assert deep_enough.detach().numpy() == pytest.approx(
+        ramp.numpy(), abs=0.021 * 1.6e-6
+    )  # just inside the limits
+    for mask in (RingsMask(), ZernikeMask(), FourierMask()):
+        with pytest.raises(InputError, match=f"kind '{mask.kind}' learns by values of its own"):
+            _started(mask, DoeTable(start=start, height_limit_um=1.6))
