@@ -142,8 +142,8 @@ def _optics(system: str, found: Chromatic) -> tuple[Block, ...]:
         (Column("Distance"), Column("in three wavelengths", "dB", 2), Column("in all bands", "dB", 2)),
         tuple((names[i], *found.linear_db[i].tolist()) for i in range(len(names))),
         "What the light alone costs: PSNR of photographs restored by the best linear filter that knows the "
-        "distance and that all bands are equally bright, in closed form. What is lost from left to right no "
-        "knowledge of spectra gives back.",
+        "distance and that all bands are equally bright, in closed form. What is lost from left to right is "
+        "lost although the spectra are known.",
     )
     return (difference, linear, _axial(system, found), *places, asymmetric)
 

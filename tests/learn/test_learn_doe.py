@@ -119,10 +119,8 @@ def test_the_mask_of_a_checkpoint_is_kept_or_refused(tmp_path: Path) -> None:
         assert torch.equal(_started(mask, DoeTable(start=start, learn=False)), ramp)
     with pytest.raises(InputError, match=r"is 1\.6 um deep; set doe\.height_limit_um, which is 1\.2, to as"):
         _started(HeightMapMask(), DoeTable(start=start))
-    deep_enough = _started(HeightMapMask(), DoeTable(start=start, height_limit_um=1.6))
-    assert deep_enough.detach().numpy() == pytest.approx(
-        ramp.numpy(), abs=0.021 * 1.6e-6
-    )  # just inside the limits
+    found = _started(HeightMapMask(), DoeTable(start=start, height_limit_um=1.6)).detach().numpy()
+    assert found == pytest.approx(ramp.numpy(), abs=0.021 * 1.6e-6)  # just inside the limits
     for mask in (RingsMask(), ZernikeMask(), FourierMask()):
         with pytest.raises(InputError, match=f"kind '{mask.kind}' learns by values of its own"):
             _started(mask, DoeTable(start=start, height_limit_um=1.6))

@@ -69,7 +69,7 @@ ONE_THREAD = """
 from pathlib import Path
 from edofsim.recipe import SceneRecipe
 from edofsim.render import render
-from edofsim.render.engine import set_threads, thread_count
+from edofsim.render.engine import set_threads
 import drjit, sys
 set_threads(1)
 folder = Path(sys.argv[1])
