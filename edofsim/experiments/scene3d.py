@@ -44,7 +44,19 @@ from .experiment import Findings, in_paper, in_parts
 from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
-from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
+from .protocols import (
+    LENS_ALONE,
+    OURS,
+    PAPER,
+    WAYS,
+    System,
+    Taken,
+    Way,
+    same_photo,
+    systems_of,
+    take,
+    views_of,
+)
 from .scene_scores import (
     AWAY,
     NEAR_EDGES,
@@ -265,17 +277,22 @@ def measure(
     views = views_of(view, systems[0].camera)
     rows: list[SceneScore] = []
     kept: dict[tuple[str, str], Taken] = {}
-    jobs = [(way, system) for way in ways for system in systems]
-    for number, (way, system) in enumerate(jobs):
-        if progress:
-            progress(number / len(jobs), f"{way.name}, {system.name}")
-        taken = take(views[way.name], way, system, seed)
-        for image, values in taken.images.items():
-            about = (name, way.name, system.name, image)
-            scores = _scores(values, taken.truth, regions)
-            rows += [SceneScore(*about, *place, *each) for place, each in scores]
+    # the first of the systems that take the same photo
+    alike = [next(i for i, each in enumerate(systems) if same_photo(each, system)) for system in systems]
+    for step, way in enumerate(ways):
+        of_way: list[Taken] = []
+        for number, system in enumerate(systems):
+            if progress:
+                progress((step + number / len(systems)) / len(ways), f"{way.name}, {system.name}")
+            like = of_way[alike[number]] if alike[number] < number else None
+            taken = take(views[way.name], way, system, seed, like=like)
+            of_way.append(taken)
+            for image, values in taken.images.items():
+                about = (name, way.name, system.name, image)
+                scores = _scores(values, taken.truth, regions)
+                rows += [SceneScore(*about, *place, *each) for place, each in scores]
         if way.name in SHOWN:
-            kept[way.name, system.name] = taken
+            kept |= {(way.name, system.name): each for system, each in zip(systems, of_way, strict=True)}
     facts = _facts(view, edges, kept[OURS, systems[0].name])
     return Measured(name, tuple(rows), {**facts, "seconds": time.perf_counter() - started}), kept, edges
 
