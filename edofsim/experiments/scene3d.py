@@ -37,7 +37,7 @@ from ..render.keys import view_key
 from ..render.view import View
 from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
-from ..restore.scores import depth_ranges, score_parts, within_scale
+from ..restore.scores import depth_ranges, light_error, score_parts, within_scale
 from ..scene.family import in_place_of
 from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
@@ -123,8 +123,9 @@ def run(
     end, and the others are finished. Scenes are rendered with at least 512 samples a pixel, as the noise of
     the truth counts against every restoration.
 
-    Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
-    gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;
+    Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE with IMAGE one of
+    {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, gain_db.SCENE.WAY.NETWORK (above the lens alone),
+    scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the worst channel;
     WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
@@ -312,11 +313,12 @@ def _regions(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 
 def _scores(
     image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
-) -> Iterable[tuple[Region, tuple[float, float, int]]]:
+) -> Iterable[tuple[Region, tuple[float, float, int, float]]]:
     image, truth = within_scale(image).cpu(), truth.cpu()
-    parts = score_parts(image, truth, [None, *regions.values()])
-    for place, each in zip(((WHOLE, 0.0, math.inf), *regions), parts, strict=True):
-        yield place, (each.psnr_db, each.ssim, each.pixels)
+    masks = [None, *regions.values()]
+    parts = score_parts(image, truth, masks)
+    for place, mask, each in zip(((WHOLE, 0.0, math.inf), *regions), masks, parts, strict=True):
+        yield place, (each.psnr_db, each.ssim, each.pixels, light_error(image, truth, mask))
 
 
 def _facts(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:

@@ -228,6 +228,13 @@ def test_every_way_and_system_is_scored(view: View, network: Path, folder: Path)
         assert whole.psnr_db == pytest.approx(-10 * math.log10(error), abs=1e-6)
     assert set(kept) == {(way, name) for way in ("paper", OURS) for name in ("lens_alone", "trained")}
     assert int(edges.sum()) == measured.score(OURS, "lens_alone", "photo", "near edges").pixels
+    off = [
+        (taken.images["photo"].clamp(0, 1).mean((-1, -2)) / taken.truth.mean((-1, -2)) - 1).abs().max()
+        for taken in (kept[OURS, "lens_alone"], kept[OURS, "trained"])
+    ]
+    assert measured.score(OURS, "lens_alone", "photo").light_error == pytest.approx(float(off[0]), rel=1e-4)
+    found = scene3d.figures(SceneScores((measured,)), ["trained"])
+    assert found[f"light_error.two.{OURS}.trained.photo"] == pytest.approx(float(off[1]), rel=1e-4)
     restored, alone = (measured.score(OURS, *place).psnr_db for place in (images[2], images[0]))
     assert measured.gain(OURS, "trained") == pytest.approx(restored - alone)
 
