@@ -282,7 +282,8 @@ def _deep(
         taken = take(view, way, System(ANY, camera, checkpoint), seed)
         images = {PHOTO: taken.images["photo"], WIENER: taken.images["wiener"], ANY: taken.images["restored"]}
         if taker.own is not None:
-            images[OWN] = take(view, way, System(OWN, camera, taker.own), seed).images["restored"]
+            own = System(OWN, camera, taker.own)
+            images[OWN] = take(view, way, own, seed, like=taken).images["restored"]
     found = {what: psnr(within_scale(image), taken.truth) for what, image in images.items()}
     kept.put(key, found)
     return found

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -40,6 +40,8 @@ PAPER_DB = 30.76
 """The paper's PSNR of its one scene, an image of the TAU-Agent data set between 0.5 and 4.46 m."""
 DEPTH_STEP_M = 1e-3
 HEIGHT_ERROR_M = 30e-9
+SAME_HEIGHT_M = 1e-12
+"""Masks that differ by less are one: checkpoints hold one mask to different roundings."""
 LENS_ALONE = "lens_alone"
 FILTER_DEPTHS = 9
 LAYERS = 25
@@ -126,26 +128,17 @@ def views_of(view: View, camera: Camera) -> dict[str, View]:
     return {way.name: flat.get(way.name, view) for way in WAYS}
 
 
-def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu") -> Taken:
+def take(
+    view: View, way: Way, system: System, seed: int = 0, device: str = "cpu", like: Taken | None = None
+) -> Taken:
     """A photo of the way's own view (see `views_of`), and its restorations.
 
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
+    like: what a system with the same camera took so (see `same_photo`); its photo is not taken again.
     """
     camera = of_three_lines(system.camera) if way.flat else system.camera
-    ideal = view.crop_margin(ideal_image(view, camera, 1.0))
-    wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
-    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
     unscattered = unscattered_light(system.camera, view.wavelengths)
-    full = full_fidelity(camera, view)
-    fidelity = Fidelity(
-        layers=way.layers,
-        occlusion=way.occlusion or full.occlusion,
-        sub_apertures=min(way.sub_apertures, full.sub_apertures),
-    )
-    photo = capture(
-        with_glare(view, unscattered), camera, fidelity, exposure=exposure, seed=seed, device=device
-    )
-    photo = replace(photo, ideal=ideal * exposure)
+    photo = _photo(view, way, camera, unscattered, seed, device) if like is None else like.photo
     images = {"photo": photo.image}
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
@@ -155,10 +148,42 @@ def take(view: View, way: Way, system: System, seed: int = 0, device: str = "cpu
         images["restored"], _ = restore(
             photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, glare=glare
         )
-        taker = system.designed or system.camera
-        taker = of_three_lines(taker) if way.flat else taker
-        images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, glare=glare)
+        if like is not None and "wiener" in like.images:
+            images["wiener"] = like.images["wiener"]
+        else:
+            taker = system.designed or system.camera
+            taker = of_three_lines(taker) if way.flat else taker
+            images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, glare=glare)
     return Taken(photo, images)
+
+
+def same_photo(first: System, second: System) -> bool:
+    """Whether both take the same photo, and know the same of it."""
+    if first.designed is not second.designed:
+        return False
+    one, other = first.camera, second.camera
+    if any(getattr(one, f.name) != getattr(other, f.name) for f in fields(Camera) if f.name != "height_map"):
+        return False
+    if one.height_map is None or other.height_map is None:
+        return one.height_map is other.height_map
+    same_shape = one.height_map.shape == other.height_map.shape
+    return same_shape and torch.allclose(one.height_map, other.height_map, rtol=0, atol=SAME_HEIGHT_M)
+
+
+def _photo(view: View, way: Way, camera: Camera, unscattered: Tensor, seed: int, device: str) -> Photo:
+    ideal = view.crop_margin(ideal_image(view, camera, 1.0))
+    wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
+    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
+    full = full_fidelity(camera, view)
+    fidelity = Fidelity(
+        layers=way.layers,
+        occlusion=way.occlusion or full.occlusion,
+        sub_apertures=min(way.sub_apertures, full.sub_apertures),
+    )
+    photo = capture(
+        with_glare(view, unscattered), camera, fidelity, exposure=exposure, seed=seed, device=device
+    )
+    return replace(photo, ideal=ideal * exposure)
 
 
 def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:

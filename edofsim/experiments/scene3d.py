@@ -37,14 +37,26 @@ from ..render.keys import view_key
 from ..render.view import View
 from ..report import Link, write_page
 from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
-from ..restore.scores import depth_ranges, score_parts, within_scale
+from ..restore.scores import depth_ranges, light_error, score_parts, within_scale
 from ..scene.family import in_place_of
 from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
 from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
-from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, Taken, Way, systems_of, take, views_of
+from .protocols import (
+    LENS_ALONE,
+    OURS,
+    PAPER,
+    WAYS,
+    System,
+    Taken,
+    Way,
+    same_photo,
+    systems_of,
+    take,
+    views_of,
+)
 from .scene_scores import (
     AWAY,
     NEAR_EDGES,
@@ -111,8 +123,9 @@ def run(
     end, and the others are finished. Scenes are rendered with at least 512 samples a pixel, as the noise of
     the truth counts against every restoration.
 
-    Figures, SCENE also `mean`: {psnr_db,ssim}.SCENE.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener},
-    gain_db.SCENE.WAY.NETWORK (above the lens alone), scenes, scenes.failed;
+    Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE with IMAGE one of
+    {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, gain_db.SCENE.WAY.NETWORK (above the lens alone),
+    scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the worst channel;
     WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
@@ -265,17 +278,22 @@ def measure(
     views = views_of(view, systems[0].camera)
     rows: list[SceneScore] = []
     kept: dict[tuple[str, str], Taken] = {}
-    jobs = [(way, system) for way in ways for system in systems]
-    for number, (way, system) in enumerate(jobs):
-        if progress:
-            progress(number / len(jobs), f"{way.name}, {system.name}")
-        taken = take(views[way.name], way, system, seed)
-        for image, values in taken.images.items():
-            about = (name, way.name, system.name, image)
-            scores = _scores(values, taken.truth, regions)
-            rows += [SceneScore(*about, *place, *each) for place, each in scores]
+    # the first of the systems that take the same photo
+    alike = [next(i for i, each in enumerate(systems) if same_photo(each, system)) for system in systems]
+    for step, way in enumerate(ways):
+        of_way: list[Taken] = []
+        for number, system in enumerate(systems):
+            if progress:
+                progress((step + number / len(systems)) / len(ways), f"{way.name}, {system.name}")
+            like = of_way[alike[number]] if alike[number] < number else None
+            taken = take(views[way.name], way, system, seed, like=like)
+            of_way.append(taken)
+            for image, values in taken.images.items():
+                about = (name, way.name, system.name, image)
+                scores = _scores(values, taken.truth, regions)
+                rows += [SceneScore(*about, *place, *each) for place, each in scores]
         if way.name in SHOWN:
-            kept[way.name, system.name] = taken
+            kept |= {(way.name, system.name): each for system, each in zip(systems, of_way, strict=True)}
     facts = _facts(view, edges, kept[OURS, systems[0].name])
     return Measured(name, tuple(rows), {**facts, "seconds": time.perf_counter() - started}), kept, edges
 
@@ -295,11 +313,12 @@ def _regions(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 
 def _scores(
     image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
-) -> Iterable[tuple[Region, tuple[float, float, int]]]:
+) -> Iterable[tuple[Region, tuple[float, float, int, float]]]:
     image, truth = within_scale(image).cpu(), truth.cpu()
-    parts = score_parts(image, truth, [None, *regions.values()])
-    for place, each in zip(((WHOLE, 0.0, math.inf), *regions), parts, strict=True):
-        yield place, (each.psnr_db, each.ssim, each.pixels)
+    masks = [None, *regions.values()]
+    parts = score_parts(image, truth, masks)
+    for place, mask, each in zip(((WHOLE, 0.0, math.inf), *regions), masks, parts, strict=True):
+        yield place, (each.psnr_db, each.ssim, each.pixels, light_error(image, truth, mask))
 
 
 def _facts(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:

@@ -183,27 +183,43 @@ def scores_table(every: Sequence[Measured], network: str) -> Table:
         (OURS, network, "wiener"),
     ]
     names = ("Scene", "Lens alone", "Restored", "Gain", "Lens alone, paper's", "Restored, paper's")
-    columns = [Column(name) for name in (*names, "Photo", "Wiener", "Mean level", "Render noise")]
+    columns = [
+        Column(name) for name in (*names, "Photo", "Wiener", "Light off", "Mean level", "Render noise")
+    ]
 
     def line(
-        name: str, cells: Sequence[SceneScore | Score | None], gain: float, mean_level: float, noise: float
+        name: str,
+        cells: Sequence[SceneScore | Score | None],
+        gain: float,
+        light: float,
+        mean_level: float,
+        noise: float,
     ) -> tuple[str, ...]:
         shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
-        return (name, *shown[:2], number(gain), *shown[2:], number(mean_level, 2), number(noise, 0))
+        percent = DASH if math.isnan(light) else f"{number(100 * light, 1)} %"
+        of_truth = (percent, number(mean_level, 2), number(noise, 0))
+        return (name, *shown[:2], number(gain), *shown[2:], *of_truth)
+
+    def off(measured: Measured) -> float:
+        row = measured.score(OURS, network, "restored")
+        return math.nan if row is None else row.light_error
 
     rows = []
     for m in every:
         cells = [m.score(*place) for place in wanted]
-        rows.append(line(m.scene, cells, m.gain(OURS, network), m.facts["mean"], m.facts["noise_db"]))
+        rows.append(line(m.scene, cells, m.gain(OURS, network), off(m), m.facts["mean"], m.facts["noise_db"]))
     averages = [_mean_row(every, *place) for place in wanted]
     gain = mean(m.gain(OURS, network) for m in every)
-    rows.append(line("mean", averages, gain, mean(m.facts["mean"] for m in every), math.nan))
-    rows.append(("the paper's scene", *[DASH] * 4, f"{PAPER_DB}\n{DASH}", *[DASH] * 4))
+    level = mean(m.facts["mean"] for m in every)
+    rows.append(line("mean", averages, gain, mean(off(m) for m in every), level, math.nan))
+    rows.append(("the paper's scene", *[DASH] * 4, f"{PAPER_DB}\n{DASH}", *[DASH] * 5))
     return Table(
         tuple(columns),
         tuple(rows),
         "PSNR in dB, below it SSIM; by our way to simulate, and by the paper's protocol. Gain: restored "
-        "above the lens alone, ours. Mean level: of the truth, of full scale. Render noise: PSNR of the "
+        "above the lens alone, ours. Light off: by what part of the truth's mean that of what is restored is "
+        "off, ours, in the channel where it is most off; light that crosses the frame's border and lamps "
+        "beyond full scale are in it. Mean level: of the truth, of full scale. Render noise: PSNR of the "
         "truth against another rendering of it; detail of that kind is blurred away and cannot be "
         "restored, so scores near it are limited by the rendering.",
     )

@@ -16,7 +16,7 @@ WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 @dataclass(frozen=True)
 class SceneScore:
     """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
-    with near_m <= depth < far_m, or another part by its name."""
+    with near_m <= depth < far_m, or another part by its name. light_error: see `restore.scores`."""
 
     scene: str
     way: str
@@ -28,6 +28,7 @@ class SceneScore:
     psnr_db: float
     ssim: float
     pixels: int
+    light_error: float
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ class SceneScores:
 
 
 def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
-    """Flat: psnr_db and ssim .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK, SCENE also `mean`; IMAGE is
-    lens_alone, NETWORK, NETWORK.photo or NETWORK.wiener. networks: names of the systems."""
+    """Flat: psnr_db, ssim and light_error .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK, SCENE also `mean`;
+    IMAGE is lens_alone, NETWORK, NETWORK.photo or NETWORK.wiener. networks: names of the systems."""
     found: dict[str, float] = {}
     for way in WAYS:
         images = {LENS_ALONE: (LENS_ALONE, "photo")}
@@ -70,7 +71,7 @@ def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
             images |= {f"{network}.{image}": (network, image) for image in ("photo", "wiener")}
         for label, (system, image) in images.items():
             rows = {m.scene: m.score(way.name, system, image) for m in outcome.measured}
-            for measure in ("psnr_db", "ssim"):
+            for measure in ("psnr_db", "ssim", "light_error"):
                 values = {scene: getattr(row, measure) for scene, row in rows.items() if row is not None}
                 found |= _with_mean(
                     values, lambda scene, m=measure, w=way, i=label: f"{m}.{scene}.{w.name}.{i}"

@@ -51,6 +51,15 @@ def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
 
+def light_error(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
+    """By what part of the truth's mean that of the image is off, in the channel where it is most off; NaN
+    where a channel of the truth is black. image, truth: [channel, y, x]; mask: bool [y, x]."""
+    _same_shape(image, truth)
+    inside = (..., slice(None)) if mask is None else (..., mask)
+    image, truth = (values.double()[inside].flatten(1).mean(1) for values in (image, truth))
+    return math.nan if bool((truth == 0).any()) else float((image / truth - 1).abs().max())
+
+
 def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
     """Structural similarity of each pixel, mean of channels, [y, x] (Wang et al., IEEE TIP 13, 2004:
     Gaussian window of sigma 1.5, full scale 1); None where the image is smaller than the window."""

@@ -17,10 +17,10 @@ from PIL import Image
 from skimage import data as pictures
 
 from edofsim import console
-from edofsim.capture import Fidelity, capture, ideal_image
+from edofsim.capture import Fidelity, Photo, capture, ideal_image
 from edofsim.cli import app
 from edofsim.core.progress import silent
-from edofsim.experiments import bench_scene, scene3d
+from edofsim.experiments import bench_scene, protocols, scene3d
 from edofsim.experiments.depth_edges import near_edges
 from edofsim.experiments.protocols import (
     OURS,
@@ -228,8 +228,48 @@ def test_every_way_and_system_is_scored(view: View, network: Path, folder: Path)
         assert whole.psnr_db == pytest.approx(-10 * math.log10(error), abs=1e-6)
     assert set(kept) == {(way, name) for way in ("paper", OURS) for name in ("lens_alone", "trained")}
     assert int(edges.sum()) == measured.score(OURS, "lens_alone", "photo", "near edges").pixels
+    off = [
+        (taken.images["photo"].clamp(0, 1).mean((-1, -2)) / taken.truth.mean((-1, -2)) - 1).abs().max()
+        for taken in (kept[OURS, "lens_alone"], kept[OURS, "trained"])
+    ]
+    assert measured.score(OURS, "lens_alone", "photo").light_error == pytest.approx(float(off[0]), rel=1e-4)
+    found = scene3d.figures(SceneScores((measured,)), ["trained"])
+    assert found[f"light_error.two.{OURS}.trained.photo"] == pytest.approx(float(off[1]), rel=1e-4)
     restored, alone = (measured.score(OURS, *place).psnr_db for place in (images[2], images[0]))
     assert measured.gain(OURS, "trained") == pytest.approx(restored - alone)
+
+
+def test_systems_with_one_mask_share_its_photo(
+    view: View, network: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Scores are as if each had taken its own, a mask that differs by roundings counts as the same, and no
+    other does."""
+    alone, trained = systems_of(load_camera(str(folder / "camera.toml")), [str(network)])
+    height = trained.camera.height_map
+    assert height is not None
+
+    def with_height(name: str, other: torch.Tensor) -> System:
+        return replace(trained, name=name, camera=trained.camera.with_height(other))
+
+    relief = 1e-6 * torch.rand(height.shape, generator=torch.Generator().manual_seed(1), dtype=height.dtype)
+    twin, other = with_height("twin", height + 1e-13), with_height("other", relief)
+    taken = []
+
+    def counted(*given: object, **more: object) -> Photo:
+        taken.append(given[1])
+        return capture(*given, **more)
+
+    monkeypatch.setattr(protocols, "capture", counted)
+    together, _, _ = scene3d.measure("two", view, [alone, trained, twin, other])
+    assert len(taken) == 3 * len(WAYS)
+    for system in (twin, other):
+        apart, _, _ = scene3d.measure("two", view, [alone, system])
+        of_system = [row for row in together.rows if row.system in (alone.name, system.name)]
+        for row, own in zip(of_system, apart.rows, strict=True):
+            assert (row.way, row.image, row.region) == (own.way, own.image, own.region)
+            assert row.psnr_db == pytest.approx(own.psnr_db, abs=1e-4), row
+    of_photos = [together.score(OURS, name, "photo").psnr_db for name in ("trained", "twin", "other")]
+    assert of_photos[0] == of_photos[1] and abs(of_photos[0] - of_photos[2]) > 0.01
 
 
 def test_ours_is_the_photo_through_parts_of_the_pupil(view: View):

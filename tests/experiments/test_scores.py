@@ -10,7 +10,7 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio
 
 from edofsim.errors import InputError
-from edofsim.restore.scores import psnr, score, score_by_depth
+from edofsim.restore.scores import light_error, psnr, score, score_by_depth
 
 
 def pair() -> tuple[torch.Tensor, torch.Tensor]:
@@ -49,6 +49,24 @@ def test_depth_ranges_share_out_all_pixels_and_infinity_belongs_to_the_last():
     ]
     total = sum(s.score.pixels * 10 ** (-s.score.psnr_db / 10) for s in scores) / (60 * 80)
     assert -10 * math.log10(total) == pytest.approx(psnr(image, truth), abs=1e-9)
+
+
+def test_light_is_off_by_the_worst_channel():
+    _, truth = pair()
+    off = torch.tensor([1.01, 0.93, 1.05], dtype=torch.float64)[:, None, None]
+    assert light_error(truth * off, truth) == pytest.approx(0.07)
+    assert light_error(truth.flip(-1), truth) == pytest.approx(0, abs=1e-12)  # the same light elsewhere
+    left = torch.zeros(60, 80, dtype=torch.bool)
+    left[:, :40] = True
+    halves = torch.where(left, truth, truth * off)
+    assert light_error(halves, truth, left) == 0
+    assert light_error(halves, truth, ~left) == pytest.approx(0.07)
+
+
+def test_no_part_of_black_is_off():
+    assert math.isnan(
+        light_error(torch.ones(3, 4, 4), torch.tensor([1.0, 0, 1])[:, None, None].expand(3, 4, 4))
+    )
 
 
 def test_an_image_smaller_than_the_ssim_window_has_no_ssim():
