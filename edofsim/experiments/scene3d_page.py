@@ -184,7 +184,7 @@ def scores_table(every: Sequence[Measured], network: str) -> Table:
     ]
     names = ("Scene", "Lens alone", "Restored", "Gain", "Lens alone, paper's", "Restored, paper's")
     columns = [
-        Column(name) for name in (*names, "Photo", "Wiener", "Light off", "Mean level", "Render noise")
+        Column(name) for name in (*names, "Photo", "Wiener", "Light error", "Mean level", "Render noise")
     ]
 
     def line(
@@ -217,8 +217,8 @@ def scores_table(every: Sequence[Measured], network: str) -> Table:
         tuple(columns),
         tuple(rows),
         "PSNR in dB, below it SSIM; by our way to simulate, and by the paper's protocol. Gain: restored "
-        "above the lens alone, ours. Light off: by what part of the truth's mean that of what is restored is "
-        "off, ours, in the channel where it is most off; light that crosses the frame's border and lamps "
+        "above the lens alone, ours. Light error: by what part of the truth's mean that of what is restored "
+        "is off, ours, in the channel where it is most off; light that crosses the frame's border and lamps "
         "beyond full scale are in it. Mean level: of the truth, of full scale. Render noise: PSNR of the "
         "truth against another rendering of it; detail of that kind is blurred away and cannot be "
         "restored, so scores near it are limited by the rendering.",
