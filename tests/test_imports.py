@@ -25,14 +25,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plan": {"recipe", "scene", "render", "optics", "capture"},
     "restore": {"recipe", "optics", "capture"},
     "learn": {"recipe", "scene", "render", "optics", "capture", "restore"},
-    "stability": {"recipe", "scene", "render", "optics", "capture", "reference", "plan", "restore", "learn"},
+    "stability": {"recipe", "render", "optics", "capture"},
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"} - {"stability"}
 MAY_IMPORT["experiments"] = {*MAY_IMPORT, "options", "completion"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT, "pipeline", "console", "options", "completion"}
 COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
-MITSUBA_ROOMS = {"render", "reference", "experiments", "stability"}
+MITSUBA_ROOMS = {"render", "reference", "experiments"}
 ONLY_IN = {"mitsuba": MITSUBA_ROOMS, "drjit": MITSUBA_ROOMS}
 
 

@@ -9,15 +9,12 @@ from typing import Annotated
 import typer
 
 from ..core.progress import Progress
-from ..record import write_csv
+from ..errors import InputError
 from ..report import Column, Key, Keys, Page, Section, Table, Text
 from ..report.words import significant
 from ..stability import catalogue
 from ..stability.catalogue import CaseResult
-from ..stability.mutants import MUTANTS, judge
-from ..stability.mutants.judge import Verdict
 from .experiment import Findings
-from .kept import Kept, key_of
 
 
 def run(
@@ -25,22 +22,16 @@ def run(
     progress: Progress,
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[CASE...]", help="Cases, groups of cases or mutants; default all."),
+        typer.Argument(metavar="[CASE...]", help="Cases or groups of cases; default all."),
     ] = None,
-    mutants: Annotated[
-        bool,
-        typer.Option(
-            help="Break the simulator in every way that is known, and see whether the cases notice."
-        ),
-    ] = False,
+    mutants: Annotated[bool, typer.Option("--mutants", hidden=True)] = False,
 ) -> Findings:
     """The catalogue of hard cases: error against a truth of every method, mask and precision.
 
-    Figures: cases, findings, against_truth, against_itself, beyond_bound, failed, single_precision, seconds;
-    with mutants: mutants, pairs, killed, killed_percent, ended, unnoticed, seconds.
+    Figures: cases, findings, against_truth, against_itself, beyond_bound, failed, single_precision, seconds.
     """
     if mutants:
-        return _mutants(folder, progress, names or ())
+        raise InputError("--mutants: broken simulators are tests now; in a checkout, type: make test-all")
     results = catalogue.run(names or (), progress)
     numbers = catalogue.figures(results)
     summary = (
@@ -56,98 +47,6 @@ def run(
         shown=[_short(results), summary],
         outputs={"findings": catalogue.write_table(folder / "stability.csv", results)},
     )
-
-
-def _mutants(folder: Path, progress: Progress, names: Sequence[str]) -> Findings:
-    """Every mutant against the groups that it concerns; what is finished is kept in the folder."""
-    pairs = judge.choose(names)
-    kept = Kept(folder / "mutants.jsonl")
-    verdicts: list[Verdict] = []
-    for number, (mutant, group) in enumerate(pairs):
-        progress(number / len(pairs), f"{mutant.name}, {group}")
-        key = key_of(mutant=mutant.name, group=group)
-        found = kept.get(key)
-        if found is None:
-            verdicts.append(judge.judge(mutant, group))
-            kept.put(key, verdicts[-1].as_json())
-        else:
-            verdicts.append(Verdict.from_json(found))
-    numbers = judge.figures(verdicts)
-    summary = (
-        f"{numbers['mutants']:.0f} mutants, {numbers['pairs']:.0f} pairs of a mutant and a group in "
-        f"{numbers['seconds']:.0f} s: {numbers['killed']:.0f} killed ({numbers['killed_percent']:.1f} %), "
-        f"{numbers['ended']:.0f} of them by an error; no group noticed {numbers['unnoticed']:.0f} mutants"
-    )
-    table = _verdicts(verdicts)
-    keys = (
-        Key("killed", f"{numbers['killed_percent']:.1f}", "%", strong=True),
-        Key("mutants", f"{numbers['mutants']:.0f}", remark=f"{numbers['pairs']:.0f} pairs"),
-        Key("noticed by no group", f"{numbers['unnoticed']:.0f}"),
-        Key("time", f"{numbers['seconds']:.0f}", "s"),
-    )
-    about = (
-        "The simulator is broken on purpose, in one way at a time, and shown to hard cases of each group "
-        "that should notice. The first finding beyond its bound kills a mutant; one that survives is a hole."
-    )
-    parts = [Section(group.capitalize(), (_verdicts([v for v in verdicts if v.group == group]),))
-             for group in judge.SELECTED if any(v.group == group for v in verdicts)]  # fmt: skip
-    shown = Page(
-        "Mutants",
-        "Broken simulators, and whether the hard cases notice.",
-        (Section("By mutant", (_matrix(verdicts),)), *parts),
-        (Keys(keys), Text(about)),
-    )
-    return Findings(numbers, shown, shown=[table, summary], outputs={"verdicts": _write(folder, verdicts)})
-
-
-def _write(folder: Path, verdicts: Sequence[Verdict]) -> Path:
-    header = ("mutant", "group", "killed", "case", "way", "error", "bound", "ended", "findings", "seconds")
-    rows = [
-        (
-            v.mutant,
-            v.group,
-            v.killed,
-            v.case,
-            v.way,
-            v.error,
-            v.bound,
-            v.ended,
-            v.findings,
-            f"{v.seconds:.2f}",
-        )
-        for v in verdicts
-    ]
-    return write_csv(folder / "mutants.csv", header, rows)
-
-
-def _verdicts(verdicts: Sequence[Verdict]) -> Table:
-    """A row for each pair of a mutant and a group."""
-    names = ("mutant", "group", "killed", "by the case", "way", "error", "bound")
-    rows = [
-        (
-            verdict.mutant,
-            verdict.group,
-            "yes" if verdict.killed else "NO",
-            verdict.case,
-            verdict.ended or verdict.way,
-            significant(verdict.error, 2) if verdict.way else "",
-            significant(verdict.bound, 2) if verdict.way else "",
-        )
-        for verdict in verdicts
-    ]
-    return Table(tuple(Column(name) for name in names), tuple(rows))
-
-
-def _matrix(verdicts: Sequence[Verdict]) -> Table:
-    """Mutant by group: killed, or not; empty where it does not concern a group."""
-    groups = [group for group in judge.SELECTED if any(v.group == group for v in verdicts)]
-    found = {(v.mutant, v.group): "killed" if v.killed else "NO" for v in verdicts}
-    does = {mutant.name: mutant.does for mutant in MUTANTS}
-    rows = [
-        (f"{name}\n{does[name]}", *(found.get((name, group), "") for group in groups))
-        for name in dict.fromkeys(v.mutant for v in verdicts)
-    ]
-    return Table((Column("mutant"), *(Column(group) for group in groups)), tuple(rows), wordy=True)
 
 
 def page(results: Sequence[CaseResult], numbers: Mapping[str, float]) -> Page:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
+from hard_cases import CASES
 
 from edofsim.errors import InputError
-from edofsim.stability import CASES, Case, Finding
+from edofsim.stability import Case, Finding
 from edofsim.stability.catalogue import choose, figures, run_case, write_table
 
 SLOW = {

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skimage import data
+from skimage.io import imsave
 
 from edofsim.render import cache
 from edofsim.restore.checkpoint import load_arrays
@@ -27,6 +29,7 @@ LONGER = {
     "pictures_every = 4": "pictures_every = 100",
 }
 """Lines of the training, so that it can be killed in the middle."""
+PICTURES = 6
 
 
 def command(name: str, folder: Path) -> list[str]:
@@ -42,7 +45,7 @@ def command(name: str, folder: Path) -> list[str]:
         "cost": [*base, "cost", scene, *camera, *where, *record],
         "train": [*base, "train", str(folder / "train.toml"), *where, *resume, *record],
         "evaluate": [
-            *[*base, "evaluate", "stability", "sensor", "spectrum", "--mutants"],
+            *[*base, "evaluate", "noise", "--data", str(folder / "pictures"), "--network", "paper-dcnn"],
             *["--out", str(folder / "out"), "--quiet", *record],
         ],
     }[name]  # fmt: skip
@@ -56,7 +59,7 @@ def steps_done(folder: Path) -> int:
 
 def findings_kept(folder: Path) -> list[str]:
     """Keys of the findings of an experiment that are kept, in order; the last line may be cut short."""
-    path = folder / "out" / "mutants.jsonl"
+    path = folder / "out" / "finished.jsonl"
     lines = path.read_text().split("\n")[:-1] if path.exists() else []
     return [json.loads(line)["key"] for line in lines if line.startswith("{") and line.endswith("}")]
 
@@ -72,6 +75,10 @@ def test_killed_twenty_times(name, tmp_path):
         assert f"{short}\n" in training
         training = training.replace(f"{short}\n", f"{long}\n")
     (tmp_path / "train.toml").write_text(training)
+    (tmp_path / "pictures").mkdir()
+    for number in range(PICTURES):  # each at four levels of noise is a finding
+        picture = data.astronaut()[20 * number : 20 * number + 200, :200]
+        imsave(tmp_path / "pictures" / f"{number}.png", picture, check_contrast=False)
     complete: dict[str, float] = {}
     landed, whole, steps = 0, 15.0, 0
     known: list[str] = []
@@ -108,7 +115,7 @@ def test_killed_twenty_times(name, tmp_path):
     assert record["command"].startswith(name)
     if name == "evaluate":
         found = findings_kept(tmp_path)
-        assert found[: len(known)] == known and len(set(found)) == len(found) == record["figures"]["pairs"]
+        assert found[: len(known)] == known and len(set(found)) == len(found) == 4 * PICTURES
     if (tmp_path / "cache").is_dir():
         assert not cache.verify(tmp_path / "cache").damaged
         assert set(complete) <= {entry.key for entry in cache.ls(tmp_path / "cache")}

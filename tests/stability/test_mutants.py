@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
+from mutants import MUTANTS, applied, judge
 
 from edofsim.capture.occlusion.slabs import cuts, hides
-from edofsim.core.progress import silent
 from edofsim.errors import InputError
-from edofsim.experiments import kept, stability
-from edofsim.stability.mutants import MUTANTS, applied, judge
 from edofsim.stability.views import half, layered_view
 
 AUDITED = {
@@ -67,24 +63,6 @@ def test_unknown_mutants_are_refused():
     assert {group for _, group in judge.choose(["sensor"])} == {"sensor"}
     with pytest.raises(InputError, match="no mutant or group 'nothing'.*sensor"):
         judge.choose(["nothing"])
-
-
-def test_a_changed_line_of_code_makes_verdicts_be_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    calls: list[str] = []
-    inner = judge.judge
-
-    def counted(mutant, group):
-        calls.append(group)
-        return inner(mutant, group)
-
-    monkeypatch.setattr(judge, "judge", counted)
-    names = ["no saturation", "a bit fewer"]
-    for _ in (1, 2):  # kept the second time
-        found = stability.run(tmp_path, silent, names, mutants=True)
-        assert found.figures["killed"] == found.figures["pairs"] == len(calls) == 2
-    monkeypatch.setattr(kept, "code_of", lambda folder: "another line")
-    stability.run(tmp_path, silent, names, mutants=True)
-    assert len(calls) == 4
 
 
 def test_what_is_hidden_is_found_behind_the_visible_rest_of_its_pixel():

@@ -10,13 +10,14 @@ from unittest.mock import patch
 import torch
 from torch import Tensor
 
-from ...capture import blurring, imaging
-from ...capture.blurring import Blurring
-from ...capture.kernels import HeldKernels, Kernels
-from ...capture.occlusion import OCCLUSIONS, layers, none, slabs
-from ...capture.occlusion.slabs import Hides
-from ...optics import Camera
-from ...render.view import View
+from edofsim.capture import blurring, imaging
+from edofsim.capture.blurring import Blurring
+from edofsim.capture.kernels import HeldKernels, Kernels
+from edofsim.capture.occlusion import OCCLUSIONS, layers, none, slabs
+from edofsim.capture.occlusion.slabs import Hides
+from edofsim.optics import Camera
+from edofsim.render.view import View
+
 from .mutant import Mutant, scaled, swapped, together
 
 hidden = import_module("edofsim.capture.occlusion.hidden")  # the package holds a function of that name

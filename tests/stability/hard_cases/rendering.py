@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ..render.rendering import render_model
-from ..render.settings import RenderSettings
-from ..render.view import View
-from ..scene.model import BandTexture, Environment, SceneModel, SceneObject, Surface, TriangleMesh
-from .case import Case, Finding, timed
+from edofsim.render.rendering import render_model
+from edofsim.render.settings import RenderSettings
+from edofsim.render.view import View
+from edofsim.scene.model import BandTexture, Environment, SceneModel, SceneObject, Surface, TriangleMesh
+from edofsim.stability.case import Case, Finding, timed
 
 BANDS = 3
 ALBEDO = 0.5

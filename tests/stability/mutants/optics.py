@@ -9,11 +9,12 @@ from contextlib import AbstractContextManager
 import torch
 from torch import Tensor
 
-from ...optics import Camera, camera, psf, pupil, transform
-from ...optics.lenses import Lens
-from ...optics.lenses.plano_convex import PlanoConvexLens
-from ...optics.transform import SensorWindow
-from ...recipe.camera import CameraRecipe
+from edofsim.optics import Camera, camera, psf, pupil, transform
+from edofsim.optics.lenses import Lens
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
+from edofsim.optics.transform import SensorWindow
+from edofsim.recipe.camera import CameraRecipe
+
 from .mutant import Mutant, after, scaled, swapped, together
 
 PSFS = ("depth", "pupil")

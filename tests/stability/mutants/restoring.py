@@ -7,12 +7,13 @@ from contextlib import AbstractContextManager
 from importlib import import_module
 
 import torch
+from hard_cases import networks, restoration
 from skimage import metrics
 from torch import Tensor
 
-from ...restore import checkpoint, network
-from ...restore.restorer import Restorer
-from .. import network_cases, restoration
+from edofsim.restore import checkpoint, network
+from edofsim.restore.restorer import Restorer
+
 from .mutant import Mutant, after, scaled, swapped
 
 filtering = import_module("edofsim.restore.wiener")  # the package holds a function of that name
@@ -20,7 +21,7 @@ RESTORING = ("restoration",)
 
 
 def _restored(change: Callable[[Tensor], Tensor]) -> Callable[[], AbstractContextManager[object]]:
-    return lambda: after(network_cases, "apply_network", change)
+    return lambda: after(networks, "apply_network", change)
 
 
 def _untouched(net: Restorer, image: Tensor, **options: object) -> Tensor:
@@ -80,7 +81,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "photo unchanged",
         "a network gives back what it got",
         RESTORING,
-        lambda: swapped(network_cases, "apply_network", _untouched),
+        lambda: swapped(networks, "apply_network", _untouched),
     ),
     Mutant("wrong channels", "red is restored as blue", RESTORING, _restored(lambda x: x.flip(0))),
     Mutant("restored one pixel off", "to the right", RESTORING, _restored(lambda x: x.roll(1, -1))),
@@ -99,7 +100,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "weights out of order",
         "outputs of each layer exchanged",
         RESTORING,
-        lambda: after(network_cases, "load_checkpoint", _untrained),
+        lambda: after(networks, "load_checkpoint", _untrained),
     ),
     Mutant(
         "filter unchanged",

@@ -9,8 +9,9 @@ from importlib import import_module
 
 import numpy as np
 
-from ...render import rendering
-from ...render.fragments import Fragments
+from edofsim.render import rendering
+from edofsim.render.fragments import Fragments
+
 from .mutant import Mutant, after, scaled, swapped, together
 
 RENDERER = ("renderer",)

@@ -8,13 +8,13 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
-from ..restore import wiener
-from ..restore.losses import gradient_prior, restoration_loss
-from ..restore.network import build_network
-from ..restore.scores import psnr, score
-from .case import Case, Finding, timed
-from .measures import distance
-from .views import uniform
+from edofsim.restore import wiener
+from edofsim.restore.losses import gradient_prior, restoration_loss
+from edofsim.restore.network import build_network
+from edofsim.restore.scores import psnr, score
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import distance
+from edofsim.stability.views import uniform
 
 KINDS = ("dcnn", "local-unet", "filter-bank")
 """That gradients are taken of, untrained."""

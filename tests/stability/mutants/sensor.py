@@ -8,13 +8,14 @@ from contextlib import AbstractContextManager
 import torch
 from torch import Generator, Tensor
 
-from ...capture import photograph
-from ...capture.sensor import SensorEffect, Signal
-from ...capture.sensor import mosaic as bayer
-from ...capture.sensor.quantisation import Quantisation
-from ...capture.sensor.read_noise import ReadNoise
-from ...capture.sensor.saturation import Saturation
-from ...capture.sensor.shot_noise import ShotNoise
+from edofsim.capture import photograph
+from edofsim.capture.sensor import SensorEffect, Signal
+from edofsim.capture.sensor import mosaic as bayer
+from edofsim.capture.sensor.quantisation import Quantisation
+from edofsim.capture.sensor.read_noise import ReadNoise
+from edofsim.capture.sensor.saturation import Saturation
+from edofsim.capture.sensor.shot_noise import ShotNoise
+
 from .mutant import Mutant, after, swapped
 
 SENSOR = ("sensor",)

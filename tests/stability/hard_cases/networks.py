@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
-from ..capture.planes import photograph
-from ..optics import PAPER_COLOURS, psf_bank
-from ..restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
-from ..restore.light import REACH
-from ..restore.network import apply_network
-from ..restore.restorer import Restorer
-from .case import Case, Finding, timed
-from .measures import READ_NOISE
+from edofsim.capture.planes import photograph
+from edofsim.optics import PAPER_COLOURS, psf_bank
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
+from edofsim.restore.light import REACH
+from edofsim.restore.network import apply_network
+from edofsim.restore.restorer import Restorer
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import READ_NOISE
+
 from .restoration import apart, beyond, blurred
 
 SHIPPED = ("paper-dcnn", "paper-bank")

@@ -9,13 +9,14 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ...capture import Photo, blurring, light, photograph, prepare
-from ...capture.imaging import Imaging
-from ...capture.kernels import HeldKernels, Kernels
-from ...capture.light import Light
-from ...optics import PsfBank
-from ...render.view import View
-from .. import light_cases, occlusion_cases, photos, sensor_cases
+from edofsim.capture import Photo, blurring, light, photograph, prepare
+from edofsim.capture.imaging import Imaging
+from edofsim.capture.kernels import HeldKernels, Kernels
+from edofsim.capture.light import Light
+from edofsim.optics import PsfBank
+from edofsim.render.view import View
+from edofsim.stability import light_cases, occlusion_cases, photos, sensor_cases
+
 from .mutant import Mutant, after, scaled, swapped, together
 
 SUMS = ("depth", "spectrum", "image", "coverage")

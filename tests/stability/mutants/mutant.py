@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 from torch import Tensor
 
-from ...optics import cache, transform
+from edofsim.optics import cache, transform
 
 R = TypeVar("R")
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
-from ...errors import EdofsimError, InputError
-from .. import CASES, Case
+from hard_cases import CASES
+
+from edofsim.errors import EdofsimError, InputError
+from edofsim.stability import Case
+
 from . import MUTANTS
 from .mutant import Mutant, applied
 
@@ -91,14 +94,6 @@ class Verdict:
     def killed(self) -> bool:
         return bool(self.way or self.ended)
 
-    @classmethod
-    def from_json(cls, said: Mapping[str, object]) -> Verdict:
-        """The verdict that `as_json` gave."""
-        return cls(**said)  # pyrefly: ignore[bad-argument-type]
-
-    def as_json(self) -> dict[str, object]:
-        return asdict(self)
-
 
 def cases_of(group: str) -> tuple[Case, ...]:
     """The selected cases of a group, in order."""
@@ -143,21 +138,3 @@ def judge(mutant: Mutant, group: str) -> Verdict:
                 spent = time.perf_counter() - begun
                 return Verdict(mutant.name, group, case.name, ended=said, findings=seen, seconds=spent)
     return Verdict(mutant.name, group, findings=seen, seconds=time.perf_counter() - begun)
-
-
-def figures(verdicts: Sequence[Verdict]) -> dict[str, float]:
-    """mutants, pairs: of a mutant and a group that it concerns; killed: of the pairs; in per cent too;
-    ended: of the killed, by a case that ended with an error; unnoticed: mutants that no group killed;
-    seconds."""
-    noticed = {verdict.mutant for verdict in verdicts if verdict.killed}
-    known = {verdict.mutant for verdict in verdicts}
-    killed = sum(verdict.killed for verdict in verdicts)
-    return {
-        "mutants": float(len(known)),
-        "pairs": float(len(verdicts)),
-        "killed": float(killed),
-        "killed_percent": 100 * killed / max(1, len(verdicts)),
-        "ended": float(sum(bool(verdict.ended) for verdict in verdicts)),
-        "unnoticed": float(len(known - noticed)),
-        "seconds": sum(verdict.seconds for verdict in verdicts),
-    }

@@ -12,18 +12,18 @@ from unittest.mock import patch
 
 import torch
 
-from ..errors import EdofsimError
-from ..learn import train, trainer
-from ..learn.setup import Setup
-from ..learn.system import Draw, Planes
-from ..learn.workers import Workers
-from ..recipe.load import Loaded
-from ..recipe.train import TrainRecipe
-from ..restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
-from ..restore.network import apply_network, build_network
-from .case import Case, Finding, timed
-from .measures import distance
-from .views import uniform
+from edofsim.errors import EdofsimError
+from edofsim.learn import train, trainer
+from edofsim.learn.setup import Setup
+from edofsim.learn.system import Draw, Planes
+from edofsim.learn.workers import Workers
+from edofsim.recipe.load import Loaded
+from edofsim.recipe.train import TrainRecipe
+from edofsim.restore.checkpoint import load_arrays, load_checkpoint, save_checkpoint
+from edofsim.restore.network import apply_network, build_network
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import distance
+from edofsim.stability.views import uniform
 
 STEPS = 3
 
