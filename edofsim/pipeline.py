@@ -21,8 +21,8 @@ from .plan import (
     Plan,
     Target,
     checked_overrule,
-    cuts_rendering,
     facts_of,
+    insisted_rendering,
     learn_rates,
     look,
     plan_figures,
@@ -202,15 +202,18 @@ def planned_view(
 ) -> tuple[View, Plan]:
     """The stages `render` and `plan`: the view of a scene, and the plan of its photo. See `run`.
 
-    The view is rendered as its recipe says, as it is also the truth that photos are scored against, and the
-    photo is planned on it. Only where rendering itself is to be cut short, for a time or because an effect of
-    it is to be left out, a preview is planned on before (stage `preview`). checkpoint: the network that
+    The view is rendered as its recipe says, as it is also the truth that photos are scored against, but for
+    effects of rendering that the user leaves out; the photo is planned on it. Only where a time is asked for,
+    rendering is planned as well, on a preview (stage `preview`), unless the view is in the cache: what can be
+    done in a time depends on the machine. checkpoint: the network that
     restores the photo, None for Wiener deconvolution; a target of the restored image asks for it.
     """
     overrule, recipe = checked_overrule(overrule), framed(scene.recipe, camera, resample)
     rendered = recipe.source is None or recipe.source.rendered
-    shorter = cuts_rendering(overrule, target)
-    if rendered and shorter and cached(recipe, scene.base, cache=cache) is None:
+    timed = target is not None and target.kind == "time"
+    if rendered:
+        recipe = simpler_recipe(recipe, insisted_rendering(overrule))
+    if rendered and timed and cached(recipe, scene.base, cache=cache) is None:
         with watch.stage("preview", 0.0, 0.1) as tell:
             looked = look(recipe, scene.base, camera, cache=cache, device=device)
             first = looked.facts.view
@@ -225,7 +228,7 @@ def planned_view(
         recipe = simpler_recipe(recipe, plan.fidelity)
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
-        seen, view = seen_through(camera, scene.recipe, view)
+        seen, view = seen_through(camera, recipe, view)
     with watch.stage("plan", 0.6, 0.7) as tell:
         left = target
         if target is not None and target.kind == "time":

@@ -158,7 +158,7 @@ def _as_planned(
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
-    looked = look(task.recipe, task.base, optics, cache=cache, device=device, progress=progress)
+    looked = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
     view = looked.facts.view
     restore = restoring(optics, view.wavelengths, view.inverse_depth, usual_network(camera))
     plan = plan_scene(looked, optics, target=target, restore=restore, progress=progress)

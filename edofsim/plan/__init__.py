@@ -1,11 +1,12 @@
 """Which effects are simulated, and why."""
 
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
+from .costs import Rendering
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
 from .facts import facts_of
 from .figures import plan_figures
-from .overrule import checked_overrule, cuts_rendering
+from .overrule import checked_overrule, insisted_rendering
 from .photo import Planner, plan_photo, planner_of
 from .rates import learn as learn_rates
 from .restored import Restore
@@ -23,13 +24,14 @@ __all__ = [
     "Plan",
     "Restore",
     "Planner",
+    "Rendering",
     "Target",
     "all_effects",
     "checked_overrule",
-    "cuts_rendering",
     "decibels",
     "facts_of",
     "full_fidelity",
+    "insisted_rendering",
     "learn_rates",
     "look",
     "overall",

@@ -1,4 +1,4 @@
-"""The fastest simulation whose errors together stay within a budget, and the most accurate within a time."""
+"""The cheapest simulation whose errors stay within a budget, and the most accurate within a time."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from ..capture.fidelity import Fidelity, Simplification
 from .estimate import Estimates
 
 Chosen = dict[str, int]
-Seconds = Callable[[Chosen], float]
+Cost = Callable[[Chosen], float]
+"""Of a simulation: counted work by the reference costs, or seconds of this machine for a target of time."""
 
 WORTH = 2e-3
-"""An effect is left out only where that saves this fraction of the time: what costs nothing is simulated."""
+"""An effect is left out only where that saves this fraction of the cost: what costs nothing is simulated."""
 
 
 def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity) -> Fidelity:
@@ -31,30 +32,30 @@ def everything(estimates: Estimates, fixed: Mapping[str, int]) -> Chosen:
     return {row.effect.name: fixed.get(row.effect.name, row.full) for row in estimates.rows}
 
 
-def fastest(estimates: Estimates, budget: float, seconds: Seconds, fixed: Mapping[str, int]) -> Chosen:
-    """Levels with the least time whose root mean square error stays within the budget.
+def cheapest(estimates: Estimates, budget: float, cost: Cost, fixed: Mapping[str, int]) -> Chosen:
+    """Levels of least cost whose root mean square error stays within the budget.
 
-    From everything in full, the step to another level that saves most time for the error it adds is taken,
+    From everything in full, the step to another level that saves most for the error it adds is taken,
     again and again; then every single effect is tried one level finer, to see whether that gives the others
     room to save more.
     """
-    best = _descended(estimates, everything(estimates, fixed), budget, seconds, fixed)
+    best = _descended(estimates, everything(estimates, fixed), budget, cost, fixed)
     for row in estimates.rows:
         name = row.effect.name
         level = best[name]
         if name in fixed or level == row.full:
             continue
         held = {**fixed, name: level + 1}
-        other = _descended(estimates, everything(estimates, held), budget, seconds, held)
-        if seconds(other) < (1 - WORTH) * seconds(best):
+        other = _descended(estimates, everything(estimates, held), budget, cost, held)
+        if cost(other) < (1 - WORTH) * cost(best):
             best = other
     return best
 
 
 def _descended(
-    estimates: Estimates, chosen: Chosen, budget: float, seconds: Seconds, fixed: Mapping[str, int]
+    estimates: Estimates, chosen: Chosen, budget: float, cost: Cost, fixed: Mapping[str, int]
 ) -> Chosen:
-    now, error = seconds(chosen), estimates.total(chosen)
+    now, error = cost(chosen), estimates.total(chosen)
     while True:
         step, gain = None, 0.0
         for row in estimates.rows:
@@ -68,7 +69,7 @@ def _descended(
                 after = estimates.total(other)
                 if after > budget:
                     continue
-                saved = now - seconds(other)
+                saved = now - cost(other)
                 if saved <= WORTH * now:
                     continue
                 added = max(after**2 - error**2, 1e-6 * budget**2)
@@ -76,11 +77,11 @@ def _descended(
                     step, gain = other, saved / added
         if step is None:
             return chosen
-        chosen, now, error = step, seconds(step), estimates.total(step)
+        chosen, now, error = step, cost(step), estimates.total(step)
 
 
 def within(
-    estimates: Estimates, limit: float, seconds: Seconds, fixed: Mapping[str, int]
+    estimates: Estimates, limit: float, seconds: Cost, fixed: Mapping[str, int]
 ) -> tuple[Chosen, bool]:
     """The most accurate levels that take no more than `limit` seconds, and whether there are any.
 
@@ -90,12 +91,12 @@ def within(
     if seconds(whole) <= limit:
         return whole, True
     low, high = 0.0, 100.0  # decibels: at 0 anything goes
-    best = fastest(estimates, 1.0, seconds, fixed)
+    best = cheapest(estimates, 1.0, seconds, fixed)
     if seconds(best) > limit:
         return best, False
     while high - low > 0.5:
         middle = (low + high) / 2
-        chosen = fastest(estimates, 10 ** (-middle / 20), seconds, fixed)
+        chosen = cheapest(estimates, 10 ** (-middle / 20), seconds, fixed)
         if seconds(chosen) <= limit:
             best, low = chosen, middle
         else:

@@ -54,7 +54,8 @@ class Effect:
     added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
     or `bias` (the worst case: linearly). within: an effect without which this one does not matter; beside:
     whether that one is measured without this, so that both errors are made where it is left out. stage:
-    render, psf, expose or sensor. at_once: whether one look shows what all levels change.
+    render, psf, expose or sensor. at_once: whether one look shows what all levels change. cuts: fields of
+    `Fidelity` by which a view is rendered without it, where a user insists on that.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Effect:
     beside: bool = False
     stage: str = "expose"
     at_once: bool = False
+    cuts: Values = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

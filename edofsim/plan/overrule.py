@@ -5,12 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable
 
+from ..capture.fidelity import Fidelity
 from ..capture.methods import METHODS, unknown_method
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
 from .effect import Values
 from .effects import EFFECTS, GONE, RENAMED
-from .target import Target
 
 LOG = logging.getLogger(__name__)
 
@@ -40,11 +40,12 @@ def checked_overrule(overrule: Values | None) -> Values:
     return given
 
 
-def cuts_rendering(overrule: Values, target: Target | None) -> bool:
-    """Whether a user asks for less than the rendering that the recipe describes: within a time, or without an
-    effect of it."""
-    timed = target is not None and target.kind == "time"
-    return timed or any(EFFECTS[name].stage == "render" for name in overrule.get("without", ()))
+def insisted_rendering(overrule: Values) -> Fidelity:
+    """How a view is rendered where a user insists on leaving out effects of rendering."""
+    found = Fidelity()
+    for name in overrule.get("without", ()):
+        found = found.changed(EFFECTS[name].cuts)
+    return found
 
 
 def _today(name: str) -> str:

@@ -12,8 +12,8 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.threads import one_thread_an_operation
 from ..render.view import View
-from .choose import Chosen, everything, fastest, fidelity_of, within
-from .costs import WORTH_RESTORING_S, WORTH_S, Costs
+from .choose import Chosen, Cost, cheapest, everything, fidelity_of, within
+from .costs import WORTH_RESTORING_S, WORTH_S, Costs, Rendering
 from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
 from .estimate import Estimate, Estimates, estimate
@@ -43,8 +43,8 @@ the same error shifts it."""
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that is known before a choice: facts, estimates, and what this machine takes for them;
-    restore: what restores the photo, where that is asked for.
+    """Everything that is known before a choice: facts, estimates, and what simulations cost; restore: what
+    restores the photo, where that is asked for.
 
     One planner answers many targets; estimates are made once.
     """
@@ -64,14 +64,7 @@ class Planner:
         score of a restored image where nothing is known that restores."""
         target, fixed = target or Target(), dict(fixed or {})
 
-        known: dict[tuple[int, ...], float] = {}
-
-        def seconds(chosen: Chosen) -> float:
-            levels = tuple(chosen.values())
-            if levels not in known:
-                fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
-                known[levels] = sum(self.seconds_of(fidelity).values())
-            return known[levels]
+        reference, seconds = (self._of_levels(cost) for cost in (self.costs.reference, self.costs.seconds))
 
         note, asked = "", target.asked_db(self.facts)
         shift = None
@@ -86,7 +79,7 @@ class Planner:
                     f"{seconds(chosen):.2g} s{gone} and this is it"
                 )
         elif target.kind == "score":
-            chosen, asked, shift = self._by_score(target.db, self._kept(fixed, rendering=True), seconds)
+            chosen, asked, shift = self._by_score(target.db, self._kept(fixed, rendering=True), reference)
             if abs(shift) > target.db:
                 note = (
                     f"{target.db:g} dB cannot be had with what you ask for: the restored image shifts by "
@@ -94,16 +87,25 @@ class Planner:
                 )
         else:
             budget = allowed_error(target, self.facts)
-            chosen = fastest(self.estimates, budget, seconds, self._kept(fixed))
+            chosen = cheapest(self.estimates, budget, reference, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
             note = note or self._insisted(asked, chosen, fixed)
         plan = self._plan(chosen, fixed, target, asked, note, seconds)
         return replace(plan, score_shift_db=shift)
 
-    def _by_score(
-        self, most_db: float, fixed: Mapping[str, int], seconds: Callable[[Chosen], float]
-    ) -> tuple[Chosen, float, float]:
-        """The fastest levels for an accuracy of the photo at which restored tiles shift by few enough
+    def _of_levels(self, cost: Callable[[Fidelity], float]) -> Cost:
+        known: dict[tuple[int, ...], float] = {}
+
+        def of(chosen: Chosen) -> float:
+            levels = tuple(chosen.values())
+            if levels not in known:
+                known[levels] = cost(fidelity_of(self.estimates, chosen, self.facts.full))
+            return known[levels]
+
+        return of
+
+    def _by_score(self, most_db: float, fixed: Mapping[str, int], cost: Cost) -> tuple[Chosen, float, float]:
+        """The cheapest levels for an accuracy of the photo at which restored tiles shift by few enough
         decibels, everything in full where none is enough; that accuracy, and the shift."""
         if self.restore is None:
             raise InputError("--accuracy score: nothing is known here that restores the photo")
@@ -111,7 +113,7 @@ class Planner:
         least = SCORE_DB - 20 * math.log10(most_db / 0.1) + max(0.0, tiles.psnr_db - USUAL_DB)
         for more in MORE_DB:
             asked = least + more
-            chosen = fastest(self.estimates, 10 ** (-asked / 20), seconds, fixed)
+            chosen = cheapest(self.estimates, 10 ** (-asked / 20), cost, fixed)
             shift = tiles.shift_db(chosen)
             if abs(shift) <= SURE * most_db:
                 return chosen, asked, shift
@@ -157,7 +159,7 @@ class Planner:
         target: Target,
         asked: float,
         note: str,
-        seconds: Callable[[Chosen], float],
+        seconds: Cost,
     ) -> Plan:
         fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
         now = seconds(chosen)
@@ -217,18 +219,18 @@ def planner_of(
     effects: Sequence[Effect] | None = None,
     more: Mapping[str, Level] | None = None,
     facts: Facts | None = None,
-    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
+    rendering: Rendering | None = None,
     disk_mib: float = 0.0,
     restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Planner:
     """Look at a view, or at the facts given, and estimate every effect, or those of `effects`.
 
-    more: levels the user insists on; render_seconds: predicted, of a simulation; disk_mib: of the view;
-    restore: what restores the photo, for targets of the restored image.
+    more: levels the user insists on; rendering: what the view costs, where it is still to render; disk_mib:
+    of the view; restore: what restores the photo, for targets of the restored image.
     """
     facts = replace(facts or facts_of(view, camera), closely=restore is not None)
-    costs = Costs(facts, facts.shape, rates(), render_seconds)
+    costs = Costs(facts, facts.shape, rates(), rendering or Rendering())
     # what is remembered of estimates is too little to restore
     ask = estimate if restore else remembered
     found = ask(facts, effects or all_effects(), more, progress=progress)
@@ -244,7 +246,7 @@ def plan_photo(
     *,
     every_effect: bool = True,
     facts: Facts | None = None,
-    render_seconds: Callable[[Fidelity], float] = lambda fidelity: 0.0,
+    rendering: Rendering | None = None,
     disk_mib: float = 0.0,
     restore: Restore | None = None,
     progress: Progress | None = None,
@@ -253,7 +255,7 @@ def plan_photo(
 
     overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `without` and `with_` (names
     of effects); None values are left to the plan. target: None for the default. every_effect: False looks
-    only at effects that the choice can save time by, and at levels that it can take; other effects are
+    only at effects that the choice can save work by, and at levels that it can take; other effects are
     simulated without asking what they do.
     restore: what restores the photo, which a target of the restored image needs.
     Raises InputError for an effect that is not known.
@@ -264,13 +266,13 @@ def plan_photo(
     allowed = math.inf if every_effect else allowed_error(target, facts)
     facts = replace(facts, closely=target.kind == "score", allowed=allowed)
     effects = all_effects()
-    costs = Costs(facts, facts.shape, rates(), render_seconds)
+    costs = Costs(facts, facts.shape, rates(), rendering or Rendering())
     asked = None
     if not every_effect:
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
             least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
-            most = target.left if target.kind == "time" else 0.0
+            most = target.left if target.kind == "time" else None
             asked |= set(costs.worth_asking(effects, most, least))
     ask = estimate if target.kind == "score" else remembered
     found = ask(facts, effects, more, asked, progress)

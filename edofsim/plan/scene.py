@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +21,7 @@ from ..render import Task, cached, forecast, render
 from ..render.fetch import run_of
 from ..render.settings import SURVEY_SAMPLES, samples_of_a_pass
 from ..render.view import View
+from .costs import Rendering
 from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
@@ -29,17 +29,20 @@ from .restored import Restore
 from .target import Target
 from .thumbnail import preview_of, thumbnail
 
+RAY = 1e-7
+"""Reference seconds of a ray from one surface to the next, on one thread: about that of shipped scenes. What
+the rays of this scene take on this machine, previews measure; that is reported."""
 BOUNCES = (2, 3)
 """Path lengths that thumbnails are rendered with, to see what longer paths add."""
 
 
 @dataclass(frozen=True)
 class Looked:
-    """What is known of a scene before its photo. facts; render_seconds: predicted, of a simulation; disk_mib:
-    of the view; recipe: of the scene."""
+    """What is known of a scene before its photo. facts; rendering: what its view costs; disk_mib: of the
+    view; recipe: of the scene."""
 
     facts: Facts
-    render_seconds: Callable[[Fidelity], float]
+    rendering: Rendering
     disk_mib: float
     recipe: SceneRecipe
 
@@ -49,39 +52,44 @@ def look(
     base: Path,
     camera: Camera,
     *,
+    preview: bool = False,
     cache: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Looked:
     """Facts of a scene from its view where that is in the cache or read from files, else from a preview; both
-    with the camera's pixels."""
-    view = cached(recipe, base, cache=cache)
+    with the camera's pixels. preview: from a preview whatever the cache holds, for a choice that must not
+    depend on it."""
+    view = None if preview else cached(recipe, base, cache=cache)
     if view is None and recipe.source is not None and not recipe.source.rendered:
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
         seen, view = seen_through(camera, recipe, view)
-        return Looked(facts_of(view, camera, recipe=seen), lambda s: 0.0, 0.0, recipe)
+        return Looked(facts_of(view, camera, recipe=seen), Rendering(), 0.0, recipe)
     how: Values = {"cache": cache, "device": device, "progress": progress}
     # the first rendering compiles kernels: a thumbnail's does, so that the preview's seconds are of rays
     render(thumbnail(recipe), base, **how)
     small = preview_of(recipe)
-    preview = render(small, base, **how)
+    seen_quickly = render(small, base, **how)
     noisier = (recipe.render.samples / small.render.samples) ** 0.5
-    seen, through = seen_through(camera, recipe, preview)
+    seen, through = seen_through(camera, recipe, seen_quickly)
     facts = facts_of(through, camera, recipe=seen, noisier=noisier)
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     expected = forecast([Task(recipe, base)], cache=cache)
     pace = _pace(recipe, base, cache)
 
+    def reference(fidelity: Fidelity) -> float:
+        return RAY * _rays(simpler_recipe(recipe, fidelity), seen_quickly, fidelity)
+
     def seconds(fidelity: Fidelity) -> float:
         if pace is None:
             return expected.seconds
         planned = simpler_recipe(recipe, fidelity)
-        shares = [_rays(each, preview, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
+        shares = [_rays(each, seen_quickly, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
         return pace.seconds(planned.render.samples, shares[0] / shares[1])
 
-    return Looked(facts, seconds, expected.bytes / 2**20, recipe)
+    return Looked(facts, Rendering(reference, seconds), expected.bytes / 2**20, recipe)
 
 
 def seen_in_thumbnails(
@@ -134,7 +142,7 @@ def plan_scene(
         facts=looked.facts,
         restore=restore,
         progress=progress,
-        render_seconds=looked.render_seconds,
+        rendering=looked.rendering,
         disk_mib=looked.disk_mib,
     )
 

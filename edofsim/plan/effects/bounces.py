@@ -30,4 +30,13 @@ def why(facts: Facts) -> str:
     return f"the recipe follows paths over {facts.scene.render.max_depth - 1} surfaces"
 
 
-EFFECT = Effect("interreflection", levels, why, absent, error=error, added="bias", stage="render")
+EFFECT = Effect(
+    "interreflection",
+    levels,
+    why,
+    absent,
+    error=error,
+    added="bias",
+    stage="render",
+    cuts={"bounces": 2},
+)

@@ -43,4 +43,5 @@ EFFECT = Effect(
     absent,
     differences,
     within="occlusion",
+    cuts={"hidden_surfaces": False},
 )

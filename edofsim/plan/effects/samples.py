@@ -5,6 +5,8 @@ from __future__ import annotations
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
+FEWEST = 4
+
 
 def absent(facts: Facts) -> str:
     return "" if facts.view.noise > 0 else "this view was not rendered by sampling"
@@ -12,7 +14,7 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     most = facts.recipe.render.samples if facts.recipe else int(facts.view.metadata.get("samples", 1))
-    few = [Level(f"{n} samples", {"samples": n}) for n in (4, 8, 16, 32, 64, 128) if n < most]
+    few = [Level(f"{n} samples", {"samples": n}) for n in (FEWEST, 8, 16, 32, 64, 128) if n < most]
     return [*few, Level(f"{most} samples", {})]
 
 
@@ -29,4 +31,13 @@ def why(facts: Facts) -> str:
     return f"one pixel's noise is {facts.view.noise:.1%} of the mean, and the blur averages it"
 
 
-EFFECT = Effect("render samples", levels, why, absent, error=error, added="noise", stage="render")
+EFFECT = Effect(
+    "render samples",
+    levels,
+    why,
+    absent,
+    error=error,
+    added="noise",
+    stage="render",
+    cuts={"samples": FEWEST},
+)

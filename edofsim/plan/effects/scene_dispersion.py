@@ -6,6 +6,8 @@ from ...capture.fidelity import disperses
 from ..effect import Effect, Errors, Level
 from ..facts import Facts
 
+CUTS = {"scene_dispersion": False}
+
 
 def absent(facts: Facts) -> str:
     if facts.recipe is None or facts.recipe.source is not None:
@@ -15,7 +17,7 @@ def absent(facts: Facts) -> str:
 
 def levels(facts: Facts) -> list[Level]:
     return [
-        Level("one index for all bands", {"scene_dispersion": False}),
+        Level("one index for all bands", CUTS),
         Level("behind the glass alone", {}),
     ]
 
@@ -28,4 +30,13 @@ def why(facts: Facts) -> str:
     return f"glass bends each wavelength differently ({', '.join(disperses(facts.scene))})"
 
 
-EFFECT = Effect("dispersion of scene glass", levels, why, absent, error=error, added="bias", stage="render")
+EFFECT = Effect(
+    "dispersion of scene glass",
+    levels,
+    why,
+    absent,
+    error=error,
+    added="bias",
+    stage="render",
+    cuts=CUTS,
+)
