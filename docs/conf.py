@@ -6,6 +6,7 @@ import inspect
 import json
 import os
 import re
+import sys
 import warnings
 from pathlib import Path
 
@@ -16,6 +17,10 @@ from sphinx.writers.html5 import HTML5Translator
 
 import edofsim
 
+sys.path.insert(0, str(Path(__file__).parent))
+import recipe_keys
+
+recipe_keys.write()
 os.environ.setdefault("MPLBACKEND", "agg")
 os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "error")
 warnings.filterwarnings("ignore", message=".*non-interactive.*")

@@ -35,6 +35,7 @@ class DrawnSheets(Photographs):
 
     kind: Literal["drawn"] = "drawn"
     sheets: Annotated[int, Field(ge=2)] = 80
+    """sheets that are drawn"""
 
     def open(self, wanted: Wanted) -> PlaneSource:
         images = drawn(self.sheets, wanted.recipe.seed, max(SIDE, wanted.recipe.data.patch_px))

@@ -28,10 +28,15 @@ class Photographs(TrainingReader):
     """What all sources of photographs have; `NaturalImages` says what each key means."""
 
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """share of the steps with a depth edge in each patch: one photograph in front of another"""
     saturated_highlights: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """share of the patches with highlights far beyond full scale"""
     broadband: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """share of the steps in which the sensor sees all wavelengths, in place of three lines"""
     vary: Variation = Variation()
+    """how exposure and colours vary"""
     inverse_depth_per_m: Range | None = None
+    """range of inverse depths, 1/m, in place of that of `capture`"""
 
     @model_validator(mode="before")
     @classmethod
@@ -50,6 +55,7 @@ class NaturalImages(Photographs):
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
+    """folder of photographs, relative to the recipe's; without it the one of --data"""
 
     def open(self, wanted: Wanted) -> PlaneSource:
         folder = wanted.data if self.folder is None else wanted.base / self.folder

@@ -21,8 +21,11 @@ class Variation(RecipeModel):
     from grey, drawn evenly: 0 is a grey picture, 2 a gaudy one."""
 
     exposure: tuple[Positive, Positive] = (1.0, 1.0)
+    """range of factors on the light, drawn evenly in their logarithm"""
     white_balance: NotNegative = 0.0
+    """each colour's factor is drawn between exp(-w) and exp(w)"""
     colourfulness: Range = (1.0, 1.0)
+    """range of factors on how far colours are from grey: 0 is grey, 2 gaudy"""
 
     @property
     def changes(self) -> bool:

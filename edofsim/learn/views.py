@@ -60,15 +60,25 @@ class Views(TrainingReader):
 
     kind: Literal["views"] = "views"
     scenes: Annotated[tuple[str, ...], Field(min_length=1)]
+    """scene recipes: files or shipped names"""
     members: Annotated[int, Field(ge=0, le=100_000)] = 0
+    """members of each scene's family, with seeds from `seed` on; 0: the scene itself"""
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] | None = None
+    """seed of the first member; without it the scene recipe's"""
     bands: Literal["three", "all"] = "three"
+    """"three": the paper's three colours; "all": all bands of the view through the sensor's response"""
     layers: Annotated[int, Field(ge=2, le=64)] = 6
+    """depth nodes of the photos"""
     occlusion: Literal["none", "over", "normalised", "hidden"] = "hidden"
+    """how depth edges are composited, as in `expose`"""
     sub_apertures: Annotated[int, Field(ge=1, le=8)] = 1
+    """sub-apertures along each axis of the pupil, as in `expose`"""
     exposure: tuple[Positive, Positive] = (0.5, 1.0)
+    """range of factors on the automatic exposure, drawn evenly in their logarithm"""
     white_balance: NotNegative = 0.0
+    """how far the colours' gains vary, as of `natural`"""
     once: bool = False
+    """whether each view is photographed once, and patches cut from that; for masks that do not learn"""
 
     def open(self, wanted: Wanted) -> ViewSource:
         doe = wanted.recipe.doe

@@ -6,10 +6,20 @@ import logging
 from collections.abc import Mapping, Sequence
 from typing import Annotated, TypeAlias, cast
 
-from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, ValidationInfo
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+    ValidationInfo,
+)
+from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import PydanticCustomError, core_schema
 
 from ..core.json_values import Json
+from .described import descriptions
 
 LOG = logging.getLogger(__name__)
 
@@ -53,6 +63,16 @@ class RecipeModel(BaseModel):
         while inner["type"] != "model":  # inside its own validators
             inner = cast(Schema, inner["schema"])
         _numbers_only(inner)
+        return schema
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        schema = handler(core)
+        keys = handler.resolve_ref_schema(schema).get("properties", {})
+        for key, text in descriptions(cls).items():
+            keys[key]["description"] = text
         return schema
 
 

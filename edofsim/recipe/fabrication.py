@@ -38,14 +38,23 @@ class Fabrication(RecipeModel):
     """
 
     preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
+    """values of the paper: its made device, its training, its tests; a key that is given replaces one"""
     pitch_um: Positive | None = None
+    """pitch of the made surface, um; without it the designed one's"""
     height_limit_um: Positive | None = None
+    """deepest relief, um"""
     levels: Annotated[int, Field(ge=1, le=65536)] | None = None
+    """grey levels from 0 to the deepest relief"""
     level_nm: Positive | None = None
+    """height between two grey levels, nm"""
     wrap_wavelength_nm: Positive | None = None
+    """heights beyond the limit are taken modulo whole waves of this wavelength, nm"""
     height_bias_nm: float = 0.0
+    """mean of the Gaussian height error, nm"""
     height_noise_nm: NotNegative = 0.0
+    """standard deviation of the Gaussian height error, nm"""
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    """seed of the height error"""
 
     @model_validator(mode="before")
     @classmethod

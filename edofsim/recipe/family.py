@@ -24,13 +24,21 @@ class Vary(RecipeModel):
     """
 
     key: Annotated[str, Field(min_length=1)]
+    """dotted path of what varies, such as `lights.lamp.radiance` or `frame.margin_px`"""
     uniform: Range | None = None
+    """uniform between two ends"""
     inverse_uniform: Range | None = None
+    """uniform in 1/x between two ends above 0, as defocus sees depth"""
     log_uniform: Range | None = None
+    """uniform in the logarithm between two ends above 0"""
     normal: Range | None = None
+    """normal distribution: mean and standard deviation"""
     integer: tuple[int, int] | None = None
+    """whole number between two ends, both included"""
     choice: Annotated[tuple[TomlValue, ...], Field(min_length=1)] | None = None
+    """one of these values, each as likely"""
     present: Fraction | None = None
+    """probability that the object or light of `key` is there"""
 
     @model_validator(mode="after")
     def _one_distribution(self) -> Vary:
@@ -53,3 +61,4 @@ class Family(RecipeModel):
     """What varies among the members of a family, drawn in this order."""
 
     vary: Annotated[tuple[Vary, ...], Field(min_length=1)]
+    """what varies, drawn in this order"""

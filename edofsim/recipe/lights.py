@@ -17,8 +17,11 @@ class EnvironmentLight(RecipeModel):
 
     kind: Literal["environment"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     illuminant: str = "D65"
+    """spectrum: a CIE illuminant, such as D65, A or LED-B3"""
     radiance: Positive = 1.0
+    """radiance from every direction, W/m2/sr/nm, as bright as an equal-energy light of it"""
 
 
 class SkyLight(RecipeModel):
@@ -26,6 +29,7 @@ class SkyLight(RecipeModel):
 
     kind: Literal["sky"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     radiance: Positive = 1.0
     """luminance-weighted radiance at the horizon, W/m2/sr/nm"""
     zenith: Positive = 0.8
@@ -33,8 +37,11 @@ class SkyLight(RecipeModel):
     ground: NotNegative = 0.3
     """radiance from below as a fraction of the horizon's"""
     horizon_cct_k: Annotated[float, Field(ge=4000, le=25000)] = 6500.0
+    """colour temperature at the horizon, K"""
     zenith_cct_k: Annotated[float, Field(ge=4000, le=25000)] = 15000.0
+    """colour temperature overhead, K"""
     ground_reflectance: Reflectance = "light skin"
+    """reflectance of the ground"""
 
 
 class AreaLamp(RecipeModel):
@@ -42,11 +49,17 @@ class AreaLamp(RecipeModel):
 
     kind: Literal["area"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     position_mm: Triple
+    """centre of the lamp, camera space, mm"""
     target_mm: Triple
+    """point that the lamp faces, camera space, mm"""
     size_mm: tuple[Positive, Positive] = (300.0, 300.0)
+    """width and height of the lamp, mm"""
     illuminant: str = "A"
+    """spectrum: a CIE illuminant"""
     radiance: Positive = 10.0
+    """radiance of the lamp, W/m2/sr/nm, as bright as an equal-energy light of it"""
 
 
 class EnvironmentMap(RecipeModel):
@@ -57,10 +70,15 @@ class EnvironmentMap(RecipeModel):
 
     kind: Literal["environment_map"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     path: str
+    """equirectangular picture (.exr, .hdr), relative to the recipe's folder"""
     scale: Positive = 1.0
+    """factor on the picture's values"""
     turn_deg: float = 0.0
+    """turn about the vertical, degrees; positive turns the picture to the right"""
     illuminant: str = "D65"
+    """spectrum that white of the picture has: a CIE illuminant"""
 
 
 class Bulb(RecipeModel):
@@ -68,10 +86,15 @@ class Bulb(RecipeModel):
 
     kind: Literal["bulb"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     position_mm: Triple
+    """centre of the ball, camera space, mm"""
     radius_mm: Positive = 5.0
+    """radius of the ball, mm"""
     illuminant: str = "A"
+    """spectrum: a CIE illuminant"""
     radiance: Positive = 10.0
+    """radiance of the ball, W/m2/sr/nm, as bright as an equal-energy light of it"""
 
 
 class NeonTube(RecipeModel):
@@ -79,13 +102,19 @@ class NeonTube(RecipeModel):
 
     kind: Literal["neon"]
     name: ObjectName | None = None
+    """name of the light, for `family`"""
     points_mm: Annotated[tuple[Triple, ...], Field(min_length=2, max_length=1000)]
+    """points of the smooth curve that the tube follows, camera space, mm"""
     radius_mm: Positive = 1.0
+    """radius of the tube, mm"""
     closed: bool = False
+    """whether the curve returns to its first point"""
     illuminant: str = "A"
+    """spectrum: a CIE illuminant"""
     colour: Reflectance = 1.0
     """a filter over the illuminant"""
     radiance: Positive = 10.0
+    """radiance of the tube before its filter, W/m2/sr/nm"""
 
 
 AnyLight = Annotated[

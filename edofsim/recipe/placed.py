@@ -24,20 +24,30 @@ class Thing(KindModel):
     """An object of a scene."""
 
     name: ObjectName | None = None
+    """name of the object, for `on` and `family`"""
 
 
 class Placed(Thing):
     """Where an object is and how it is turned."""
 
     depth_m: float
+    """distance from the lens along the axis, m"""
     x_mm: float | None = None
+    """place to the right of the axis, mm; or give `x_frame`"""
     y_mm: float | None = None
+    """place above the axis, mm; or give `y_frame` or `on`"""
     x_frame: float | None = None
+    """place across the frame at that depth: -1 is its left edge, +1 its right"""
     y_frame: float | None = None
+    """place up the frame at that depth: -1 is its lower edge, +1 its upper"""
     on: ObjectName | None = None
+    """name of an object given earlier, on whose highest point this one stands"""
     turn_deg: float = 0.0
+    """turn about the vertical, degrees; positive turns the front to the left"""
     tilt_deg: float = 0.0
+    """tilt about x, degrees; positive leans the top away"""
     roll_deg: float = 0.0
+    """roll in the picture plane, degrees, counter-clockwise as seen"""
     anchor: Literal["centre", "base"] = "base"
     """what is placed: the object's own centre, or the middle of its base (its lowest point rests at y)"""
 

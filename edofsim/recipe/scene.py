@@ -19,8 +19,11 @@ class Bands(RecipeModel):
     """Equally spaced spectral bands, both ends included."""
 
     start_nm: Annotated[float, Field(ge=360, le=830)] = 420.0
+    """wavelength of the first band, nm"""
     stop_nm: Annotated[float, Field(ge=360, le=830)] = 720.0
+    """wavelength of the last band, nm; above `start_nm`"""
     count: Annotated[int, Field(ge=1, le=128)] = 31
+    """number of bands, both ends included"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Bands:
@@ -44,9 +47,13 @@ class Frame(RecipeModel):
     where none is given, follows the camera that looks at the scene."""
 
     width_px: Annotated[int, Field(ge=1, le=MOST_PIXELS)] = 512
+    """width of the frame, pixels"""
     height_px: Annotated[int, Field(ge=1, le=MOST_PIXELS)] = 384
+    """height of the frame, pixels"""
     pixel_angle_mrad: Positive | Literal["auto"] = 0.1626126
+    """tangent of the angle that a pixel sees on the axis, mrad; "auto" follows the camera"""
     margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
+    """pixels rendered around the frame, whose light the blur brings in; at least half the widest blur"""
 
     @property
     def pixel_angle(self) -> float:
@@ -64,10 +71,15 @@ class Render(RecipeModel):
     """How the path tracer works: samples a pixel, bounces, and what counts as two surfaces."""
 
     samples: Annotated[int, Field(ge=1, le=1 << 16)] = 64
+    """light paths a pixel; the noise falls with their number"""
     max_depth: Annotated[int, Field(ge=1, le=64)] = 5
+    """longest light path, in segments: 1 shows lamps alone, 2 direct light"""
     fragments: Annotated[int, Field(ge=1, le=8)] = 3
+    """most surfaces that a pixel keeps apart"""
     depth_gap_dpt: Positive = 0.03
+    """surfaces of one pixel are kept apart from this difference in inverse depth on, 1/m"""
     hidden: bool = True
+    """whether to render what lies behind depth edges, which a blur can uncover"""
     pupil_radius_mm: Positive = 3.0
     """widest pupil radius that the view is meant for: hidden surfaces exist as far as it sees behind edges"""
 
@@ -80,16 +92,27 @@ class SceneRecipe(RecipeModel):
     """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=64)]
+    """name of the scene: letters, digits, _ and -, at most 64"""
     purpose: str = ""
+    """what the scene is for, in a sentence"""
     camera: str = "paper-learned"
+    """camera that photographs the scene unless another is named: a shipped name or a file"""
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    """seed of everything random in the scene and its rendering"""
     bands: Bands = Bands()
+    """spectral bands"""
     frame: Frame = Frame()
+    """pixels of the view"""
     render: Render = Render()
+    """settings of the path tracer"""
     lights: tuple[AnyLight, ...] = ()
+    """lights, each a table with its `kind`"""
     objects: tuple[AnyObject, ...] = ()
+    """objects, each a table with its `kind`; or give a `source`"""
     source: AnySource | None = None
+    """file that the scene is read from, in place of `objects`"""
     family: Family | None = None
+    """values that vary among the members of a family"""
 
     @model_validator(mode="after")
     def _something_to_see(self) -> SceneRecipe:

@@ -27,14 +27,21 @@ class DepthMap(RecipeModel):
     """
 
     path: str
+    """file of the depths, relative to the recipe's folder"""
     key: str | None = None
     """array in an NPZ or MAT (dots go into its structures), or channel of an EXR; None: the only one, or Z"""
     holds: Literal["depth", "inverse_depth", "disparity"] = "depth"
+    """what the numbers are after `unit`: depth in m, inverse depth in 1/m, or disparity in pixels"""
     unit: Positive = 1.0
+    """factor on the file's numbers"""
     scale: Positive = 1.0
+    """factor that stretches the scene along the axis"""
     focal_length_px: Positive | None = None
+    """focal length of the stereo pair, pixels, for disparities"""
     baseline_mm: Positive | None = None
+    """distance of the stereo cameras, mm, for disparities"""
     disparity_offset_px: float = 0.0
+    """disparity that is added, pixels"""
     holes: Literal["background", "nearest", "refuse"] = "background"
     """what fills them: the farther of the neighbours in the row, the nearest known pixel, or nothing"""
 
@@ -56,10 +63,13 @@ class CubeFile(RecipeModel):
     of the spectral layout."""
 
     path: str
+    """folder with a picture a band, MAT file or spectral EXR, relative to the recipe's folder"""
     key: str | None = None
     """array in a MAT file; dots go into its structures"""
     start_nm: Positive | None = None
+    """wavelength of the first band, nm, where the file does not say"""
     step_nm: Positive | None = None
+    """distance between bands, nm, where the file does not say"""
     illuminant: str | None = None
     """None: the cube holds radiance; else it holds reflectances that are seen under this light"""
     scale: Positive | Literal["auto"] = "auto"

@@ -21,6 +21,7 @@ class PhotoTexture(RecipeModel):
 
     kind: Literal["photo"]
     name: str
+    """name of a picture of skimage.data, such as coffee"""
     crop: tuple[Fraction, Fraction, Fraction, Fraction] | None = None
     """left, top, right, bottom as fractions of the picture"""
 
@@ -30,6 +31,7 @@ class FileTexture(RecipeModel):
 
     kind: Literal["file"]
     path: str
+    """PNG, JPEG or TIFF, relative to the recipe's folder"""
 
 
 class WoodTexture(RecipeModel):
@@ -37,8 +39,11 @@ class WoodTexture(RecipeModel):
 
     kind: Literal["wood"]
     dark: str = "#6b4426"
+    """colour of the dark grain, #rrggbb"""
     light: str = "#b98a58"
+    """colour of the light grain, #rrggbb"""
     rings: Positive = 9.0
+    """rings across the texture"""
 
 
 class CheckerTexture(RecipeModel):
@@ -46,9 +51,13 @@ class CheckerTexture(RecipeModel):
 
     kind: Literal["checker"]
     first: Reflectance = 0.1
+    """reflectance of the square at the top left"""
     second: Reflectance = 0.8
+    """reflectance of the other squares"""
     columns: Annotated[int, Field(ge=1, le=512)] = 8
+    """squares across"""
     rows: Annotated[int, Field(ge=1, le=512)] = 8
+    """squares down"""
 
 
 class NoiseTexture(RecipeModel):
@@ -56,7 +65,9 @@ class NoiseTexture(RecipeModel):
 
     kind: Literal["noise"]
     first: str = "#4a6b2f"
+    """one colour, #rrggbb"""
     second: str = "#8aa35c"
+    """the other colour, #rrggbb"""
     grain: Annotated[float, Field(ge=0.001, le=1)] = 0.05
     """size of the spots as a fraction of the texture"""
 
@@ -71,7 +82,9 @@ class MattSurface(RecipeModel):
 
     kind: Literal["matt"]
     reflectance: Reflectance = 0.5
+    """diffuse reflectance: a number, #rrggbb, or the name of a measured spectrum"""
     texture: AnyTexture | None = None
+    """picture of the reflectance, in its place"""
 
 
 class PlasticSurface(RecipeModel):
@@ -79,9 +92,13 @@ class PlasticSurface(RecipeModel):
 
     kind: Literal["plastic"]
     reflectance: Reflectance = 0.5
+    """diffuse reflectance of the body: a number, #rrggbb, or the name of a measured spectrum"""
     texture: AnyTexture | None = None
+    """picture of the body's reflectance, in its place"""
     roughness: Alpha = 0.1
+    """GGX alpha of the clear coat"""
     refractive_index: Annotated[float, Field(gt=1, le=3)] = 1.49
+    """refractive index of the clear coat"""
 
 
 class MetalSurface(RecipeModel):
@@ -89,7 +106,9 @@ class MetalSurface(RecipeModel):
 
     kind: Literal["metal"]
     metal: str = "aluminium"
+    """the metal, such as aluminium, copper, gold or silver"""
     roughness: Alpha = 0.15
+    """GGX alpha"""
 
 
 class PrincipledSurface(RecipeModel):
@@ -97,13 +116,21 @@ class PrincipledSurface(RecipeModel):
 
     kind: Literal["principled"]
     reflectance: Reflectance = 0.5
+    """base colour: a number, #rrggbb, or the name of a measured spectrum"""
     texture: AnyTexture | None = None
+    """picture of the base colour, in its place"""
     roughness: Fraction = 0.5
+    """roughness of the body, GGX alpha is its square"""
     metallic: Fraction = 0.0
+    """0: dielectric, 1: metal"""
     specular: Fraction = 0.5
+    """strength of the dielectric's specular reflection; 0.5 is an index of 1.5"""
     clearcoat: Fraction = 0.0
+    """strength of a second, clear coat"""
     clearcoat_gloss: Fraction = 0.0
+    """gloss of the clear coat: 0 satin, 1 glossy"""
     sheen: NotNegative = 0.0
+    """strength of the sheen at grazing angles, as of cloth"""
 
 
 class GlassSurface(RecipeModel):
@@ -112,7 +139,9 @@ class GlassSurface(RecipeModel):
 
     kind: Literal["glass"]
     glass: str = "N-BK7"
+    """name of the glass, such as N-BK7, N-SF11 or fused-silica"""
     dispersion: bool = True
+    """whether every band has its own refractive index, which takes more samples"""
 
 
 AnySurface = Annotated[

@@ -14,6 +14,7 @@ from pydantic_core import ErrorDetails
 
 from ..core.json_values import Json
 from ..errors import InputError
+from .described import descriptions
 from .kinds import OfKind
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -136,14 +137,17 @@ def _sentence(
     where = f"{path}{f', line {line}' if line else ''}: "
     name = ".".join(str(part) for part in location) or "the file"
     message = item["msg"].removeprefix("Value error, ").removeprefix(_SHOULD_BE)
+    tables = _tables_at(model, item["loc"][:-1], data)
+    key = str(location[-1]) if location else ""
+    meaning = next((f" ({text})" for each in tables if (text := descriptions(each).get(key))), "")
     match item["type"]:
         case "extra_forbidden":
-            known = _known_keys(model, item["loc"][:-1], data)
+            known = sorted({key for each in tables for key in _keys(each)})
             near = difflib.get_close_matches(str(location[-1]), known, 1, 0.5)
             hint = f"did you mean {near[0]!r}? " if near else "remove it; "
             return f"{where}unknown key {name!r}; {hint}known: {', '.join(known)}"
         case "missing":
-            return f"{where}{name!r} is missing"
+            return f"{where}{name!r} is missing{meaning}"
         case "union_tag_invalid":
             tags = [tag.strip("' ") for tag in str(item.get("ctx", {}).get("expected_tags", "")).split(",")]
             given = str(item.get("ctx", {}).get("tag", ""))
@@ -155,7 +159,7 @@ def _sentence(
         case "value_error":
             return f"{where}{name}: {message}"
         case _:
-            return f"{where}{name} must be {_shorten(message)}, not {_shown(item.get('input'))}"
+            return f"{where}{name} must be {_shorten(message)}, not {_shown(item.get('input'))}{meaning}"
 
 
 def _shorten(message: str) -> str:
@@ -194,8 +198,12 @@ def _location_in_file(loc: Location, data: object) -> Location:
     return tuple(location)
 
 
-def _known_keys(model: type[BaseModel], loc: Location, data: object) -> list[str]:
-    """Keys of the table at `loc` of `data`, following the models' annotations."""
+def _keys(model: type[BaseModel]) -> list[str]:
+    return [info.alias or name for name, info in model.model_fields.items()]
+
+
+def _tables_at(model: type[BaseModel], loc: Location, data: object) -> list[type[BaseModel]]:
+    """Models that the table at `loc` of `data` may be of, following the models' annotations."""
     candidates = [model]
     kinds: list[OfKind] = []  # of the tables that are to come
     for part in loc:
@@ -215,7 +223,7 @@ def _known_keys(model: type[BaseModel], loc: Location, data: object) -> list[str
             elif "kind" in fields and part in get_args(fields["kind"].annotation):
                 following.append(candidate)  # the tag of the chosen union member
         candidates = following + [found.model(kind) for found in kinds if (kind := found.kind_of(data))]
-    return sorted({info.alias or name for model in candidates for name, info in model.model_fields.items()})
+    return candidates
 
 
 def _models_in(annotation: object, kinds: list[OfKind]) -> list[type[BaseModel]]:

@@ -18,6 +18,7 @@ class Mosaic(SensorEffect):
 
     kind: Literal["bayer-mosaic"] = "bayer-mosaic"
     pattern: Bayer
+    """colours of the mosaic's top left 2 x 2 pixels, row by row"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         seen = mosaic(signal.image, self.pattern)

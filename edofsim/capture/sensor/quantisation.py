@@ -16,6 +16,7 @@ class Quantisation(SensorEffect):
 
     kind: Literal["quantisation"] = "quantisation"
     bits: Annotated[int, Field(ge=1, le=24)]
+    """bits of the converter"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         image, steps = signal.image.clamp(0, 1), 2**self.bits - 1

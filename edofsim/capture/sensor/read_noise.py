@@ -15,6 +15,7 @@ class ReadNoise(SensorEffect):
 
     kind: Literal["read-noise"] = "read-noise"
     deviation: NotNegative
+    """standard deviation, relative to full scale"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         image, seen = signal.image, signal.seen

@@ -15,6 +15,7 @@ class ShotNoise(SensorEffect):
 
     kind: Literal["shot-noise"] = "shot-noise"
     full_well_electrons: Positive
+    """electrons at full scale"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         image = signal.image

@@ -34,10 +34,15 @@ class AchromatLens(Lens):
 
     kind: Literal["achromat"]
     focal_length_mm: Positive
+    """focal length at 587.6 nm, mm; the doublet is scaled to it"""
     f_number: Positive
+    """focal length over the aperture's diameter"""
     radii_mm: Triple = (33.3, -22.28, -291.07)
+    """radii of the three surfaces, mm; positive where the centre lies behind"""
     thicknesses_mm: tuple[Positive, Positive] = (9.0, 2.5)
+    """thicknesses of the two glasses on the axis, mm"""
     materials: tuple[str, str] = ("N-BAF10", "N-SF10")
+    """names of the two glasses"""
 
     @property
     def aperture_radius(self) -> float:

@@ -91,6 +91,7 @@ class _Simpler(Lens):
     """A lens with something left out."""
 
     lens: SerializeAsAny[Lens]
+    """the lens that something is left out of"""
 
     @property
     def aperture_radius(self) -> float:
@@ -128,6 +129,7 @@ class WithoutDispersion(_Simpler):
 
     kind: Literal["without dispersion"] = "without dispersion"
     wavelength: float
+    """wavelength whose delay all wavelengths have, m"""
 
     def focal_length(self, wavelengths: Tensor | float) -> Tensor:
         shape = torch.as_tensor(wavelengths, dtype=torch.float64)

@@ -17,7 +17,9 @@ class IdealLens(Lens):
 
     kind: Literal["ideal"]
     focal_length_mm: Positive
+    """focal length, mm"""
     f_number: Positive
+    """focal length over the aperture's diameter"""
 
     @property
     def aperture_radius(self) -> float:

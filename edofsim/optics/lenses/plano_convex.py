@@ -21,9 +21,13 @@ class PlanoConvexLens(Lens):
 
     kind: Literal["plano-convex"] = "plano-convex"
     material: str = "fused-silica"
+    """name of the glass"""
     radius_of_curvature_mm: Positive = 16.51
+    """radius of the curved side, mm; the focal length is that over n - 1"""
     aperture_radius_mm: Positive = 2.5
+    """radius of the aperture, mm"""
     surface_profile: Literal["spherical", "parabolic"] = "spherical"
+    """"spherical": a sphere, which aberrates; "parabolic": the parabola that it starts as"""
 
     @model_validator(mode="before")
     @classmethod

@@ -19,6 +19,7 @@ class AnnularMask(Mask):
 
     kind: Literal["annular"] = "annular"
     inner_radius: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    """radius of the opaque disc, as a fraction of the pupil's"""
 
     def transmission(self, grid: PupilGrid) -> tuple[Tensor, Tensor]:
         radius = self.inner_radius * grid.radius

@@ -26,6 +26,7 @@ class CodedMask(Mask):
 
     kind: Literal["coded"] = "coded"
     pattern: Literal["levin"] | Annotated[tuple[str, ...], Field(min_length=1, max_length=512)] = LEVIN
+    """"levin", or rows of "0" (opaque) and "1" (open), the top row first"""
 
     @model_validator(mode="after")
     def _rectangular(self) -> CodedMask:

@@ -18,6 +18,7 @@ class CubicMask(SmoothMask):
 
     kind: Literal["cubic"] = "cubic"
     alpha_rad: Finite = 30.0
+    """phase at the pupil's edge along u or v, rad"""
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
         return self.alpha_rad * (u**3 + v**3)

@@ -21,9 +21,13 @@ class FourierTerm(RecipeModel):
     """
 
     p: Annotated[int, Field(ge=-200, le=200)]
+    """periods across the pupil's diameter along u"""
     q: Annotated[int, Field(ge=-200, le=200)]
+    """periods across the pupil's diameter along v"""
     cosine_rad: Finite = 0.0
+    """amplitude of the cosine, rad"""
     sine_rad: Finite = 0.0
+    """amplitude of the sine, rad"""
 
 
 class FourierMask(BasisMask):
@@ -38,6 +42,7 @@ class FourierMask(BasisMask):
         FourierTerm(p=0, q=1, sine_rad=8.0),
         FourierTerm(p=2, q=1, cosine_rad=2.0),
     )
+    """harmonics that are summed"""
 
     def shapes(self, u: Tensor, v: Tensor) -> Iterator[tuple[float, Tensor]]:
         for term in self.terms:

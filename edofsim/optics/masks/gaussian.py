@@ -21,6 +21,7 @@ class GaussianMask(Mask):
 
     kind: Literal["gaussian"] = "gaussian"
     waist: Annotated[float, Field(gt=0, le=100)] = 0.7
+    """radius at which the amplitude is 1/e, as a fraction of the pupil's"""
 
     def transmission(self, grid: PupilGrid) -> tuple[Tensor, Tensor]:
         amplitude = torch.exp(-grid.radius_squared() / (self.waist * grid.radius) ** 2)

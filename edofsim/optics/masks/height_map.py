@@ -18,7 +18,9 @@ class HeightMapMask(PhaseMask):
 
     kind: Literal["height-map"] = "height-map"
     file: str | None = None
+    """heights [n, n] in metres (.npy, .safetensors), relative to the recipe; without it a flat map"""
     pitch_um: Positive = 21.0
+    """pitch of the samples, um"""
 
     def files(self) -> tuple[str, ...]:
         return () if self.file is None else (self.file,)

@@ -19,7 +19,9 @@ class LogarithmicMask(SmoothMask):
 
     kind: Literal["logarithmic"] = "logarithmic"
     alpha_rad: Finite = 30.0
+    """strength of the phase, rad"""
     beta: Finite = 0.2
+    """constant that is added to the logarithm"""
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
         def profile(w: Tensor) -> Tensor:

@@ -18,8 +18,11 @@ class Ring(RecipeModel):
     """A ring of constant phase between two radii (fractions of the pupil's radius)."""
 
     inner_radius: Annotated[float, Field(ge=0, lt=1)]
+    """inner radius, as a fraction of the pupil's"""
     outer_radius: Annotated[float, Field(gt=0, le=1)]
+    """outer radius, as a fraction of the pupil's"""
     phase_rad: Finite
+    """phase of the ring, rad"""
 
     @model_validator(mode="after")
     def _has_width(self) -> Ring:
@@ -40,6 +43,7 @@ class RingsMask(PhaseMask):
         Ring(inner_radius=0.55, outer_radius=0.8, phase_rad=6.2),
         Ring(inner_radius=0.8, outer_radius=1.0, phase_rad=12.3),
     )
+    """rings of constant phase"""
 
     @model_validator(mode="after")
     def _apart(self) -> RingsMask:

@@ -19,7 +19,9 @@ class SinusoidalMask(SmoothMask):
 
     kind: Literal["sinusoidal"] = "sinusoidal"
     alpha_rad: Finite = 30.0
+    """strength of the phase, rad"""
     beta_rad: Finite = 1.5
+    """argument of the sine at the pupil's edge, rad"""
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
         return self.alpha_rad * (u**4 * torch.sin(self.beta_rad * u) + v**4 * torch.sin(self.beta_rad * v))

@@ -21,7 +21,9 @@ class TangentMask(SmoothMask):
 
     kind: Literal["tangent"] = "tangent"
     alpha_rad: Finite = 30.0
+    """strength of the phase, rad"""
     beta_rad: Annotated[float, Field(gt=-1.57, lt=1.57)] = 0.8
+    """argument of the tangent at the pupil's edge, rad"""
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
         # beyond the pupil, in the corners of the grid, the tangent may run away: it is dark there

@@ -18,7 +18,9 @@ class ZernikeTerm(RecipeModel):
     """One Zernike polynomial in Noll's order, normalised to an RMS of 1 over the pupil."""
 
     noll: Annotated[int, Field(ge=1, le=1000)]
+    """index in Noll's order, 1 is piston"""
     rms_rad: Finite
+    """RMS phase over the pupil, rad"""
 
 
 class ZernikeMask(BasisMask):
@@ -35,6 +37,7 @@ class ZernikeMask(BasisMask):
         ZernikeTerm(noll=8, rms_rad=2.0),
         ZernikeTerm(noll=11, rms_rad=1.5),
     )
+    """polynomials that are summed"""
 
     def shapes(self, u: Tensor, v: Tensor) -> Iterator[tuple[float, Tensor]]:
         for term in self.terms:

@@ -22,7 +22,9 @@ class CubeSource(ViewReader, CubeFile):
 
     kind: Literal["cube"]
     depth_m: Positive | None = None
+    """distance of the whole picture, m; or give `depth`"""
     depth: DepthMap | None = None
+    """depth map of the picture"""
 
     @model_validator(mode="after")
     def _one_depth(self) -> CubeSource:

@@ -25,9 +25,13 @@ class RgbdSource(ViewReader):
 
     kind: Literal["rgbd"]
     image: str
+    """picture, relative to the recipe's folder, or skimage:NAME"""
     depth: DepthMap
+    """depth map of the picture"""
     illuminant: str = "D65"
+    """spectrum that its colours are seen under: a CIE illuminant"""
     radiance: Positive = 1.0
+    """radiance of white, W/m2/sr/nm"""
 
     def view(self, recipe: SceneRecipe, base: Path) -> View:
         """Radiance is the colours' smooth spectra (Mallett and Yuksel, EGSR 2019) under the illuminant."""

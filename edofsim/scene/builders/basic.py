@@ -25,9 +25,13 @@ class Panel(Builder, Placed):
 
     kind: Literal["panel"]
     width_mm: Positive
+    """width, mm"""
     height_mm: Positive
+    """height, mm"""
     surface: AnySurface = MattSurface(kind="matt")
+    """what it is made of; a texture covers it"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A flat rectangle that faces the camera."""
@@ -40,10 +44,13 @@ class Box(Builder, Placed):
 
     kind: Literal["box"]
     width_mm: Positive
+    """size along x, mm"""
     height_mm: Positive
+    """size along y, mm"""
     length_mm: Positive
     """its size along z"""
     surface: AnySurface = MattSurface(kind="matt")
+    """what it is made of; a texture covers each side"""
 
     def build(self, context: Context) -> list[Part]:
         """A block about its centre."""
@@ -66,7 +73,9 @@ class Sphere(Builder, Placed):
 
     kind: Literal["sphere"]
     radius_mm: Positive
+    """radius, mm"""
     surface: AnySurface = PlasticSurface(kind="plastic")
+    """what it is made of"""
 
     def build(self, context: Context) -> list[Part]:
         """A ball about its centre."""
@@ -82,8 +91,11 @@ class Cylinder(Builder, Placed):
 
     kind: Literal["cylinder"]
     radius_mm: Positive
+    """radius, mm"""
     height_mm: Positive
+    """height, mm"""
     surface: AnySurface = PlasticSurface(kind="plastic")
+    """what it is made of"""
 
     def build(self, context: Context) -> list[Part]:
         """A solid cylinder about its centre, its rims broken by a small chamfer, which catches the light."""
@@ -99,10 +111,15 @@ class Mug(Builder, Placed):
 
     kind: Literal["mug"]
     radius_mm: Positive = 40.0
+    """outer radius, mm"""
     height_mm: Positive = 95.0
+    """height, mm"""
     wall_mm: Positive = 3.5
+    """thickness of the wall, mm"""
     handle: bool = True
+    """whether it has a handle"""
     surface: AnySurface = PlasticSurface(kind="plastic")
+    """what it is made of"""
 
     @model_validator(mode="after")
     def _hollow(self) -> Mug:
@@ -139,9 +156,13 @@ class Goblet(Builder, Placed):
 
     kind: Literal["goblet"]
     radius_mm: Positive = 35.0
+    """largest radius of the bowl, mm"""
     height_mm: Positive = 150.0
+    """height with the stem, mm"""
     wall_mm: Positive = 2.0
+    """thickness of the wall, mm"""
     surface: AnySurface = GlassSurface(kind="glass")
+    """what it is made of"""
 
     @model_validator(mode="after")
     def _hollow(self) -> Goblet:
@@ -184,8 +205,11 @@ class Prism(Builder, Placed):
 
     kind: Literal["prism"]
     side_mm: Positive = 25.0
+    """side of its triangle, mm"""
     length_mm: Positive = 60.0
+    """length along x, mm"""
     surface: AnySurface = GlassSurface(kind="glass", glass="N-SF11")
+    """what it is made of"""
 
     def build(self, context: Context) -> list[Part]:
         """An equilateral prism about its centre, lying along x on one of its faces."""

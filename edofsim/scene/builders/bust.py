@@ -28,9 +28,11 @@ class Bust(Builder, Placed):
 
     kind: Literal["bust"]
     height_mm: Positive = 300.0
+    """height with the plinth, mm"""
     detail: Annotated[int, Field(ge=24, le=256)] = 96
     """grid points across the height of the implicit surface"""
     surface: AnySurface = MattSurface(kind="matt", reflectance=0.75)
+    """what it is made of"""
 
     def build(self, context: Context) -> list[Part]:
         """The figure about the middle of its height, smooth-shaded, its face to the camera."""

@@ -27,22 +27,37 @@ class Hallway(Builder):
 
     kind: Literal["hallway"]
     near_m: Positive = 0.45
+    """distance of its near end, m"""
     far_m: float = 5.0
+    """distance of its end wall, m"""
     x_mm: float = 0.0
+    """its middle to the right of the axis, mm"""
     y_mm: float = -30.0
+    """height of the floor, mm; negative lies below the axis"""
     width_mm: Positive = 80.0
+    """width, mm"""
     height_mm: Positive = 66.0
+    """height, mm"""
     doors: Annotated[int, Field(ge=0, le=40)] = 5
+    """doors along each side"""
     lamps: Annotated[int, Field(ge=0, le=40)] = 6
+    """shining panels in the ceiling"""
     lamp_radiance: NotNegative = 4.0
+    """radiance of the panels, W/m2/sr/nm"""
     lamp_illuminant: str = "LED-B3"
+    """spectrum of the panels: a CIE illuminant"""
     floor: AnySurface = MattSurface(
         kind="matt", texture=CheckerTexture(kind="checker", first=0.12, second=0.6, columns=4, rows=4)
     )
+    """surface of the floor"""
     walls: AnySurface = MattSurface(kind="matt", reflectance="#e2d5b8")
+    """surface of the side walls"""
     ceiling: AnySurface = MattSurface(kind="matt", reflectance=0.8)
+    """surface of the ceiling"""
     end: AnySurface = MattSurface(kind="matt", texture=PhotoTexture(kind="photo", name="coffee"))
+    """surface of the end wall"""
     door: AnySurface = PlasticSurface(kind="plastic", reflectance="#7b4a2d", roughness=0.2)
+    """surface of the doors"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Hallway:

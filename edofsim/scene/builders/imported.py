@@ -30,10 +30,13 @@ class MeshFile(Builder, Placed):
 
     kind: Literal["mesh"]
     path: str
+    """mesh file (OBJ, PLY, GLB, STL), relative to the recipe's folder"""
     size_mm: Positive
     """longest side of the bounding box after scaling"""
     surface: AnySurface = MattSurface(kind="matt")
+    """what it is made of"""
     smooth: bool = True
+    """whether normals are interpolated across faces"""
     allow_outside: bool = False
     """whether the mesh's file may name files outside its own folder"""
 

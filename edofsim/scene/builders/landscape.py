@@ -25,13 +25,17 @@ class Hills(Builder, Placed):
 
     kind: Literal["hills"]
     width_mm: Positive
+    """width, mm"""
     height_mm: Positive
+    """height of the ridge above y, mm"""
     base_mm: NotNegative = 0.0
     """how far the slope goes on below y"""
     roughness: Annotated[float, Field(ge=0, le=2)] = 1.0
     """how quickly the ridge's small features fade: 0 jagged, 2 smooth"""
     surface: AnySurface = MattSurface(kind="matt", reflectance="foliage")
+    """what they are made of"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: the middle of the ridge's foot, or of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A ridge: octaves of waves along x give its height, and its face leans away from the camera."""
@@ -66,12 +70,17 @@ class CloudBank(Builder, Placed):
 
     kind: Literal["clouds"]
     width_mm: Positive
+    """width of the picture, mm"""
     height_mm: Positive
+    """height of the picture, mm"""
     cover: Annotated[float, Field(ge=0.05, le=0.95)] = 0.5
+    """share of the sky behind clouds"""
     pixels: Annotated[int, Field(ge=64, le=4096)] = 1024
     """texture pixels along the longer side"""
     blue: str = "#3f74b5"
+    """colour of the sky, #rrggbb"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A panel with a picture of clouds: noise of many octaves, white where it is high, shaded below."""
@@ -109,13 +118,21 @@ class Facade(Builder, Placed):
 
     kind: Literal["facade"]
     width_mm: Positive
+    """width, mm"""
     height_mm: Positive
+    """height, mm"""
     columns: Annotated[int, Field(ge=1, le=200)] = 8
+    """windows across"""
     rows: Annotated[int, Field(ge=1, le=200)] = 6
+    """windows up"""
     lit: Annotated[float, Field(ge=0, le=1)] = 0.4
+    """share of the windows that are lit"""
     radiance: NotNegative = 5.0
+    """radiance of a lit window, W/m2/sr/nm"""
     illuminant: str = "LED-B1"
+    """spectrum of a lit window: a CIE illuminant"""
     surface: AnySurface = MattSurface(kind="matt", reflectance=0.08)
+    """surface of the wall"""
 
     def build(self, context: Context) -> list[Part]:
         """A wall with a grid of windows; lit ones shine, the others are dark glass."""
@@ -146,21 +163,29 @@ class Foliage(Builder, Placed):
 
     kind: Literal["foliage"]
     width_mm: Positive
+    """extent along x, mm"""
     height_mm: Positive
+    """extent along y, mm"""
     length_mm: Positive
     """extent along z"""
     leaves: Annotated[int, Field(ge=1, le=20000)] = 300
+    """number of leaves"""
     leaf_mm: Positive = 8.0
+    """length of a leaf, mm"""
     slenderness: Annotated[float, Field(ge=1, le=40)] = 3.0
     """length of a leaf over its width; blades of grass have 20 and more"""
     stems: Annotated[int, Field(ge=0, le=500)] = 12
+    """number of stems"""
     stem_mm: Positive = 0.4
+    """thickness of a stem, mm"""
     upright: Annotated[float, Field(ge=0, le=1)] = 0.3
     """0: leaves point anywhere; 1: they all stand up"""
     surface: AnySurface = MattSurface(
         kind="matt", texture=NoiseTexture(kind="noise", first="#2f5a1e", second="#9dbb4a", grain=0.05)
     )
+    """what leaves and stems are made of"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """Bent leaves of four quads, each with its own spot of the texture, and curved stems."""

@@ -23,12 +23,19 @@ class Table(Builder):
 
     kind: Literal["table"]
     y_mm: float
+    """height of the table-top, mm; negative lies below the axis"""
     near_m: float
+    """distance of its near edge, m"""
     far_m: float
+    """distance of its far edge, m"""
     width_mm: Positive = 1200.0
+    """width, mm"""
     thickness_mm: Positive = 20.0
+    """thickness of the table-top, mm"""
     tile_mm: tuple[Positive, Positive] = (90.0, 700.0)
+    """size of a tile of the texture, across and along the depth, mm"""
     surface: AnySurface = PlasticSurface(kind="plastic", texture=WoodTexture(kind="wood"), roughness=0.25)
+    """what it is made of"""
 
     @model_validator(mode="after")
     def _ordered(self) -> Table:
@@ -57,13 +64,21 @@ class WindowOpening(RecipeModel):
     """A window in a wall: centre and size in the wall, the width of its frame, and its panes."""
 
     x_mm: float
+    """centre to the right of the wall's, mm"""
     y_mm: float
+    """centre above the wall's, mm"""
     width_mm: Positive
+    """width, mm"""
     height_mm: Positive
+    """height, mm"""
     frame_mm: NotNegative = 10.0
+    """width of the frame, mm"""
     columns: Annotated[int, Field(ge=1, le=16)] = 1
+    """panes across"""
     rows: Annotated[int, Field(ge=1, le=16)] = 1
+    """panes up"""
     surface: AnySurface = PlasticSurface(kind="plastic", reflectance=0.8, roughness=0.2)
+    """surface of the frame"""
 
 
 class Wall(Builder):
@@ -71,12 +86,19 @@ class Wall(Builder):
 
     kind: Literal["wall"]
     depth_m: float
+    """distance from the lens along the axis, m"""
     x_mm: float = 0.0
+    """centre to the right of the axis, mm"""
     y_mm: float = 0.0
+    """centre above the axis, mm"""
     width_mm: Positive = 3000.0
+    """width, mm"""
     height_mm: Positive = 2000.0
+    """height, mm"""
     window: WindowOpening | None = None
+    """a window in it"""
     surface: AnySurface = MattSurface(kind="matt", reflectance=0.6)
+    """what it is made of"""
 
     @model_validator(mode="after")
     def _window_in_wall(self) -> Wall:

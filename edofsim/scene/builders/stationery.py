@@ -28,8 +28,11 @@ class Book(Builder, Placed):
 
     kind: Literal["book"]
     width_mm: Positive = 150.0
+    """width of the cover, mm"""
     height_mm: Positive = 210.0
+    """height of the cover, mm"""
     thickness_mm: Positive = 25.0
+    """thickness, mm"""
     cover: AnySurface = PlasticSurface(kind="plastic", reflectance="#27476e", roughness=0.2)
     """the binding's surface"""
     front: AnySurface | None = None
@@ -91,9 +94,13 @@ class Pencil(Builder, Placed):
 
     kind: Literal["pencil"]
     length_mm: Positive = 175.0
+    """length with the tip, mm"""
     width_mm: Positive = 7.0
+    """width across the corners, mm"""
     tip_mm: Positive = 20.0
+    """length of the sharpened tip, mm"""
     paint: AnySurface = PlasticSurface(kind="plastic", reflectance="orange yellow", roughness=0.12)
+    """surface of the paint"""
 
     @model_validator(mode="after")
     def _longer_than_tip(self) -> Pencil:
@@ -131,10 +138,15 @@ class Wire(Builder, Placed):
 
     kind: Literal["wire"]
     points_mm: Annotated[tuple[Triple, ...], Field(min_length=2, max_length=1000)]
+    """points of the smooth curve that it follows, local x, y, z, mm"""
     radius_mm: Positive = 0.25
+    """radius, mm"""
     closed: bool = False
+    """whether the curve returns to its first point"""
     surface: AnySurface = MetalSurface(kind="metal", metal="copper", roughness=0.2)
+    """what it is made of"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its origin, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A tube along the cubic spline through its points."""
@@ -148,13 +160,19 @@ class TextPage(Builder, Placed):
 
     kind: Literal["text_page"]
     width_mm: Positive = 210.0
+    """width, mm"""
     height_mm: Positive = 297.0
+    """height, mm"""
     text: str | None = None
     """None: a text about depth of field"""
     lines: Annotated[int, Field(ge=3, le=120)] = 28
+    """lines of text"""
     paper: Reflectance = 0.82
+    """reflectance of the paper"""
     ink: Reflectance = 0.04
+    """reflectance of the ink"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A printed page: ink on paper."""

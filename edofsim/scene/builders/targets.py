@@ -28,14 +28,19 @@ class UsafChart(Builder, Placed):
 
     kind: Literal["usaf_chart"]
     first_group: Annotated[int, Field(ge=-8, le=8)] = 0
+    """coarser group of the outermost pair"""
     pairs: Annotated[int, Field(ge=1, le=3)] = 2
+    """nested pairs of groups"""
     border_mm: NotNegative | None = None
     """white border around the pattern; None: four bars of the largest element"""
     white: Reflectance = 0.85
+    """reflectance of the white"""
     black: Reflectance = 0.03
+    """reflectance of the bars"""
     pixels_per_bar: Annotated[int, Field(ge=2, le=32)] = 4
     """texture pixels across the finest bar of the chart"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """The chart as one textured panel, `pixels_per_bar` texture pixels across its finest bar, at most
@@ -54,8 +59,11 @@ class ColorChecker(Builder, Placed):
 
     kind: Literal["color_checker"]
     width_mm: Positive = 280.0
+    """width of the card, mm"""
     card: Reflectance = 0.03
+    """reflectance of the card"""
     anchor: Literal["centre", "base"] = "centre"
+    """what `x`, `y` place: its centre, or the middle of its base"""
 
     def build(self, context: Context) -> list[Part]:
         """A card of 6 x 4 patches, each a panel of its own with its measured spectrum.

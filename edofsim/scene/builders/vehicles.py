@@ -82,8 +82,11 @@ class Bus(Builder, Placed):
 
     kind: Literal["bus"]
     length_mm: Positive = 60.0
+    """length, mm"""
     paint: AnySurface = PlasticSurface(kind="plastic", reflectance="red", roughness=0.1)
+    """surface of the paint"""
     sign: str = "36 CITY"
+    """text of the destination sign"""
 
     def build(self, context: Context) -> list[Part]:
         """A city bus: one rounded body, a row of dark windows, a cream band, signs, lamps."""
@@ -129,7 +132,9 @@ class Car(Builder, Placed):
 
     kind: Literal["car"]
     length_mm: Positive = 60.0
+    """length, mm"""
     paint: AnySurface = PlasticSurface(kind="plastic", reflectance="blue", roughness=0.06)
+    """surface of the paint"""
 
     def build(self, context: Context) -> list[Part]:
         """A saloon: a low body, a glass house that narrows upwards, a roof, lamps and bumpers."""

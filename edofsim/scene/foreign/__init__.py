@@ -31,8 +31,11 @@ class MitsubaSource(SceneReader):
 
     kind: Literal["mitsuba"]
     path: str
+    """scene file of Mitsuba (XML or JSON), relative to the recipe's folder"""
     units_m: Positive = 1.0
+    """length of the file's unit, m"""
     allow_outside: bool = False
+    """whether the scene may name files outside its folder"""
     illuminant: str = "D65"
     """spectrum of lights that are given as RGB white"""
 
