@@ -30,8 +30,7 @@ LETTERS = "ABCDEFGHJKLMNPRSTUVXYZ0123456789"
 
 class DrawnSheets(Photographs):
     """Sheets of bars, rings, boards, discs and letters, dark on light or light on dark, half of them grey,
-    drawn from the recipe's seed: charts and print, of which photographs hold little. sheets: how many. edges,
-    saturated_highlights, broadband, vary, inverse_depth_per_m: as of `natural`."""
+    drawn from the recipe's seed: charts and print, of which photographs hold little."""
 
     kind: Literal["drawn"] = "drawn"
     sheets: Annotated[int, Field(ge=2)] = 80

@@ -25,7 +25,7 @@ VALIDATION_BATCH = 4
 
 
 class Photographs(TrainingReader):
-    """What all sources of photographs have; `NaturalImages` says what each key means."""
+    """What all sources of photographs have."""
 
     edges: Annotated[float, Field(ge=0, le=1)] = 0.0
     """share of the steps with a depth edge in each patch: one photograph in front of another"""
@@ -46,12 +46,8 @@ class Photographs(TrainingReader):
 
 class NaturalImages(Photographs):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
-    as intensities, as the paper does. Without `folder` it is the one given with --data. edges: share of
-    the steps whose photographs stand one in front of another, with an edge of depth in each patch.
-    saturated_highlights: share of the patches with highlights many times brighter than full scale; in half of
-    the steps the photo is clipped there. broadband: share of the steps in which the sensor sees all
-    wavelengths through its response, in place of three lines; each colour's light is the same in all that it
-    sees. vary: of exposure and colours. inverse_depth_per_m: in place of that of `capture`."""
+    as intensities, as the paper does. In half of the steps with saturated highlights the photo is clipped at
+    full scale. In broadband steps each colour's light is the same in all wavelengths that it sees."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
@@ -66,9 +62,7 @@ class NaturalImages(Photographs):
 
 
 class PackagedImages(Photographs):
-    """The photographs that come with scikit-image, as planes at one depth: always at hand. edges,
-    saturated_highlights, broadband, vary, inverse_depth_per_m: as of
-    `natural`."""
+    """The photographs that come with scikit-image, as planes at one depth: always at hand."""
 
     kind: Literal["packaged"] = "packaged"
 

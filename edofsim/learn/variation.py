@@ -15,10 +15,8 @@ from ..recipe.train import Range
 
 class Variation(RecipeModel):
     """How photographs are changed before they are photographed, each patch in its own way; as they are unless
-    given. exposure: factors, drawn evenly in their logarithm; what is beyond full scale is clipped in the
-    truth, and in the photo where the source has saturated highlights and clips them. white_balance: each
-    colour's own factor is drawn so between exp(-w) and exp(w). colourfulness: factors on how far colours are
-    from grey, drawn evenly: 0 is a grey picture, 2 a gaudy one."""
+    given. What is beyond full scale is clipped in the truth, and in the photo where the source has saturated
+    highlights and clips them."""
 
     exposure: tuple[Positive, Positive] = (1.0, 1.0)
     """range of factors on the light, drawn evenly in their logarithm"""

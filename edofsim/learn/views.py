@@ -45,15 +45,9 @@ class Views(TrainingReader):
     """Scenes with their own depths through the compositor: rendered ones, and pictures with a depth map
     (scene recipes with a source of kind rgbd). Views come from the cache, each rendered once.
 
-    members: so many of each scene's family, with the seeds `seed`, `seed` + 1, ..., from the recipe's own on
-    where none is given, as `edofsim render --members` has them; 0 for the scene itself. Of members, the last
-    are kept for validation, of a scene itself its lower part. bands: the paper's three colours, or all of the
-    view's bands through the sensor's response (slower by their number). layers, occlusion, sub_apertures: as
-    in `expose`. exposure: factors on the automatic exposure, drawn for each patch, evenly in their logarithm;
-    white_balance: as of `natural`. once: each view is photographed once, with the veiling glare that errors
-    of fabrication make in the mean, and patches are cut from the photos, which makes a step as cheap as one
-    of photographs; only for a mask that does not learn. For many cameras depths are stretched to each one's
-    range, and bands are three.
+    Of members, the last are kept for validation, of a scene itself its lower part. A photo that is taken once
+    has the veiling glare that errors of fabrication make in the mean, and a step is as cheap as one of
+    photographs. For many cameras depths are stretched to each one's range, and bands are three.
     """
 
     slow: ClassVar[bool] = True

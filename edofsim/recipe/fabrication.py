@@ -28,14 +28,8 @@ Akpinar et al. made and measured (section Experimental Results), the others what
 
 
 class Fabrication(RecipeModel):
-    """Making a relief: upsampled (bicubic, wraps kept), wrapped, limited, quantised, and with height errors.
-
-    pitch_um: pitch of the made surface; without it the designed one's. height_limit_um: deepest relief.
-    levels: grey levels from 0 to the deepest relief, `level_nm` apart where that is given.
-    wrap_wavelength_nm: heights beyond the limit are taken modulo whole waves of this wavelength.
-    height_bias_nm, height_noise_nm: mean and standard deviation of the Gaussian height error, drawn anew
-    for each sample of the made surface from `seed`.
-    """
+    """Making a relief: upsampled (bicubic, wraps kept), wrapped, limited, quantised, and with height errors,
+    drawn anew for each sample of the made surface."""
 
     preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
     """values of the paper: its made device, its training, its tests; a key that is given replaces one"""

@@ -17,12 +17,12 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class NetworkTable(RecipeModel):
-    """The restorer. `start`: checkpoint (file or shipped name) whose weights it starts from. start_share:
-    what is saved in the end is a mean of the weights and those at the start, which have this share: of a
-    training on new kinds of photos the old kinds then lose less than the new ones gain (Wortsman et al.,
-    CVPR 2022). `validation`: the share from 0 to 0.8, in steps of 0.2, whose validation loss is least.
-    beside: checkpoint (file or shipped name) of the same mask, whose network restores each photo for this one
-    to see; it is kept as it is, and saved with it. Filter banks take a D-CNN."""
+    """The restorer.
+
+    A mean with the starting weights (`start_share`) keeps what was learned on the old kinds of photos where
+    new kinds are trained on (Wortsman et al., CVPR 2022); "validation" takes the share from 0 to 0.8, in
+    steps of 0.2, with the least validation loss.
+    """
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     """which network"""
@@ -43,16 +43,8 @@ class NetworkTable(RecipeModel):
 
 
 class DoeTable(RecipeModel):
-    """What becomes of the camera's mask.
-
-    learn: a height map, Zernike or Fourier terms and rings can learn, the other masks are kept. start:
-    checkpoint whose height map is taken in place of the recipe's. learning_rate_rad: in radians of phase at
-    the mask's design wavelength; 0 keeps what `design_steps` made. height_limit_um: heights stay between 0
-    and this, the deepest relief that Akpinar et al. could make. design_steps: before the training, this many
-    steps on the mask alone, towards the best linear restoration (see `learn.design`). design_response: half
-    of what they judge is light of all wavelengths through the sensor's response, beside the three colours.
-    design_evenness: weight of the mean error, which the worst depths decide, beside its mean logarithm.
-    """
+    """What becomes of the camera's mask: `learn.design` says what the design steps do. 1.2 um is the deepest
+    relief that Akpinar et al. could make."""
 
     learn: bool = True
     """whether the mask learns: height maps, Zernike and Fourier terms and rings can"""
@@ -73,11 +65,8 @@ class DoeTable(RecipeModel):
 
 
 class LossTable(RecipeModel):
-    """alpha, beta, gamma of the paper's loss; `restore.losses` says why these. truncated_energy: weight of
-    the fraction of light that leaves the PSFs' window: unpunished, a mask learns to throw light out of it,
-    which a real camera would show as veiling glare. light_kept: what is judged has the lowest spatial
-    frequencies of the truth, as in use it gets those of the photo (see `restore.light`), and is made as in
-    use, at borders too."""
+    """Weights of the paper's loss; `restore.losses` says why these. Unpunished, a mask learns to throw light
+    out of the PSFs' window, which a real camera would show as veiling glare."""
 
     alpha: NotNegative = 0.01
     """weight of the gradient prior, relative to the mean absolute error"""
@@ -97,7 +86,7 @@ class LossTable(RecipeModel):
 
 
 class TrainingSource(KindModel):
-    """What is trained on. weight: how often patches are drawn from it, beside the other sources."""
+    """What is trained on."""
 
     weight: Positive = 1.0
     """how often patches come from this source, relative to the others"""
@@ -108,8 +97,7 @@ AnySource = Annotated[TrainingSource, OfKind(TRAINING_DATA)]
 
 class DataTable(RecipeModel):
     """Patches: their size, the share kept for validation, and where they come from. Each step draws from one
-    source, chosen by weight. validation_sources: nothing of these is trained on; they are for validation,
-    beside what is kept of the others."""
+    source, chosen by weight."""
 
     patch_px: Annotated[int, Field(ge=16, le=2048)] = 300
     """side of the patches, pixels"""
@@ -141,13 +129,7 @@ class CaptureTable(RecipeModel):
 
 
 class CamerasTable(RecipeModel):
-    """Random cameras in place of one: `count` to train with, `validation` others to validate with, drawn from
-    these ranges by the recipe's seed. Focal lengths, f-numbers, pixels, strengths of masks and the read noise
-    of `capture` are drawn evenly in their logarithm, the focus in inverse distance. nearest_per_m: inverse
-    distance of the nearest thing, from less than half of the first to the second. blur_px: cameras whose
-    widest blur over their depth range, without mask, is not within it are drawn anew. broadband: the share of
-    sensors that see all wavelengths in place of three. masks: kinds, in turn. window_px: of the PSFs. steps:
-    so many draws of photos follow with one camera."""
+    """Random cameras in place of one, drawn from these ranges by the recipe's seed."""
 
     count: Count = 64
     """cameras to train with"""
@@ -178,13 +160,9 @@ class CamerasTable(RecipeModel):
 
 
 class OptimiserTable(RecipeModel):
-    """Adam as in the paper, for `steps` steps of `batch` patches. decay: the rate of network and mask falls
-    along half a cosine to `final_rate` of itself, or stays, as in the paper. warmup: this share of the steps
-    comes first, with the rate rising. network_steps: updates of the network in a step. The PSFs are
-    computed, and the mask learns, in the first; in the others the same PSFs meet new patches and new noise,
-    which saves the time of the optics. frozen_statistics: in this share of the steps, the last ones, batch
-    normalisation goes by its running means, as in use: a batch of patches has other means than a photo.
-    clip_gradient: a longer gradient of the network is made so long (Pascanu et al., ICML 2013)."""
+    """Adam as in the paper. Several updates of the network a step save the time of the optics. Frozen
+    statistics are those of use, as a batch of patches has other means than a photo. Pascanu et al. (ICML
+    2013) clip gradients so."""
 
     steps: Count = 100_000
     """steps of the training"""
