@@ -53,6 +53,7 @@ check: lint types test
 
 lint: $(VENV)/.installed-tools
 	$(BIN)/ruff check edofsim tests benchmarks docs
+	$(BIN)/ruff format --check --quiet edofsim tests benchmarks docs
 
 types: $(VENV)/.installed-tools
 	$(BIN)/pyrefly check
