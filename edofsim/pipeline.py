@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from .core.progress import Progress
 from .optics import Camera
 from .optics.threads import in_threads
 from .plan import (
+    Facts,
     Plan,
     Target,
     checked_overrule,
@@ -29,6 +31,7 @@ from .plan import (
     plan_photo,
     plan_scene,
     simpler_recipe,
+    through_mask_like,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
@@ -37,7 +40,8 @@ from .render.view import View
 from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between, restoring
-from .restore.scores import DepthScore, Score, score_by_depth, within_scale
+from .restore.gains import gain_figures, gains
+from .restore.scores import DepthScore, Score, score_by_depth
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class Run:
 
     wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
     `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
-    from far to near, that stand for the scene.
+    from far to near, that stand for the scene; plan_lens_alone: of the photo through the lens alone, to the
+    same accuracy; gains: of the restored image in dB, see `restore.gains`.
     """
 
     scene: Loaded[SceneRecipe]
@@ -56,6 +61,7 @@ class Run:
     seed: int
     view: View
     plan: Plan
+    plan_lens_alone: Plan
     photo: Photo
     psfs: Tensor
     psf_depths: Tensor
@@ -65,6 +71,7 @@ class Run:
     lens_alone: Photo
     scores: Mapping[str, Score]
     by_depth: Mapping[str, tuple[DepthScore, ...]]
+    gains: Mapping[str, float]
     seconds: Mapping[str, float]
     peak_memory_mib: float
 
@@ -103,7 +110,9 @@ def run(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Run:
-    """Photograph a scene, restore the photo, and score both.
+    """Photograph a scene, restore the photo, and score both, beside a photo through the lens alone.
+
+    Either photo has a plan of its own, to the same accuracy: what a mask evens out, the bare lens may show.
 
     cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
     view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces
@@ -113,9 +122,11 @@ def run(
     """
     watch = Stopwatch(progress)
     compute = torch_device(device)
+    overrule = checked_overrule(overrule)
     checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
-    view, plan = planned_view(
+    bare = optics.height_map is None and optics.recipe == alone.recipe
+    view, plan, facts = planned_view(
         scene,
         optics,
         watch,
@@ -126,12 +137,30 @@ def run(
         cache=cache,
         device=device,
     )
+    with watch.stage("plan lens alone", 0.68, 0.7) as tell:
+        plan_alone = (
+            plan
+            if bare
+            else plan_photo(
+                view,
+                alone,
+                overrule,
+                as_accurate(plan, target),
+                every_effect=False,
+                facts=through_mask_like(facts, alone),
+                progress=tell,
+            )
+        )
     with watch.stage("expose", 0.7, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
     if compute == "cpu":
         learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):
-        lens_alone = capture(view, alone, plan.fidelity, seed=seed, device=compute, exposure=photo.exposure)
+        lens_alone = (
+            photo
+            if bare
+            else capture(view, alone, plan_alone.fidelity, seed=seed, device=compute, exposure=photo.exposure)
+        )
     with watch.stage("psfs", 0.92, 0.93):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         psfs = channel_psfs(simpler_camera(optics, plan.fidelity), view.wavelengths, depths)
@@ -157,13 +186,12 @@ def run(
             "wiener": wiener,
             "lens_alone": lens_alone.image,
         }
-        images = {name: within_scale(image) for name, image in images.items() if image is not None}
-        truth = within_scale(photo.ideal)
+        images = {name: image for name, image in images.items() if image is not None}
 
         def judged(image: Tensor) -> tuple[Score, tuple[DepthScore, ...]]:
-            return score_by_depth(image, truth, inverse_depth)
+            return score_by_depth(image, photo.ideal, inverse_depth)
 
-        found = in_threads(judged, list(images.values()), truth.device)
+        found = in_threads(judged, list(images.values()), photo.ideal.device)
         scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
         by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
     return Run(
@@ -174,6 +202,7 @@ def run(
         seed=seed,
         view=view,
         plan=plan,
+        plan_lens_alone=plan_alone,
         photo=photo,
         psfs=psfs,
         psf_depths=depths,
@@ -183,6 +212,7 @@ def run(
         lens_alone=lens_alone,
         scores=scores,
         by_depth=by_depth,
+        gains=gains({name: whole.psnr_db for name, whole in scores.items()}),
         seconds=watch.seconds,
         peak_memory_mib=peak_memory_mib(),
     )
@@ -199,8 +229,9 @@ def planned_view(
     checkpoint: Checkpoint | None = None,
     cache: Path | None = None,
     device: str = "auto",
-) -> tuple[View, Plan]:
-    """The stages `render` and `plan`: the view of a scene, and the plan of its photo. See `run`.
+) -> tuple[View, Plan, Facts]:
+    """The stages `render` and `plan`: the view of a scene, the plan of its photo, and the facts that it was
+    planned on. See `run`.
 
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, but for
     effects of rendering that the user leaves out; the photo is planned on it. Only where a time is asked for,
@@ -229,21 +260,34 @@ def planned_view(
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
         seen, view = seen_through(camera, recipe, view)
-    with watch.stage("plan", 0.6, 0.7) as tell:
+    with watch.stage("plan", 0.6, 0.68) as tell:
         left = target
         if target is not None and target.kind == "time":
             left = replace(target, spent=sum(watch.seconds.values()))
+        facts = facts_of(view, camera, recipe=seen)
         plan = plan_photo(
             view,
             camera,
             overrule,
             left,
             every_effect=False,
-            facts=facts_of(view, camera, recipe=seen),
+            facts=facts,
             restore=restoring(camera, view.wavelengths, view.inverse_depth, checkpoint),
             progress=tell,
         )
-    return view, plan
+    return view, plan, facts
+
+
+def as_accurate(plan: Plan, target: Target | None) -> Target:
+    """What a photo to compare with is planned for: the error that the plan of the first one promises.
+
+    target: that of the first one. An accuracy holds for both; a time, and the score of a restored image, are
+    of the first alone, and the other is planned for the accuracy that they came to.
+    """
+    if target is None or target.kind in ("noise", "db", "full"):
+        return target or Target()
+    promised = plan.error_db if target.kind == "time" else plan.asked_db
+    return Target("full") if promised is None or math.isinf(promised) else Target("db", db=promised)
 
 
 def figures(result: Run) -> dict[str, float]:
@@ -259,5 +303,12 @@ def figures(result: Run) -> dict[str, float]:
     found["seconds.total"] = sum(result.seconds.values())
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
+    found |= gain_figures(result.gains)
     found |= plan_figures(result.plan, result.seconds["plan"])
-    return found
+    alone = plan_figures(result.plan_lens_alone, result.seconds["plan lens alone"])
+    stem = "plan."
+    return found | {
+        f"plan_lens_alone.{name.removeprefix(stem)}": value
+        for name, value in alone.items()
+        if name.startswith(stem)
+    }

@@ -161,12 +161,12 @@ def photographed(
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
     from ..restore.choice import usual_network
-    from ..restore.scores import psnr
+    from ..restore.scores import image_psnr, psnr
 
     scene, taker, folder = part
     compute, optics = torch_device(device), Camera.from_recipe(taker.recipe, taker.base)
     watch = Stopwatch(progress)
-    view, plan = planned_view(
+    view, plan, _ = planned_view(
         scene,
         optics,
         watch,
@@ -188,7 +188,7 @@ def photographed(
     if compute == "cpu" and bands is None:
         learn_rates(plan.seconds, photo.seconds)
     numbers = {
-        "psnr_db.photo": psnr(photo.image, photo.ideal),
+        "psnr_db.photo": image_psnr(photo.image, photo.ideal),
         **plan_figures(plan, watch.seconds["plan"]),
         **{
             f"truncated_energy.{name}": float(value)

@@ -71,9 +71,11 @@ def run(
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike,
-    seconds.{render,plan,expose,lens_alone,psfs,restore,wiener,score,report,total}, seconds.processor (of
-    all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved (planning against the
-    seconds that it saves), and what `edofsim plan` says.
+    gain_db.over_{photo,lens_alone,wiener} of the restored image,
+    seconds.{render,plan,plan_lens_alone,expose,lens_alone,psfs,restore,wiener,score,report,total},
+    seconds.processor (of all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved
+    (planning against the seconds that it saves), and what `edofsim plan` says; plan_lens_alone.* of the
+    plan of the photo through the lens alone, to the same accuracy.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
@@ -85,6 +87,7 @@ def run(
         from ..optics.threads import in_threads
         from ..plan import parse_target
         from ..restore.choice import said_of
+        from ..restore.gains import gains_in_words
 
         load_report()
 
@@ -125,7 +128,9 @@ def run(
         numbers["peak_memory_mib"] = peak_memory_mib()
         lines = [
             *plan_lines(result.plan, result.seconds["plan"]),
+            f"the lens alone has a plan of its own: {result.plan_lens_alone.summary()}",
             _score_table(result),
+            *([gained] if (gained := gains_in_words(result.gains)) else []),
             *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
             f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
             f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
@@ -139,7 +144,9 @@ def run(
             seed=seed,
             inputs=inputs_of(scene_recipe, camera_recipe, network=network),
             plan=plan_rows(result.plan),
+            plan_lens_alone=plan_rows(result.plan_lens_alone),
             settings=vars(result.plan.fidelity),
+            settings_lens_alone=vars(result.plan_lens_alone.fidelity),
             restored_by=result.restored_by,
         )
 

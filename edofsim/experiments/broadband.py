@@ -37,7 +37,7 @@ from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..render import render
 from ..restore.checkpoint import shipped_checkpoints
-from ..restore.scores import psnr
+from ..restore.scores import image_psnr
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper, in_parts
@@ -241,6 +241,7 @@ def judge(
             read_noise=READ_NOISE,
             fabrication=described(fabrication),
             seed=seed,
+            scores="within scale",
         )
         for depth in DEPTHS_M
     ]
@@ -334,8 +335,8 @@ def _photographed(
     return {
         "photo_db": _scores(photo, sharp),
         "restored_db": _scores(restored, sharp),
-        "three_db": psnr(from_lines, sharp),
-        "filter_db": psnr(linear, sharp),
+        "three_db": image_psnr(from_lines, sharp),
+        "filter_db": image_psnr(linear, sharp),
         "band_errors": errors,
     }
 
@@ -353,7 +354,7 @@ def _optics(system: Contestant, kept: Kept) -> Chromatic:
 
 def _scores(image: Tensor, truth: Tensor) -> list[float]:
     """PSNR of all channels, then of each."""
-    return [psnr(image, truth), *channels(image, truth)]
+    return [image_psnr(image, truth), *channels(image, truth)]
 
 
 def _left_out(wavelengths: Tensor) -> tuple[float, ...]:

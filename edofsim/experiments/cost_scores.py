@@ -12,7 +12,7 @@ from ..capture.sensor import record, sensor_effects
 from ..optics import Camera
 from ..plan import Restore
 from ..render.view import View
-from ..restore.scores import psnr, within_scale
+from ..restore.scores import image_psnr
 
 Scores = Mapping[str, list[float]]
 """PSNR against the all-in-focus image in dB, by what was restored with: one for each seed."""
@@ -39,18 +39,17 @@ class Judge:
 
     def scores(self, view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: str) -> Scores:
         """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds."""
-        truth = within_scale(photo.ideal)
         effects = sensor_effects(camera, fidelity)
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]
         found = {
-            name: [psnr(within_scale(restore(image, photo.truncated)), truth) for image in images]
+            name: [image_psnr(restore(image, photo.truncated), photo.ideal) for image in images]
             for name, restore in self.restorers.items()
         }
         if self.alone is not None:
             plain = capture(view, self.alone, fidelity, exposure=photo.exposure, device=device).clean
             rivals = [record(plain, effects, seed) for seed in range(self.seeds)]
             best = next(iter(found.values()))
-            without = [psnr(within_scale(image), truth) for image in rivals]
+            without = [image_psnr(image, photo.ideal) for image in rivals]
             found[GAIN] = [mine - other for mine, other in zip(best, without, strict=True)]
         return found
 

@@ -33,7 +33,7 @@ from ..restore.checkpoint import (
 )
 from ..restore.choice import usual_network
 from ..restore.conditioning import forget as forget_conditioned
-from ..restore.scores import psnr, within_scale
+from ..restore.scores import image_psnr
 from .kept import Kept, key_of
 
 FEWEST_SAMPLES = 4
@@ -181,7 +181,7 @@ def _restored(view: View, optics: Camera, photo: Photo, network: Checkpoint | No
     image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network)
     return {
         "seconds": time.perf_counter() - started,
-        "psnr_db": psnr(within_scale(image), within_scale(photo.ideal)),
+        "psnr_db": image_psnr(image, photo.ideal),
     }
 
 

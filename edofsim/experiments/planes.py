@@ -34,7 +34,7 @@ from ..report import Gallery, Notes, Picture
 from ..report.page import Block
 from ..report.pictures import picture_file
 from ..report.words import decibels, listed
-from ..restore.scores import psnr
+from ..restore.scores import image_psnr
 from .kept import Kept, key_of
 from .photographs import Photograph, Photographs
 from .systems import NEAREST_PER_M, Contestant, described, made, truncated_share
@@ -130,6 +130,7 @@ def measure(
                 fabrication=described(condition.fabrication),
                 seed=seed,
                 told=told,
+                scores="within scale",
             )
             jobs.append(Job(picture, condition, inverse, key))
     rows: dict[str, PictureScore] = {}
@@ -245,12 +246,17 @@ def _finish(
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
             write_png(path, middle(image))
-    scores = (psnr(photo, sharp), psnr(restored, sharp), psnr(taken, whole), psnr(whole_restored, whole))
+    scores = (
+        image_psnr(photo, sharp),
+        image_psnr(restored, sharp),
+        image_psnr(taken, whole),
+        image_psnr(whole_restored, whole),
+    )
     found: Json = dict(zip(SCORES, scores, strict=True))
     if told:
         linear = told_depth(photo, psf, job.condition.read_noise)
         found["channels_db"] = channels(restored, sharp)
-        found["told_db"] = [psnr(linear, sharp), *channels(linear, sharp)]
+        found["told_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]
     kept.put(job.key, found)
     return _row(job, system, found, files)
 
@@ -270,7 +276,7 @@ def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> Pict
 
 def channels(image: Tensor, truth: Tensor) -> list[float]:
     """PSNR of each channel."""
-    return [psnr(image[c : c + 1], truth[c : c + 1]) for c in range(len(truth))]
+    return [image_psnr(image[c : c + 1], truth[c : c + 1]) for c in range(len(truth))]
 
 
 def framed(image: Tensor, reach: int) -> Tensor:

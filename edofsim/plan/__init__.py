@@ -4,7 +4,7 @@ from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
 from .costs import Rendering
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
-from .facts import facts_of
+from .facts import Facts, facts_of, through_mask_like
 from .figures import plan_figures
 from .overrule import checked_overrule, insisted_rendering
 from .photo import Planner, plan_photo, planner_of
@@ -18,6 +18,7 @@ __all__ = [
     "EFFECTS",
     "Decision",
     "Effect",
+    "Facts",
     "Fidelity",
     "Level",
     "Looked",
@@ -42,5 +43,6 @@ __all__ = [
     "planner_of",
     "seen_in_thumbnails",
     "simpler_recipe",
+    "through_mask_like",
     "thumbnail",
 ]

@@ -18,6 +18,7 @@ from ..capture.occlusion.slabs import Hides, cuts, hides
 from ..capture.photograph import all_in_focus, nodes_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
+from ..core.once import Once
 from ..optics import Camera
 from ..optics.threads import in_threads
 from ..recipe import SceneRecipe
@@ -30,6 +31,8 @@ SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
 NORMALISED_LAYERS = 25
 """Depth nodes of coarse photos in which nothing is known behind edges."""
+MASKED = {"name", "purpose", "mask", "fabrication"}
+"""Tables of a camera's recipe that its mask decides."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
 
@@ -216,6 +219,20 @@ def facts_of(
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
     return facts
+
+
+def through_mask_like(facts: Facts, camera: Camera) -> Facts:
+    """The facts of the same view through a camera that differs in its mask alone: what was looked at in the
+    view is not looked at again.
+
+    Raises ValueError for a camera of another lens, focus or sensor.
+    """
+    before, after = (each.recipe.model_dump(exclude=MASKED) for each in (facts.camera, camera))
+    if before != after:
+        raise ValueError("another camera in more than its mask")
+    full = full_fidelity(camera, facts.view, facts.edges).changed({"layers": facts.full.layers})
+    shape = replace(facts.shape, counted=Once())  # the pupil's work is the mask's
+    return replace(facts, camera=camera, full=full, shape=shape)
 
 
 def _fingerprint(view: View) -> str:

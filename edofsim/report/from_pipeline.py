@@ -70,8 +70,9 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
                 error=None if d.error is None else overall(d.error),
                 seconds=None if d.error is None else d.seconds,
                 why=f"{d.chosen}{' (overruled)' if d.overruled else ''}: {d.why}" if d.chosen else d.why,
+                lens_alone=alone.chosen,
             )
-            for d in result.plan.decisions
+            for d, alone in zip(result.plan.decisions, result.plan_lens_alone.decisions, strict=True)
         ),
         target=_target(result.plan),
         cost=cost,

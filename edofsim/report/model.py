@@ -87,7 +87,7 @@ class PlanRow:
     """One effect of a plan.
 
     error: RMS error of the sensor image if the effect is left out, full scale 1; seconds: what simulating
-    it costs. None where unknown.
+    it costs. None where unknown. lens_alone: what the plan of the photo through the lens alone chooses.
     """
 
     effect: str
@@ -95,6 +95,7 @@ class PlanRow:
     error: float | None = None
     seconds: float | None = None
     why: str = ""
+    lens_alone: str = ""
 
 
 @dataclass(frozen=True)

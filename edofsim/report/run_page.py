@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 
 from ..optics.threads import in_threads
-from ..restore.scores import Score, psnr, within_scale
+from ..restore.gains import gains, gains_in_words
+from ..restore.scores import Score, image_psnr
 from .crops import Detail, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
 from .figures_optics import height_plot, mtf_plot, psf_plot
@@ -42,7 +43,7 @@ from .pictures import (
     picture,
     with_boxes,
 )
-from .words import DASH, decibels, depth_range, distance, duration, listed, number, percent, significant
+from .words import DASH, decibels, depth_range, distance, duration, number, percent, significant
 
 CROP_PX = 72
 FOCUSED_PX = 640
@@ -90,17 +91,7 @@ def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> P
 def verdict(report: RunReport) -> str:
     """What restoring gained, in one sentence; empty without a score of the restored image."""
     whole = {name: score.whole.psnr_db for name, score in report.scores.items()}
-    restored = whole.get("restored", math.nan)
-    gains = []
-    for name, text in (
-        ("photo", "the photo"),
-        ("wiener", "Wiener deconvolution"),
-        ("lens_alone", "the lens alone"),
-    ):
-        gain = restored - whole.get(name, math.nan)
-        if math.isfinite(gain):
-            gains.append(f"{decibels(abs(gain))} {'above' if gain >= 0 else 'below'} {text}")
-    return f"Restored is {listed(gains)}." if gains else ""
+    return gains_in_words(gains(whole))
 
 
 def _head(report: RunReport) -> tuple[Block, ...]:
@@ -207,7 +198,7 @@ def _crops(
         pictures = []
         for name, image in images.items():
             part = crop.cut(image)
-            note = "" if name == "ideal" else decibels(psnr(within_scale(part), within_scale(truth)))
+            note = "" if name == "ideal" else decibels(image_psnr(part, truth))
             alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
             pictures.append(picture(part, report.label(name), alt, gain=gain, note=note))
         title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"
@@ -291,6 +282,12 @@ def _plan(report: RunReport) -> tuple[Block, ...]:
     if any(row.seconds is not None for row in report.plan):
         columns.append(("Time", [duration(row.seconds) for row in report.plan]))
     columns.append(("Why", [row.why for row in report.plan]))
+    if any(row.lens_alone for row in report.plan):
+        columns.append(("Lens alone", [row.lens_alone for row in report.plan]))
+        caption += (
+            " The photo through the lens alone has a plan of its own, to the same accuracy, with the choices "
+            "of the last column."
+        )
     heads = tuple(Column(name) for name, _ in columns)
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     table = Table(heads, rows, caption, wordy=True)

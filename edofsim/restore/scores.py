@@ -1,4 +1,9 @@
-"""How close an image is to the truth: PSNR and SSIM, whole and by depth."""
+"""How close an image is to the truth: PSNR and SSIM, whole and by depth.
+
+Every score of a photo or a restored image, whatever the command, is `image_psnr` or of `score_parts`: both
+images as a sensor of full scale 1 can hold them. `psnr` takes two images as they are, to tell how far apart
+two simulations of one photo are.
+"""
 
 from __future__ import annotations
 
@@ -51,6 +56,11 @@ def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
 
+def image_psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
+    """PSNR in dB of a photo or a restored image against the truth, both within full scale 1; see `psnr`."""
+    return psnr(within_scale(image), within_scale(truth), mask)
+
+
 def light_error(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     """By what part of the truth's mean that of the image is off, in the channel where it is most off; NaN
     where a channel of the truth is black. image, truth: [channel, y, x]; mask: bool [y, x]."""
@@ -88,7 +98,8 @@ def score(image: Tensor, truth: Tensor) -> Score:
 
 def score_parts(image: Tensor, truth: Tensor, parts: Sequence[Tensor | None]) -> list[Score]:
     """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least; None: all of
-    it."""
+    it. Image and truth are taken within full scale 1."""
+    image, truth = within_scale(image), within_scale(truth)
     similarity = ssim_map(image, truth)
     found = []
     for mask in parts:

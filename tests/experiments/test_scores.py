@@ -10,7 +10,7 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio
 
 from edofsim.errors import InputError
-from edofsim.restore.scores import light_error, psnr, score, score_by_depth
+from edofsim.restore.scores import image_psnr, light_error, psnr, score, score_by_depth
 
 
 def pair() -> tuple[torch.Tensor, torch.Tensor]:
@@ -48,7 +48,16 @@ def test_depth_ranges_share_out_all_pixels_and_infinity_belongs_to_the_last():
         (3.0, math.inf, 1200),
     ]
     total = sum(s.score.pixels * 10 ** (-s.score.psnr_db / 10) for s in scores) / (60 * 80)
-    assert -10 * math.log10(total) == pytest.approx(psnr(image, truth), abs=1e-9)
+    assert -10 * math.log10(total) == pytest.approx(image_psnr(image, truth), abs=1e-9)
+
+
+def test_what_a_sensor_cannot_hold_counts_in_no_score():
+    """A highlight ten times full scale is as good as full scale, in every score."""
+    image, truth = pair()
+    bright, cut = truth.clone(), truth.clone()
+    bright[:, 20:30, 20:30], cut[:, 20:30, 20:30] = 10.0, 1.0
+    assert image_psnr(image.clamp(0, 1), cut) == image_psnr(image, bright) != psnr(image, bright)
+    assert score(image, bright) == score(image.clamp(0, 1), cut)
 
 
 def test_light_is_off_by_the_worst_channel():

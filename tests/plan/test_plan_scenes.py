@@ -194,7 +194,7 @@ def test_nothing_is_asked_where_nothing_is_to_gain(cache: Path, looks: list[str]
     effect does look."""
     loaded = small("wall")
     watch = Stopwatch()
-    view, plan = planned_view(loaded, CAMERA, watch, cache=cache)
+    view, plan, _ = planned_view(loaded, CAMERA, watch, cache=cache)
     assert not looks and plan.error_db == float("inf") and set(watch.seconds) == {"render", "plan"}
     assert plan.fidelity.band_groups == 0 and plan.fidelity.spherical_aberration
     (bands,) = [d for d in plan.decisions if d.effect == "bands"]
@@ -206,7 +206,7 @@ def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Pat
     """Where a time is asked for, and only there, the view is rendered with less than the recipe says."""
     loaded = small("desk")
     watch = Stopwatch()
-    _, plan = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
+    _, plan, _ = planned_view(loaded, CAMERA, watch, cache=tmp_path, target=parse_target(None, "1e-3s"))
     assert "preview" in watch.seconds and "cannot be had" in plan.note
     assert "within 0.001 s, of which" in plan.target  # what was asked for, and what is gone of it
     again = Stopwatch()
@@ -216,7 +216,7 @@ def test_a_time_is_planned_on_a_preview_and_rendering_is_cut_to_it(tmp_path: Pat
 
 def test_everything_in_full_is_asked_nothing(cache: Path, looks: list[str]):
     loaded = small("desk")
-    _, plan = planned_view(loaded, CAMERA, Stopwatch(), cache=cache, target=parse_target("full", None))
+    _, plan, _ = planned_view(loaded, CAMERA, Stopwatch(), cache=cache, target=parse_target("full", None))
     assert not looks and plan.fidelity.sub_apertures > 1 and plan.fidelity.band_groups == 0
 
 

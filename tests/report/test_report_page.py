@@ -275,7 +275,15 @@ def test_verdict_tells_losses_too():
         for n, p in (("photo", 25.0), ("restored", 24.0), ("lens_alone", 20.5))
     }
     sentence = verdict(report(24, 32, scores=scored)).replace("\u00a0", " ")
-    assert sentence == "Restored is 1.0 dB below the photo and 3.5 dB above the lens alone."
+    assert sentence == (
+        "Restored is 1.0 dB below the photo and 3.5 dB above the lens alone. "
+        "The photo is better than the restored image."
+    )
+    scored |= {"restored": ImageScore(Score(26.5, 0.9, 1)), "wiener": ImageScore(Score(26.52, 0.9, 1))}
+    sentence = verdict(report(24, 32, scores=scored)).replace("\u00a0", " ")
+    assert sentence == (
+        "Restored is 1.5 dB above the photo, 6.0 dB above the lens alone and as good as Wiener deconvolution."
+    )
 
 
 def test_images_of_different_shapes_are_refused():
