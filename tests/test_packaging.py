@@ -40,7 +40,8 @@ def imported(path: Path) -> set[str]:
 def packages(folder: str) -> set[str]:
     """The distributions whose modules are imported in a folder; those of Python and our own left out."""
     files = sorted((ROOT / folder).rglob("*.py"))
-    names = set[str]().union(*map(imported, files)) - {path.stem for path in files if folder == "tests"}
+    own = {part for path in files for part in (path.stem, path.parent.name) if folder == "tests"}
+    names = set[str]().union(*map(imported, files)) - own
     outside = names - set(sys.stdlib_module_names) - {"edofsim", "benchmarks"}
     return {canonicalize_name(CALLED.get(name, name)) for name in outside}
 
