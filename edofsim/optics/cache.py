@@ -18,7 +18,7 @@ from .camera import Camera
 from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
 from .sampling import Sampling
 
-VERSION = 5
+VERSION = 6
 """Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 TENSORS = {
     "values": "values",

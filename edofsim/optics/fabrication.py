@@ -37,12 +37,16 @@ def unscattered_fraction(wavelengths: Tensor, height_error: float, relief: Mater
 
 
 def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int) -> Tensor:
-    """The made surface [.., y, x] in metres from the designed one.
+    """The made surface [.., y, x] in metres from the designed one: `relief_of` it, and `height_error`."""
+    surface = relief_of(designed, fabrication, relief)
+    return surface + height_error(surface, fabrication, seed)
+
+
+def relief_of(designed: Tensor, fabrication: Fabrication, relief: Material) -> Tensor:
+    """The surface [.., y, x] in metres that is meant to be made of the designed one.
 
     In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
-    quantised, and given a Gaussian height error of its own in every sample. Wrapping, limiting and
-    quantising pass gradients straight through. The error is drawn on the CPU in float64, so that a seed
-    means the same surface on every device and in every precision.
+    and quantised. All of it passes gradients straight through.
 
     Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and
     where not even one wave fits under the limit.
@@ -55,12 +59,20 @@ def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int
         surface = _limit(surface, limit, fabrication, relief, trainable=designed.requires_grad)
     if fabrication.levels is not None:
         surface = _quantise(surface, fabrication.levels, fabrication)
-    if fabrication.height_noise_nm or fabrication.height_bias_nm:
-        generator = torch.Generator().manual_seed(seed)
-        error = torch.randn(surface.shape, generator=generator, dtype=torch.float64)
-        error = error * (fabrication.height_noise_nm * 1e-9) + fabrication.height_bias_nm * 1e-9
-        surface = surface + error.to(surface)
     return surface
+
+
+def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor:
+    """By how much [m] each sample of a surface comes out too high: a Gaussian error of its own.
+
+    It is drawn on the CPU in float64, so that a seed means the same surface on every device and in every
+    precision.
+    """
+    if not (fabrication.height_noise_nm or fabrication.height_bias_nm):
+        return torch.zeros_like(surface)
+    generator = torch.Generator().manual_seed(seed)
+    error = torch.randn(surface.shape, generator=generator, dtype=torch.float64)
+    return (error * (fabrication.height_noise_nm * 1e-9) + fabrication.height_bias_nm * 1e-9).to(surface)
 
 
 def _limit(

@@ -16,7 +16,7 @@ from torch import Tensor
 from ..core.files import whole
 from ..errors import InputError
 from .camera import Camera, check_thin
-from .fabrication import make, makes_squares, wave_height
+from .fabrication import height_error, makes_squares, relief_of, wave_height
 from .grid import PupilGrid, resample
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
@@ -160,10 +160,13 @@ def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor 
         designed = resample(given[0], given[1], stage, _wave(camera))
     if fabrication is None:
         return designed
-    made = make(designed, fabrication, camera.mask_material, fabrication.seed if seed is None else seed)
+    made = relief_of(designed, fabrication, camera.mask_material)
+    error = height_error(made, fabrication, fabrication.seed if seed is None else seed)
     if makes_squares(fabrication):
-        return _squares(made, stage, grid)
-    return resample(made, stage.pitch, grid, _wave(camera, fabrication.wrap_wavelength_nm))
+        return _squares(made + error, stage, grid)
+    # errors of samples are squares either way: interpolated between samples they would be smaller than stated
+    smooth = resample(made, stage.pitch, grid, _wave(camera, fabrication.wrap_wavelength_nm))
+    return smooth + _squares(error, stage, grid)
 
 
 def design_wavelength(camera: Camera) -> float:

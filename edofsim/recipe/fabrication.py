@@ -34,7 +34,7 @@ class Fabrication(RecipeModel):
     preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
     """values of the paper: its made device, its training, its tests; a key that is given replaces one"""
     pitch_um: Positive | None = None
-    """pitch of the made surface, um; without it the designed one's"""
+    """pitch of the flat squares made, um; without it a smooth surface, with errors of the designed pitch"""
     height_limit_um: Positive | None = None
     """deepest relief, um"""
     levels: Annotated[int, Field(ge=1, le=65536)] | None = None
