@@ -15,6 +15,7 @@ from .capture import Photo, capture
 from .capture.device import torch_device
 from .capture.fidelity import simpler_camera
 from .capture.framing import framed, seen_through
+from .capture.noise import NoiseState, photographed_noise
 from .core.progress import Progress
 from .optics import Camera
 from .optics.threads import in_threads
@@ -42,6 +43,7 @@ from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, depths_between, restoring
 from .restore.gains import gain_figures, gains
 from .restore.scores import DepthScore, Score, score_by_depth
+from .restore.truth import Truth, samples_for
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class Run:
     restored_by: str
     wiener: Tensor | None
     lens_alone: Photo
+    noise_state: NoiseState
     scores: Mapping[str, Score]
     by_depth: Mapping[str, tuple[DepthScore, ...]]
     gains: Mapping[str, float]
@@ -164,34 +167,36 @@ def run(
     with watch.stage("psfs", 0.92, 0.93):
         depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
         psfs = channel_psfs(simpler_camera(optics, plan.fidelity), view.wavelengths, depths)
+
+    def by_network(image: Tensor) -> tuple[Tensor, str]:
+        how = {"checkpoint": checkpoint, "psfs": psfs, "truncated": photo.truncated}
+        return restore(image, optics, view.wavelengths, depths, **how)
+
+    def by_wiener(image: Tensor) -> Tensor:
+        return restore(image, optics, view.wavelengths, depths, psfs=psfs)[0]
+
     with watch.stage("restore", 0.93, 0.94):
-        restored, by = restore(
-            photo.image,
-            optics,
-            view.wavelengths,
-            depths,
-            checkpoint=checkpoint,
-            psfs=psfs,
-            truncated=photo.truncated,
-        )
+        restored, by = by_network(photo.image)
     wiener = None
     if checkpoint is not None:
         with watch.stage("wiener", 0.94, 0.96):
-            wiener, _ = restore(photo.image, optics, view.wavelengths, depths, psfs=psfs)
+            wiener = by_wiener(photo.image)
     with watch.stage("score", 0.96, 0.98):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
-        images = {
-            "photo": photo.image,
-            "restored": restored,
-            "wiener": wiener,
-            "lens_alone": lens_alone.image,
-        }
-        images = {name: image for name, image in images.items() if image is not None}
+        truth = Truth(photo.ideal, photographed_noise(view, optics, plan.fidelity, photo, compute))
+        noise_alone = truth.noise
+        if not bare:
+            noise_alone = photographed_noise(view, alone, plan_alone.fidelity, lens_alone, compute)
+        images = {"photo": (photo.image, truth.noise.image)}
+        images["restored"] = restored, truth.restored_noise(photo.image, restored, lambda x: by_network(x)[0])
+        if wiener is not None:
+            images["wiener"] = wiener, truth.restored_noise(photo.image, wiener, by_wiener)
+        images["lens_alone"] = lens_alone.image, noise_alone.image
 
-        def judged(image: Tensor) -> tuple[Score, tuple[DepthScore, ...]]:
-            return score_by_depth(image, photo.ideal, inverse_depth)
+        def judged(pair: tuple[Tensor, Tensor | None]) -> tuple[Score, tuple[DepthScore, ...]]:
+            return score_by_depth(*truth.compared(*pair), inverse_depth)
 
-        found = in_threads(judged, list(images.values()), photo.ideal.device)
+        found = in_threads(judged, list(images.values()), photo.image.device)
         scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
         by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
     return Run(
@@ -210,6 +215,7 @@ def run(
         restored_by=by,
         wiener=wiener,
         lens_alone=lens_alone,
+        noise_state=truth.noise.state,
         scores=scores,
         by_depth=by_depth,
         gains=gains({name: whole.psnr_db for name, whole in scores.items()}),
@@ -294,16 +300,20 @@ def figures(result: Run) -> dict[str, float]:
     """The figures of `--json`, flat: what, of which image, where."""
     found: dict[str, float] = {}
     for name, whole in result.scores.items():
-        found[f"psnr_db.{name}"] = whole.psnr_db
-        found[f"ssim.{name}"] = whole.ssim
-        for part in result.by_depth[name]:
-            found[f"psnr_db.{name}.{part.near_m:g}m_to_{part.far_m:g}m"] = part.score.psnr_db
-            found[f"ssim.{name}.{part.near_m:g}m_to_{part.far_m:g}m"] = part.score.ssim
+        parts = {f".{part.near_m:g}m_to_{part.far_m:g}m": part.score for part in result.by_depth[name]}
+        for where, each in {"": whole, **parts}.items():
+            found[f"psnr_db.{name}{where}"], found[f"ssim.{name}{where}"] = each.psnr_db, each.ssim
+            found[f"psnr_db_se.{name}{where}"], found[f"ssim_se.{name}{where}"] = (
+                each.psnr_db_se,
+                each.ssim_se,
+            )
     found |= {f"seconds.{stage.replace(' ', '_')}": seconds for stage, seconds in result.seconds.items()}
     found["seconds.total"] = sum(result.seconds.values())
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
     found |= gain_figures(result.gains)
+    if (wanted := samples_for(result.scores["restored"], result.view.metadata.get("samples", 0))) is not None:
+        found["samples_for_0.05_db"] = wanted
     found |= plan_figures(result.plan, result.seconds["plan"])
     alone = plan_figures(result.plan_lens_alone, result.seconds["plan lens alone"])
     stem = "plan."

@@ -125,11 +125,8 @@ def _quadrature(points: np.ndarray, amount: np.ndarray, count: int) -> tuple[np.
 
 def gathered_view(view: View, gathering: Gathering) -> View:
     """The view with groups in the bands' place; each group's wavelength is the mean of its PSFs'."""
-    return replace(
-        view,
-        radiance=gathering.light.to(view.radiance) @ view.radiance,
-        wavelengths=gathering.psfs @ gathering.wavelengths,
-    )
+    light = gathering.light.to(view.radiance) @ view.radiance
+    return view.with_light(light, gathering.psfs @ gathering.wavelengths)
 
 
 @dataclass(frozen=True)

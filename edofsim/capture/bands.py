@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 
@@ -14,7 +13,7 @@ from ..render.view import View
 def chosen_bands(view: View, bands: Sequence[int]) -> View:
     """The view with some of its bands alone."""
     index = torch.as_tensor(list(bands), dtype=torch.int64)
-    return replace(view, radiance=view.radiance[index], wavelengths=view.wavelengths[index])
+    return view.with_light(view.radiance[index], view.wavelengths[index])
 
 
 def merged_bands(view: View, count: int) -> View:
@@ -25,8 +24,7 @@ def merged_bands(view: View, count: int) -> View:
     if not 1 <= count <= view.bands:
         raise InputError(f"{count} bands: the view has {view.bands}; give 1 to {view.bands}")
     groups = torch.tensor_split(torch.arange(view.bands), count)
-    return replace(
-        view,
-        radiance=torch.stack([view.radiance[group].mean(0) for group in groups]),
-        wavelengths=torch.stack([view.wavelengths[group].mean() for group in groups]),
-    )
+    means = [
+        torch.stack([each[group].mean(0) for group in groups]) for each in (view.radiance, view.wavelengths)
+    ]
+    return view.with_light(*means)

@@ -55,4 +55,5 @@ def _take(view: View, source: Tensor, height: int, width: int, margin: int, pixe
         inverse_depth=view.inverse_depth[which],
         radiance=view.radiance.index_select(1, which),
         hidden=view.hidden[which],
+        half_difference=None if view.half_difference is None else view.half_difference.index_select(1, which),
     )

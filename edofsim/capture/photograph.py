@@ -81,7 +81,7 @@ def capture(
     first = given[0]
     weights = channel_weights(camera, first.wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
-    factor = _exposure(exposure, camera, ideal)
+    factor = _exposure(exposure, camera, ideal, noisy=any(view.noise > 0 for view in given))
     axes = _axes(given, camera, fidelity, weights, nodes, spectrum)
     between = axes.between
     watch.lap("prepare", 0.05)
@@ -191,7 +191,9 @@ def ideal_image(view: View, camera: Camera | None = None, exposure: float | None
     """
     camera = camera or Camera.from_recipe(CameraRecipe(name="paper"))
     image = all_in_focus(view, response(camera, view.wavelengths).to(view.radiance))
-    return image * (automatic_exposure(view.crop_margin(image)) if exposure is None else exposure)
+    if exposure is None:
+        exposure = automatic_exposure(view.crop_margin(image), noisy=view.noise > 0)
+    return image * exposure
 
 
 def all_in_focus(view: View, weights: Tensor) -> Tensor:
@@ -259,10 +261,10 @@ def _same_size(views: Sequence[View]) -> None:
             )
 
 
-def _exposure(exposure: float | None, camera: Camera, ideal: Tensor) -> float:
+def _exposure(exposure: float | None, camera: Camera, ideal: Tensor, noisy: bool) -> float:
     wanted = camera.recipe.sensor.exposure if exposure is None else exposure
     if wanted == "auto":
-        return automatic_exposure(ideal)
+        return automatic_exposure(ideal, noisy=noisy)
     if not (isinstance(wanted, float | int) and math.isfinite(wanted) and wanted > 0):
         raise InputError(f"exposure {wanted!r}: give a positive factor from radiance to full scale")
     return float(wanted)

@@ -56,6 +56,10 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
     mean_depth = together(depth * part) / together(part)
     pixel, hidden = pixel[first], hidden[first]
     order = _sorted(pixel, -mean_depth)
+
+    def light(values: Tensor) -> Tensor:
+        return (together(values[:, fragment] * part) / times)[:, order]
+
     return replace(
         view,
         height=height,
@@ -64,8 +68,9 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
         pixel=pixel[order],
         coverage=(coverage / times)[order],
         inverse_depth=mean_depth[order],
-        radiance=(together(view.radiance[:, fragment] * part) / times)[:, order],
+        radiance=light(view.radiance),
         hidden=hidden[order],
+        half_difference=None if view.half_difference is None else light(view.half_difference),
         pixel_angle=pixel_angle,
     )
 

@@ -55,7 +55,7 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
     part = part.to(dtype=torch.float32)
     weights = channel_weights(camera, part.wavelengths).float()
     sharp = all_in_focus(part, weights)
-    factor = automatic_exposure(part.crop_margin(sharp))
+    factor = automatic_exposure(part.crop_margin(sharp), noisy=view.noise > 0)
     truth = truth * factor
 
     def taken(way: str, layers: int | None = None) -> tuple[int, Tensor]:

@@ -173,7 +173,7 @@ def same_photo(first: System, second: System) -> bool:
 def _photo(view: View, way: Way, camera: Camera, unscattered: Tensor, seed: int, device: str) -> Photo:
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
-    exposure = automatic_exposure(ideal) if wanted == "auto" else float(wanted)
+    exposure = automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted)
     full = full_fidelity(camera, view)
     fidelity = Fidelity(
         layers=way.layers,

@@ -264,12 +264,9 @@ def ready(view: View, depths: tuple[float, float]) -> View:
     largest inverse depth in 1/m). So does a camera's range end where what it photographs does."""
     low, high = view.inverse_depth.aminmax()
     share = (view.inverse_depth - low) / (high - low).clamp_min(LEAST_SPAN)
-    exposure = automatic_exposure(view.crop_margin(view.all_in_focus()))
-    return replace(
-        view,
-        inverse_depth=depths[0] + (depths[1] - depths[0]) * share,
-        radiance=exposure * view.radiance,
-    )
+    exposure = automatic_exposure(view.crop_margin(view.all_in_focus()), noisy=view.noise > 0)
+    stretched = replace(view, inverse_depth=depths[0] + (depths[1] - depths[0]) * share)
+    return stretched.with_light(exposure * view.radiance)
 
 
 def _check_sampling(view: View, optics: Optics, name: str) -> None:
@@ -373,7 +370,7 @@ def in_colours(view: View) -> View:
     share = (PAPER_COLOURS - bands[upper - 1]) / (bands[upper] - bands[upper - 1])
     share = share.to(view.radiance)[:, None]
     radiance = view.radiance[upper - 1] * (1 - share) + view.radiance[upper] * share
-    return replace(view, radiance=radiance, wavelengths=PAPER_COLOURS.clone())
+    return view.with_light(radiance, PAPER_COLOURS.clone())
 
 
 def _camera(camera: Camera, bands: str) -> Camera:

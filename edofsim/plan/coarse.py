@@ -119,6 +119,7 @@ def coarser(view: View, times: int) -> View:
         coverage=sums(view.coverage),
         inverse_depth=view.inverse_depth[first],
         radiance=sums(view.radiance),
+        half_difference=None,
         hidden=view.hidden[first],
         pixel_angle=view.pixel_angle * times,
     )

@@ -206,7 +206,7 @@ def facts_of(
         response=response,
         spectrum=spectrum,
         ideal=ideal,
-        exposure=automatic_exposure(ideal) if wanted == "auto" else float(wanted),
+        exposure=automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted),
         ends=(float(depth.min()), float(depth.max())),
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
         hides=hidden,

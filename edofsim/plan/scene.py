@@ -221,7 +221,7 @@ def _difference(view: View, whole: View, camera: Camera) -> Tensor:
     weights = channel_weights(camera, whole.wavelengths).to(whole.radiance)
     ideal = all_in_focus(whole, weights)
     other = all_in_focus(view, weights)
-    exposure = automatic_exposure(whole.crop_margin(ideal))
+    exposure = automatic_exposure(whole.crop_margin(ideal), noisy=whole.noise > 0)
     return whole.crop_margin(other - ideal).double() * exposure
 
 

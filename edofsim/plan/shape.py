@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
@@ -106,7 +106,7 @@ def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) 
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
-    dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
+    dark = view.with_light(view.radiance[:0], view.wavelengths[:0])
     hiding = torch.zeros(view.padded_shape, dtype=torch.bool).flatten()
     hiding[view.pixel[hidden.front]] = True
     return Shape(

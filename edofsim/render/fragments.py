@@ -18,7 +18,7 @@ class Fragments:
     """A view's fragments before any photo is taken of them. Fields and order are those of `View`.
 
     pixel: int64 [fragment]; coverage, inverse_depth: float32 [fragment]; radiance: float32 [band, fragment];
-    hidden: bool [fragment]; wavelengths: float64 [band], metres.
+    hidden: bool [fragment]; wavelengths: float64 [band], metres; half_difference: float32 [band, fragment].
     """
 
     height: int
@@ -33,13 +33,14 @@ class Fragments:
     pixel_angle: float
     noise: float = 0.0
     metadata: Json = field(default_factory=dict)
+    half_difference: np.ndarray | None = None
 
     @classmethod
     def of(cls, view: View) -> Fragments:
         """Those of a view, which stays where it is; they share its memory where that is the processor's."""
         held = {each.name: getattr(view, each.name) for each in fields(cls)}
-        arrays = ("pixel", "coverage", "inverse_depth", "radiance", "hidden", "wavelengths")
-        return cls(**held | {name: held[name].detach().cpu().numpy() for name in arrays})
+        tensors = {name: value for name, value in held.items() if hasattr(value, "detach")}
+        return cls(**held | {name: value.detach().cpu().numpy() for name, value in tensors.items()})
 
     def view(self) -> View:
         """The view, which shares their memory. Raises InputError as `View` does."""
@@ -60,6 +61,7 @@ class Fragments:
             pixel_angle=self.pixel_angle,
             noise=self.noise,
             metadata=self.metadata,
+            half_difference=None if self.half_difference is None else torch.from_numpy(self.half_difference),
         )
 
     @property

@@ -13,7 +13,7 @@ from ..core.files import write_bytes
 from ..core.json_values import Json
 from .passes import LAUNCH_BYTES, Group, Sums
 
-MAGIC = b"edofsim-sums-2\n"
+MAGIC = b"edofsim-sums-3\n"
 
 
 def save_partial(path: Path, sums: Sums) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from .depths import DepthSurvey
 from .settings import RenderSettings
 
-LAUNCH_BYTES = 1 << 29
+LAUNCH_BYTES = 1 << 26
 """Radiance of one launch in the engine's memory."""
 
 MOST_SAMPLES = 1 << 16
@@ -96,20 +96,23 @@ def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int
 
 @dataclass
 class Sums:
-    """What came in. radiance: float64 [band, slot]; count, inverse_depth: float64 [slot]; first, second:
-    float64 [pixel of layer 0], of each full pass's band mean and of its square; launches, passes: done;
-    samples: a pixel, of passes done; broken: samples that were not finite and count as black; seconds: of all
-    launches; last_pass: likewise of the last pass, whose kernels are compiled; adding: of it, for adding up
-    on the host."""
+    """What came in. radiance: float64 [band, slot]; count, inverse_depth: float64 [slot]; half: float32
+    [band, slot], the radiance of every second pass alone; first, second: float64 [pixel of layer 0], of each
+    full pass's band mean and of its square; launches, passes: done; samples: a pixel, of passes done;
+    half_samples: of every second pass; broken: samples that were not finite and count as black; seconds: of
+    all launches; last_pass: likewise of the last pass, whose kernels are compiled; adding: of it, for adding
+    up on the host."""
 
     radiance: np.ndarray
     count: np.ndarray
     inverse_depth: np.ndarray
+    half: np.ndarray
     first: np.ndarray
     second: np.ndarray
     launches: int = 0
     passes: int = 0
     samples: int = 0
+    half_samples: int = 0
     broken: int = 0
     seconds: float = 0.0
     last_pass: float = 0.0
@@ -120,17 +123,18 @@ class Sums:
         """Nothing yet."""
         slots = sum(group.slots for group in groups)
         seen = sum(len(group.pixels) for group in groups if group.layer == 0)
-        return cls(np.zeros((bands, slots)), np.zeros(slots), np.zeros(slots), np.zeros(seen), np.zeros(seen))
+        sums = (np.zeros((bands, slots)), np.zeros(slots), np.zeros(slots))
+        return cls(*sums, np.zeros((bands, slots), np.float32), np.zeros(seen), np.zeros(seen))
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The sums themselves, by name."""
-        return {
-            name: getattr(self, name) for name in ("radiance", "count", "inverse_depth", "first", "second")
-        }
+        names = ("radiance", "count", "inverse_depth", "half", "first", "second")
+        return {name: getattr(self, name) for name in names}
 
     def counters(self) -> dict[str, float]:
         """How far they are, by name."""
-        return {name: getattr(self, name) for name in ("launches", "passes", "samples", "broken", "seconds")}
+        names = ("launches", "passes", "samples", "half_samples", "broken", "seconds")
+        return {name: getattr(self, name) for name in names}
 
     def add(self, launch: Launch, groups: tuple[Group, ...], result: LaunchResult) -> None:
         """Take in one launch."""
@@ -141,6 +145,8 @@ class Sums:
             self.radiance[:, where] += result.radiance[surface]
             self.count[where] += result.count[surface]
             self.inverse_depth[where] += result.inverse_depth[surface]
+            if launch.number % 2:
+                self.half[:, where] += result.radiance[surface]
         if group.layer == 0:
             # Groups of layer 0 come first and one after the other.
             before = sum(len(other.pixels) for other in groups[: launch.group])
@@ -151,6 +157,30 @@ class Sums:
             self.second[before + launch.start : before + launch.stop] += mean**2
         self.broken += result.broken
         self.launches += 1
+
+    def finished(self, number: int, samples: int) -> None:
+        """All launches of a pass are in."""
+        self.passes += 1
+        self.samples += samples
+        self.half_samples += samples * (number % 2)
+
+    def half_difference(self, slots: np.ndarray) -> np.ndarray | None:
+        """What the radiance of slots (int64 [slot]) is off by chance, as far as two independent halves of the
+        samples tell: float32 [band, slot]; None where there is one pass alone.
+
+        The halves are every second pass and the rest. Half of their difference has the variance of their
+        mean; of halves of n and m samples it is sqrt(n m) / (n + m) of it, where variance falls as 1 /
+        samples.
+        """
+        second, first = self.half_samples, self.samples - self.half_samples
+        if not second or not first:
+            return None
+        share = np.sqrt(first * second) / self.samples
+        out = np.empty((len(self.radiance), len(slots)), np.float32)
+        for total, half, row in zip(self.radiance, self.half, out, strict=True):
+            odd = half[slots].astype(np.float64)
+            row[:] = share * ((total[slots] - odd) / first - odd / second)
+        return out
 
     def noise(self) -> float:
         """Relative standard error of the band mean: root mean square over pixels, over the image's mean.

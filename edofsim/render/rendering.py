@@ -215,8 +215,7 @@ def take_samples(
                     saved = now
             before += len(launches)
             if sums.passes == number:
-                sums.passes += 1
-                sums.samples += size
+                sums.finished(number, size)
                 sums.last_pass, sums.adding = sums.seconds - spent, adding
             if sums.passes == number + 1 and _good_enough(sums, settings):
                 break
@@ -287,4 +286,5 @@ def assemble(
         pixel_angle=settings.pixel_angle,
         noise=sums.noise(),
         metadata=metadata,
+        half_difference=sums.half_difference(slot),
     )

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from ..recipe.scene import SceneRecipe
 
-INTEGRATOR = 3
-"""Version of what turns a scene into numbers. Raised whenever the same recipe would give other pixels."""
+INTEGRATOR = 4
+"""Version of what turns a scene into numbers. Raised whenever the same recipe would give another view."""
 
 SURVEY_SAMPLES = 64
 """At most so many samples a pixel tell the depths that it sees."""

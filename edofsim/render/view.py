@@ -41,6 +41,10 @@ class View:
     wavelengths: float64 [band], metres
     pixel_angle: tangent of the angle that one pixel sees, on the axis
     noise: estimated relative standard error of the band mean over the image; 0 if not from sampling
+    half_difference: [band, fragment], half of what two independent halves of the samples differ by in
+    radiance:
+        noise of the same kind as that of radiance, and independent of it. None where it is not known, or
+        where there is none (noise is 0 then).
     """
 
     height: int
@@ -55,12 +59,14 @@ class View:
     pixel_angle: float
     noise: float = 0.0
     metadata: Json = field(default_factory=dict)
+    half_difference: Tensor | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for shapes that do not fit each other; values are checked before a photo."""
         count, bands = self.pixel.numel(), self.wavelengths.numel()
         wanted = dict.fromkeys(("pixel", "coverage", "inverse_depth", "hidden"), (count,))
         wanted |= {"wavelengths": (bands,), "radiance": (bands, count)}
+        wanted |= {} if self.half_difference is None else {"half_difference": (bands, count)}
         problems = [
             f"a view of {count} fragments and {bands} bands needs {name} of shape {list(shape)}, not "
             f"{list(getattr(self, name).shape)}; View.flat makes one of images"
@@ -230,7 +236,14 @@ class View:
             coverage=self.coverage.to(device, dtype),
             inverse_depth=self.inverse_depth.to(device, dtype),
             radiance=self.radiance.to(device, dtype),
+            half_difference=None if self.half_difference is None else self.half_difference.to(device, dtype),
         )
+
+    def with_light(self, radiance: Tensor, wavelengths: Tensor | None = None) -> View:
+        """The same surfaces with other light [band, fragment], whose noise is not known; wavelengths: [band]
+        in metres, None for those of before."""
+        wavelengths = self.wavelengths if wavelengths is None else wavelengths
+        return replace(self, radiance=radiance, wavelengths=wavelengths, half_difference=None)
 
     def crop_margin(self, image: Tensor) -> Tensor:
         """Cut the margin off an image of the padded frame: [..., y, x] to [..., height, width]."""

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.bands import merged_bands
+from ..capture.noise import NoiseState
 from ..core.shipped import typed_as
 from ..errors import InputError
 from ..optics import Camera
@@ -22,6 +23,7 @@ from ..optics.threads import in_threads
 from ..plan import Plan, overall
 from ..record import machine, versions
 from ..render.view import View
+from ..restore.truth import SAID
 from .model import ImageScore, PlanRow, Psfs, RunReport
 from .plot import Plot
 from .run_page import write_report
@@ -86,7 +88,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         facts=_facts(result),
         versions=versions(),
         machine=machine(),
-        notes=_notes(result.view.metadata),
+        notes=_notes(result.view.metadata, result.noise_state),
         restored_label=f"Restored ({result.restored_by.partition(',')[0]})",
     )
     return write_report(path, report)
@@ -152,10 +154,11 @@ def _relief(camera: Camera) -> tuple[Tensor | None, float | None]:
     return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
 
 
-def _notes(metadata: Mapping[str, object]) -> tuple[str, ...]:
-    """What was guessed where the view does not know."""
+def _notes(metadata: Mapping[str, object], noise: NoiseState) -> tuple[str, ...]:
+    """What was guessed where the view does not know, and noise that is in the scores."""
     guesses = {"holes filled": "Holes of the depth map", "beyond the border": "Beyond the border"}
-    return tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))
+    known = tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))
+    return (*known, f"Scores: {SAID[noise]}.") if noise == "included" else known
 
 
 def _facts(result: Run) -> dict[str, str]:

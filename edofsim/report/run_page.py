@@ -101,7 +101,7 @@ def _head(report: RunReport) -> tuple[Block, ...]:
             report.label(name),
             number(score.whole.psnr_db),
             "dB",
-            f"SSIM {number(score.whole.ssim, 3)}",
+            f"{_uncertain(score.whole)}SSIM {number(score.whole.ssim, 3)}",
             strong=name == "restored",
         )
         for name, score in report.scores.items()
@@ -113,6 +113,11 @@ def _head(report: RunReport) -> tuple[Block, ...]:
         *((Text(sentence),) if sentence else ()),
         *((Notes(notes),) if notes else ()),
     )
+
+
+def _uncertain(score: Score) -> str:
+    """The standard error of a PSNR, where it has one that two decimals show."""
+    return f"± {number(score.psnr_db_se, 2)} dB, " if score.psnr_db_se >= 0.005 else ""
 
 
 def _broken(report: RunReport) -> list[str]:

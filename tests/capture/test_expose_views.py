@@ -12,6 +12,7 @@ from edofsim.capture import Fidelity, capture, light
 from edofsim.capture.checks import check_pixel_angle, check_view, check_window
 from edofsim.capture.crop import crop, with_margin
 from edofsim.capture.kernels import DEFOCUS_STEP, StreamedKernels, depth_nodes
+from edofsim.capture.noise import photographed_noise
 from edofsim.capture.photograph import depths_of
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
@@ -275,3 +276,36 @@ def test_blur_of_a_part_of_the_frame_is_that_of_all_of_it(monkeypatch):
         whole = capture(view, camera, how, exposure=1.0, dtype=torch.float64).clean
         assert not parts
         assert (cut - whole).abs().max() < 1e-9
+
+
+def test_noise_is_photographed_as_light_is(bench):
+    """Photos of both halves differ by twice what `photographed_noise` finds, where nothing hides anything."""
+    camera = Camera.from_recipe(CameraRecipe(name="paper"))
+    light = bench.texture(5, 48, 56)
+    view = bench.flat_view(light, 0.9, 8, camera.pixel_angle)
+    noise = 0.05 * light * torch.randn(light.shape, generator=torch.Generator().manual_seed(2))
+    view = replace(view, noise=0.05, half_difference=noise.flatten(1))
+    fidelity = Fidelity(window_px=33, read_noise=False)
+    photo = capture(view, camera, fidelity)
+    found = photographed_noise(view, camera, fidelity, photo)
+    ends = [capture(view.with_light(view.radiance + s * view.half_difference), camera, fidelity,
+                    exposure=photo.exposure) for s in (1, -1)]  # fmt: skip
+    assert found.state == "taken out"
+    for name, mine in (("clean", found.image), ("ideal", found.ideal)):
+        expected = (getattr(ends[0], name) - getattr(ends[1], name)) / 2
+        assert float((mine - expected).square().mean().sqrt() / expected.square().mean().sqrt()) < 1e-3
+    assert (
+        photographed_noise(replace(view, half_difference=None), camera, fidelity, photo).state == "included"
+    )
+    assert photographed_noise(bench.flat_view(light, 0.9, 8), camera, fidelity, photo).state == "none"
+
+
+def test_noise_does_not_move_the_exposure(bench):
+    """Noise of 10 % raises the percentile of single pixels by several times what it does to the meter's."""
+    camera = Camera.from_recipe(CameraRecipe(name="paper"))
+    smooth = torch.linspace(0.2, 1, 160).expand(5, 160, 160)
+    noisy = smooth * (1 + 0.1 * torch.randn((1, 160, 160), generator=torch.Generator().manual_seed(3)))
+    views = [bench.flat_view(light, 0.9, 16, camera.pixel_angle) for light in (smooth, noisy)]
+    exact, single = (capture(view, camera, Fidelity(window_px=33)).exposure for view in views)
+    metered = [capture(replace(view, noise=0.1), camera, Fidelity(window_px=33)).exposure for view in views]
+    assert abs(metered[1] / metered[0] - 1) < 0.03 < 0.06 < 1 - single / exact

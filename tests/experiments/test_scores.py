@@ -40,7 +40,7 @@ def test_depth_ranges_share_out_all_pixels_and_infinity_belongs_to_the_last():
     inverse_depth = torch.zeros(60, 80)
     inverse_depth[:, :40] = 2.0
     inverse_depth[:, 40:60] = 1.0
-    whole, scores = score_by_depth(image, truth, inverse_depth)
+    whole, scores = score_by_depth(image, truth, "none", inverse_depth)
     assert whole == score(image, truth)
     assert [(s.near_m, s.far_m, s.score.pixels) for s in scores] == [
         (0.0, 0.6, 2400),

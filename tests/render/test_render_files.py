@@ -8,7 +8,7 @@ import json
 import multiprocessing
 import os
 import shutil
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import OpenEXR
@@ -50,6 +50,28 @@ def made_view(scale=1.0, seed=0):
         noise=0.03,
         metadata={"hidden": "behind 16.7 % of the pixels", "samples": 4, "run": {"seconds": 1.5}},
     )
+
+
+def test_noise_comes_back_with_its_variance(tmp_path):
+    """Two bits of mantissa: each value to an eighth, whatever its level, and so little of the power. A file
+    without noise reads as before."""
+    rng = np.random.default_rng(4)
+    view = made_view()
+    for level in (1e-6, 1e-2, 1e3):
+        noise = torch.tensor(level * rng.normal(size=(3, view.pixel.numel())), dtype=torch.float32)
+        stored = write_view(tmp_path / "noise.exr", Fragments.of(replace(view, half_difference=noise)))
+        found = read_view(tmp_path / "noise.exr")
+        assert np.array_equal(found.half_difference, stored().half_difference)
+        off = found.half_difference / noise.numpy() - 1
+        assert np.abs(off).max() < 0.126 and np.abs(off).max() > 0.01
+        assert float((found.half_difference**2).mean() / (noise**2).mean()) == pytest.approx(1, abs=0.06)
+        assert np.array_equal(found.radiance, read_plain(tmp_path, view).radiance)
+    assert read_plain(tmp_path, view).half_difference is None
+
+
+def read_plain(folder, view):
+    write_view(folder / "plain.exr", Fragments.of(view))
+    return read_view(folder / "plain.exr")
 
 
 def recipe(**more):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -144,6 +145,26 @@ def test_estimated_noise_is_the_true_noise(mi, make):
         true.append(float(error.square().mean().sqrt() / truth.mean()))
         estimated.append(view.noise)
     assert np.mean(estimated) == pytest.approx(np.sqrt(np.mean(np.square(true))), rel=0.15)
+
+
+@pytest.mark.parametrize("samples", [32, 24])
+def test_half_differences_are_as_the_views_own_noise(mi, make, samples):
+    """Over seeds: the variance of radiance, in every band, and independent of the noise itself. Of 24 samples
+    the passes are not alike (8, 8, 8): one half is twice as large as the other."""
+    settings = make.settings(16, 12, angle=0.01, samples=samples, hidden=False)
+    views = [render_model(scene(make), replace(settings, seed=seed)).view() for seed in range(12)]
+    light = torch.stack([view.all_in_focus() for view in views]).double()
+    halves = torch.stack([view.with_light(view.half_difference).all_in_focus() for view in views]).double()
+    errors = light - light.mean(0)
+    variance = errors.square().sum(0).mean((1, 2)) / (len(views) - 1)
+    assert torch.allclose(halves.square().mean((0, 2, 3)), variance, rtol=0.15)
+    for each in ((errors * halves).mean((1, 2, 3)), halves.mean((1, 2, 3))):
+        assert abs(float(each.mean() / each.std())) < 4 / math.sqrt(len(views))
+
+
+def test_one_pass_has_no_halves(mi, make):
+    settings = make.settings(8, 6, angle=0.01, samples=1, hidden=False)
+    assert render_model(scene(make), settings).half_difference is None
 
 
 def test_many_views(tmp_path):

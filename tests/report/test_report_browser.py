@@ -88,7 +88,7 @@ def long_report() -> RunReport:
     ideal = torch.rand(3, 60, 80, generator=random)
     depth = torch.linspace(0, 2, 60)[:, None].expand(60, 80).contiguous()
     photo = ideal + 0.05 * torch.randn(ideal.shape, generator=random)
-    scored = ImageScore(*score_by_depth(photo, ideal, depth))
+    scored = ImageScore(*score_by_depth(photo, ideal, "none", depth))
     depths = tuple(0.5 + 0.2 * i for i in range(12))
     return RunReport(
         title="a-scene-with-a-name-that-is-as-long-as-a-recipe-allows-it-to-be-0123",

@@ -81,7 +81,7 @@ BARE = {"psfs": None, "mtfs": None, "height_m": None, "mask_width_m": None}  # q
 
 
 def image_score(image: torch.Tensor, ideal: torch.Tensor, depth: torch.Tensor) -> ImageScore:
-    return ImageScore(*score_by_depth(image, ideal, depth))
+    return ImageScore(*score_by_depth(image, ideal, "none", depth))
 
 
 def report(rows: int = 96, columns: int = 128, **changes) -> RunReport:

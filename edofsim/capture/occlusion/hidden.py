@@ -14,7 +14,7 @@ The products know averages over the pupil alone; `sub_apertures` tells what that
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import torch
@@ -79,7 +79,7 @@ def layout_of(view: View, gap: float, reach: int) -> Layout:
     in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are alike only
     where their layout is.
     """
-    dark = replace(view, radiance=view.radiance[:0], wavelengths=view.wavelengths[:0])
+    dark = view.with_light(view.radiance[:0], view.wavelengths[:0])
     hidden = hides(dark, gap)
     edges = torch.unique(dark.pixel[hidden.front])
     if not edges.numel():

@@ -1,0 +1,69 @@
+"""What images are scored against, in one place: the ideal image of a photo, and what noise both have in
+common.
+
+A photo and the ideal image are made of the same samples, so that what restores the photo restores some of the
+ideal image's noise. How much is found by restoring the photo once more, with that noise added to it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..capture.noise import NoiseState, PhotoNoise
+from .scores import Noise, Score, TruthNoise
+
+SAID: dict[NoiseState, str] = {
+    "none": "the ideal image has no noise: it is not rendered",
+    "taken out": "scores are without the noise of the rendering",
+    "included": "the view does not tell its noise, which counts as an error here: render it again",
+}
+Restores = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """ideal: [channel, y, x], full scale 1, not clipped; noise: of the photo that it is the ideal image
+    of."""
+
+    ideal: Tensor
+    noise: PhotoNoise = PhotoNoise()
+
+    def restored_noise(self, photo: Tensor, restored: Tensor, restores: Restores) -> Tensor | None:
+        """What noise is left in an image that was restored from a photo, [channel, y, x] each; None where
+        none is known. restores: what did it."""
+        if self.noise.image is None:
+            return None
+        with torch.no_grad():
+            return restores(photo + self.noise.image) - restored
+
+    def compared(self, image: Tensor, noise: Tensor | None) -> tuple[Tensor, Tensor, TruthNoise]:
+        """What `score_parts` and `score_by_depth` compare: an image [channel, y, x], the truth, and their
+        noise. noise: what is left of it in the image, as of `restored_noise`; of the photo,
+        `PhotoNoise.image`."""
+        if self.noise.ideal is None or noise is None:
+            return image, self.ideal, "none" if self.noise.state == "none" else "included"
+        return image, self.ideal, Noise(self.noise.ideal, noise)
+
+
+def noise_said(state: NoiseState, figures: Mapping[str, float]) -> str:
+    """What became of the noise of the rendering in the figures of a run, in a sentence."""
+    if state != "taken out":
+        return SAID[state]
+    error = figures["psnr_db_se.restored"]
+    said = f"{SAID[state]}; standard error of the restored image's {error:.2g} dB"
+    wanted = figures.get("samples_for_0.05_db")
+    return said if wanted is None or error <= 0.05 else f"{said}, 0.05 dB with {wanted:.0f} samples a pixel"
+
+
+def samples_for(score: Score, samples: int, wanted_db: float = 0.05) -> int | None:
+    """Samples a pixel with which the standard error of a PSNR is at most `wanted_db`, no fewer than those
+    that it was found with; it falls with their square root at least. None where no noise is known."""
+    uncertain = score.psnr_db_se
+    if not 0 < uncertain < math.inf:
+        return None
+    return max(samples, math.ceil(samples * (uncertain / wanted_db) ** 2 - 1e-9))
