@@ -28,7 +28,7 @@ from .render import render
 from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
-from .restore.choice import any_camera_network, choose_network, depths_between, restoring
+from .restore.choice import any_camera_network, choose_network, restoring
 
 NEAREST = 0.5
 """Metres: depths of a photo that is restored without being told any, from here to infinity."""
@@ -234,7 +234,7 @@ def restored(
     bands = torch.as_tensor(Bands().wavelengths() if wavelengths is None else wavelengths)
     checkpoint = _checkpoint(camera, network)
     truncated = photo.truncated if isinstance(photo, Photo) else None
-    between = depths_between(1 / far, 1 / near)
+    between = torch.tensor([1 / far, 1 / near], dtype=torch.float64)
     sharp, _ = restore(image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated)
     return sharp
 

@@ -18,6 +18,7 @@ from .capture.framing import framed, seen_through
 from .capture.noise import NoiseState, photographed_noise
 from .core.progress import Progress
 from .optics import Camera
+from .optics.nodes import nodes_between
 from .optics.threads import in_threads
 from .plan import (
     Facts,
@@ -40,7 +41,7 @@ from .render import cached, render
 from .render.view import View
 from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
-from .restore.choice import choose_network, depths_between, restoring
+from .restore.choice import choose_network, restoring
 from .restore.gains import gain_figures, gains
 from .restore.scores import DepthScore, Score, score_by_depth
 from .restore.truth import Truth, samples_for
@@ -52,8 +53,8 @@ class Run:
 
     wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
     `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
-    from far to near, that stand for the scene; plan_lens_alone: of the photo through the lens alone, to the
-    same accuracy; gains: of the restored image in dB, see `restore.gains`.
+    from far to near, that stand for the scene (`nodes_between`); plan_lens_alone: of the photo through the
+    lens alone, to the same accuracy; gains: of the restored image in dB, see `restore.gains`.
     """
 
     scene: Loaded[SceneRecipe]
@@ -165,8 +166,9 @@ def run(
             else capture(view, alone, plan_alone.fidelity, seed=seed, device=compute, exposure=photo.exposure)
         )
     with watch.stage("psfs", 0.92, 0.93):
-        depths = depths_between(view.inverse_depth.min(), view.inverse_depth.max())
-        psfs = channel_psfs(simpler_camera(optics, plan.fidelity), view.wavelengths, depths)
+        simpler = simpler_camera(optics, plan.fidelity)
+        depths = nodes_between(simpler, view.wavelengths, *view.inverse_depth.aminmax())
+        psfs = channel_psfs(simpler, view.wavelengths, depths)
 
     def by_network(image: Tensor) -> tuple[Tensor, str]:
         how = {"checkpoint": checkpoint, "psfs": psfs, "truncated": photo.truncated}

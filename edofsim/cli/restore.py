@@ -57,12 +57,12 @@ def restore(
         from ..capture.device import torch_device
         from ..recipe.scene import Bands
         from ..restore import restore
-        from ..restore.choice import choose_network, depths_between, said_of
+        from ..restore.choice import choose_network, said_of
 
         checkpoint, optics = choose_network(network, loaded)
         image = read_image(photo).to(torch_device(device.value))
         wavelengths = torch.from_numpy(Bands().wavelengths())
-        depths = depths_between(1 / far_m, 1 / near_m)
+        depths = torch.tensor([1 / far_m, 1 / near_m], dtype=torch.float64)
         progress(0.1, "restoring")
         started = time.perf_counter()
         restored, by = restore(image, optics, wavelengths, depths, checkpoint=checkpoint)

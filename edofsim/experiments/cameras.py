@@ -24,7 +24,8 @@ from .. import completion
 from ..capture.framing import framed
 from ..core.progress import Progress, part
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera, psf_bank
+from ..optics import PAPER_COLOURS, Camera
+from ..optics.nodes import node_shares
 from ..optics.sampling import plan_sampling
 from ..options import CacheOption, LimitOption, PicturesOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
@@ -49,7 +50,7 @@ from .photographs import Photographs, photographs
 from .planes import RANDOM, Condition, PictureScore, averages, measure, write_rows
 from .protocols import OURS, WAYS, System, of_three_lines, saturating, take
 from .scene3d import scored_version
-from .systems import NEAREST_PER_M, READ_NOISE, Contestant, filter_depths, filtered, paper_test
+from .systems import NEAREST_PER_M, READ_NOISE, Contestant, filtered, paper_test, standing_psfs
 
 SCENES = ("desk", "clutter")
 FARTHER = ("hallway",)
@@ -219,17 +220,17 @@ def _planes(
 ) -> tuple[dict[str, float], list[PictureScore]]:
     """Means over the pictures at random depths, by three lines of light, and the rows."""
     camera = of_three_lines(taker.camera)
-    between = filter_depths() * (taker.nearest_per_m / NEAREST_PER_M)
-    stack = psf_bank(camera, PAPER_COLOURS, between).values
+    nodes, stack = standing_psfs(camera, nearest_per_m=taker.nearest_per_m)
+    shares = node_shares(nodes)
     known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
-    about = checkpoint, replace(camera, read_noise=READ_NOISE), PAPER_COLOURS, between
+    about = checkpoint, replace(camera, read_noise=READ_NOISE), PAPER_COLOURS, nodes
     network = conditioned_on(*about)
 
     def restored(photo: Tensor, glare: Tensor) -> Tensor:
-        return for_any_camera(network, photo, stack, READ_NOISE, glare)
+        return for_any_camera(network, photo, stack, READ_NOISE, glare, shares)
 
     contestants = [
-        Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare), known),
+        Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare, nodes), known),
         Contestant(ANY, camera, restored, known + digest),
     ]
     if taker.own is not None:

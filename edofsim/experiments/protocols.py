@@ -43,7 +43,6 @@ HEIGHT_ERROR_M = 30e-9
 SAME_HEIGHT_M = 1e-12
 """Masks that differ by less are one: checkpoints hold one mask to different roundings."""
 LENS_ALONE = "lens_alone"
-FILTER_DEPTHS = 9
 LAYERS = 25
 """Depth nodes: on the shipped scenes photos are more than 60 dB from those of twice as many."""
 
@@ -142,7 +141,7 @@ def take(
     images = {"photo": photo.image}
     if system.checkpoint is not None:
         nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
-        depths = torch.linspace(farthest, nearest, 1 if nearest == farthest else FILTER_DEPTHS)
+        depths = torch.tensor([farthest, nearest], dtype=torch.float64)
         # how finely the mask is made, and so the glare that its making leaves, is known of a camera
         glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
         images["restored"], _ = restore(

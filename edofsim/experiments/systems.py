@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import torch
 from torch import Tensor
 
 from ..core.json_values import Json
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera, psf_bank
+from ..optics import PAPER_COLOURS, Camera
+from ..optics.nodes import node_shares, nodes_between
 from ..recipe.camera import CameraRecipe
 from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
@@ -30,10 +30,10 @@ from ..restore.light import without_glare
 from ..restore.network import apply_network
 from ..restore.restore import channel_psfs
 from ..restore.wiener import wiener
+from .protocols import of_three_lines
 
 READ_NOISE = 0.005
 NEAREST_PER_M = 2.0
-FILTER_DEPTHS = 9
 WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
 
 
@@ -93,12 +93,10 @@ def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contest
     if str(source) in WITHOUT_TRAINING:
         recipe = load_camera(source).recipe
         camera = Camera.from_recipe(recipe)
-        stack = (
-            colour_psfs(camera) if wavelengths is None else channel_psfs(camera, wavelengths, filter_depths())
-        )
+        nodes, stack = standing_psfs(camera, wavelengths)
         digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
         name = f"{source}+wiener"
-        return Contestant(name, camera, lambda photo, glare: filtered(photo, stack, glare), digest)
+        return Contestant(name, camera, lambda photo, glare: filtered(photo, stack, glare, nodes), digest)
     checkpoint = load_checkpoint(source)
     if checkpoint.network.any_camera:
         raise InputError(f"{source} is for any camera and has no mask; `edofsim evaluate cameras` judges it")
@@ -134,15 +132,15 @@ def fabrication_seed(seed: int) -> int:
     return seed % 2**31
 
 
-def colour_psfs(camera: Camera) -> Tensor:
-    """PSFs of the three colours over the depth range, [depth, 3, y, x], of the mask as designed: what a
-    filter knows."""
-    return psf_bank(camera, PAPER_COLOURS, filter_depths()).values
-
-
-def filter_depths() -> Tensor:
-    """Inverse depths in 1/m that a filter reckons with, float64."""
-    return torch.linspace(0, NEAREST_PER_M, FILTER_DEPTHS, dtype=torch.float64)
+def standing_psfs(
+    camera: Camera, wavelengths: Tensor | None = None, nearest_per_m: float = NEAREST_PER_M
+) -> tuple[Tensor, Tensor]:
+    """What a filter knows: inverse depths [depth] in 1/m from 0 to `nearest_per_m` (see `nodes_between`), and
+    PSFs [depth, 3, y, x] there, of the mask as designed. wavelengths: see `contestant`."""
+    bands = PAPER_COLOURS if wavelengths is None else wavelengths
+    seen = camera if wavelengths is not None else of_three_lines(camera)
+    nodes = nodes_between(seen, bands, 0.0, nearest_per_m)
+    return nodes, channel_psfs(seen, bands, nodes)
 
 
 def described(fabrication: Fabrication) -> str:
@@ -150,11 +148,12 @@ def described(fabrication: Fabrication) -> str:
     return json.dumps(fabrication.model_dump(mode="json"), sort_keys=True)
 
 
-def filtered(photo: Tensor, stack: Tensor, glare: Tensor) -> Tensor:
+def filtered(photo: Tensor, stack: Tensor, glare: Tensor, nodes: Tensor | None = None) -> Tensor:
     """A photo [3, y, x], of whose light the part `glare` [3] is veiling glare, after Wiener deconvolution by
-    PSFs [depth, 3, y, x], in [0, 1]."""
-    within = stack / stack.sum((-1, -2), keepdim=True)
-    return wiener(without_glare(photo, glare), within.to(photo), READ_NOISE).clamp(0, 1)
+    PSFs [depth, 3, y, x] at inverse depths `nodes` [depth] (None: all equally likely), in [0, 1]."""
+    within = (stack / stack.sum((-1, -2), keepdim=True)).to(photo)
+    shares = None if nodes is None else node_shares(nodes)
+    return wiener(without_glare(photo, glare), within, READ_NOISE, shares=shares).clamp(0, 1)
 
 
 def truncated_share(psf: Tensor) -> Tensor:

@@ -31,6 +31,8 @@ from .run_page import write_report
 if TYPE_CHECKING:
     from ..pipeline import Run
 
+SHOWN = 5
+"""Distances whose PSFs are shown."""
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
 QUICK = Fidelity(occlusion="normalised", layers=6, oversampling=1, read_noise=False, shot_noise=False)
@@ -46,8 +48,9 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     """
     camera = result.optics
     height, width = _relief(camera)
-    shown = slice(None, None, 2)  # of the depths from far to near
-    depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths.tolist()[shown][::-1])
+    count = len(result.psf_depths)  # nodes from far to near; the blur changes alike from one to the next
+    shown = torch.linspace(0, count - 1, min(count, SHOWN)).round().long()
+    depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths[shown].tolist()[::-1])
     scene, lens_alone = result.scene.recipe, result.lens_alone
     report = RunReport(
         title=scene.name,

@@ -78,12 +78,7 @@ def restoring(
 ) -> Callable[[Tensor, Tensor | None], Tensor]:
     """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`. wavelengths:
     [band]; inverse_depth: of all that the photo may show."""
-    depths = depths_between(*inverse_depth.aminmax())
+    ends = torch.stack(inverse_depth.double().cpu().aminmax())
     return lambda photo, truncated: restore(
-        photo, camera, wavelengths, depths, checkpoint=checkpoint, truncated=truncated
+        photo, camera, wavelengths, ends, checkpoint=checkpoint, truncated=truncated
     )[0]
-
-
-def depths_between(far: Tensor | float, near: Tensor | float, count: int = 9) -> Tensor:
-    """Inverse depths that stand for a scene, equally spaced over what it spans, [depth]."""
-    return torch.linspace(float(far), float(near), 1 if far == near else count)

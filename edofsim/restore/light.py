@@ -93,10 +93,12 @@ def _mean_of_world(photo: Tensor) -> Tensor:
     return photo
 
 
-def without_truncated(psf: Tensor, noise: float) -> tuple[Tensor, float]:
+def without_truncated(psf: Tensor, noise: float, shares: Tensor | None = None) -> tuple[Tensor, float]:
     """PSFs [depth, 3, y, x] and the noise of photos without what in the mean over the depths leaves their
-    window: what comes back evenly over a photo leaves the rest less contrast."""
-    kept = psf.sum((-1, -2)).mean(0)
+    window: what comes back evenly over a photo leaves the rest less contrast. shares: [depth], how much each
+    counts in the mean, None for all alike."""
+    kept = psf.sum((-1, -2))
+    kept = kept.mean(0) if shares is None else shares.to(kept) @ kept
     return psf / kept[:, None, None], noise / float(kept.mean())
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -15,13 +18,21 @@ Those alone leave lines on borders that bright things lie beyond. Farther out th
 the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
 
-def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | None = None) -> Tensor:
+def wiener(
+    image: Tensor,
+    psf: Tensor,
+    noise: float | Tensor,
+    beyond_px: int | None = None,
+    shares: Tensor | None = None,
+) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
     image: [.., channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
-    of several, equally likely; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
+    of several; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
     noise: standard deviation relative to full scale 1. beyond_px: pixels that the image is continued by
-    beyond its border, before its mirror images go on; None for `BEYOND_PX`. Returns the image's shape.
+    beyond its border, before its mirror images go on; None for `BEYOND_PX`. shares: [depth], how likely each
+    depth is, with the sum 1, see `optics.nodes.node_shares`; None where all are alike. Returns the image's
+    shape.
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
@@ -31,29 +42,110 @@ def wiener(image: Tensor, psf: Tensor, noise: float | Tensor, beyond_px: int | N
     Raises InputError where channels differ or the noise is negative.
     """
     stack = psf if psf.ndim == 4 else psf[None]
+    _check(image, stack, noise)
+    photo = _Continued.of(image, stack.shape[-2:], beyond_px)
+    mean, power = _transfer(stack, *photo.shape, shares)
+    return photo.filtered(mean.conj() / (power + _noise_to_signal(photo.spectrum, power, noise, photo.shape)))
+
+
+def wiener_by_depth(
+    image: Tensor,
+    psfs: Tensor,
+    inverse_depths: Tensor,
+    depth_map: Tensor,
+    noise: float | Tensor,
+    beyond_px: int | None = None,
+) -> Tensor:
+    """Wiener deconvolution where the depth of each pixel is known.
+
+    Each node of depth has a filter of its own, W = H* S / (|H|^2 S + N), and its image counts by the hat
+    weights of the pixels' depths between the nodes. One image is held at a time, however many nodes there
+    are; those that no pixel is near are left out. What a blur mixes at depth edges comes back as rings there.
+
+    image: [channel, y, x], linear.
+    psfs: [depth, channel, y, x] at the nodes; see `wiener`.
+    inverse_depths: of the nodes, [depth], 1/m, ascending, see `optics.nodes.nodes_between`.
+    depth_map: inverse depth of what each pixel shows, [y, x], 1/m; beyond the nodes the nearest one counts.
+    noise: standard deviation relative to full scale 1.
+    beyond_px: see `wiener`.
+
+    Returns [channel, y, x]. Raises InputError as `wiener`, and for depths that do not fit.
+    """
+    _check(image, psfs, noise)
+    nodes = inverse_depths.to(image.device, torch.float64)
+    if nodes.shape != psfs.shape[:1] or bool((nodes.diff() <= 0).any()):
+        raise InputError(
+            f"Wiener filter by depth: PSFs {list(psfs.shape)} and inverse depths {list(nodes.shape)} do not "
+            "fit; give one inverse depth for each, ascending"
+        )
+    if depth_map.shape != image.shape[-2:] or not bool(torch.isfinite(depth_map).all()):
+        raise InputError(
+            f"Wiener filter by depth: a depth map {list(depth_map.shape)} does not fit an image "
+            f"{list(image.shape)}; give one finite inverse depth a pixel"
+        )
+    place = _between(depth_map.to(nodes), nodes)
+    photo = _Continued.of(image, psfs.shape[-2:], beyond_px)
+    near = [float(_hat(place, node).mean()) for node in range(len(nodes))]
+    # the level of the scene's spectrum is that of the whole photo
+    power = _transfer(psfs, *photo.shape, torch.tensor(near))[1]
+    ratio = _noise_to_signal(photo.spectrum, power, noise, photo.shape)
+    found = torch.zeros_like(image)
+    for node, (psf, share) in enumerate(zip(psfs, near, strict=True)):
+        if share > 0:
+            transfer, power = _transfer(psf[None], *photo.shape)
+            found += _hat(place, node).to(image) * photo.filtered(transfer.conj() / (power + ratio))
+    return found
+
+
+def _between(depth_map: Tensor, nodes: Tensor) -> Tensor:
+    """Where each pixel lies among the nodes, a number from 0 to that of the last, [y, x]."""
+    if len(nodes) == 1:
+        return torch.zeros_like(depth_map)
+    last = torch.searchsorted(nodes, depth_map.contiguous()).clamp(1, len(nodes) - 1)
+    step = (depth_map - nodes[last - 1]) / (nodes[last] - nodes[last - 1])
+    return last - 1 + step.clamp(0, 1)
+
+
+def _hat(place: Tensor, node: int) -> Tensor:
+    return (1 - (place - node).abs()).clamp_min(0)
+
+
+def _check(image: Tensor, stack: Tensor, noise: float | Tensor) -> None:
     if stack.ndim != 4 or image.ndim < 3 or stack.shape[1] != image.shape[-3]:
         raise InputError(
-            f"Wiener filter: an image {list(image.shape)} and PSFs {list(psf.shape)} do not fit; "
+            f"Wiener filter: an image {list(image.shape)} and PSFs {list(stack.shape)} do not fit; "
             "give [channel, y, x] and [depth, channel, y, x] with the same channels"
         )
     if not noise >= 0:
         raise InputError(f"Wiener filter: noise must be at least 0, not {noise}")
-    beyond_px = BEYOND_PX if beyond_px is None else beyond_px
-    padded, (top, left) = _reflected(continued(image, beyond_px), max(stack.shape[-2:]))
-    top, left = top + beyond_px, left + beyond_px
-    rows, columns = padded.shape[-2:]
-    mean, power = _transfer(stack, rows, columns)
-    spectrum = torch.fft.rfft2(padded - _level(padded))
-    restored = spectrum * mean.conj() / (power + _noise_to_signal(spectrum, power, noise, (rows, columns)))
-    # the mean level passes whole: what leaves a PSF's window is veiling glare over all of the photo
-    filtered = torch.fft.irfft2(restored, s=(rows, columns)) + _level(padded)
-    # the PSFs' centre is not at their first pixel
-    top, left = top - stack.shape[-2] // 2, left - stack.shape[-1] // 2
-    return filtered[..., top : top + image.shape[-2], left : left + image.shape[-1]]
 
 
-def _level(image: Tensor) -> Tensor:
-    return image.mean((-2, -1), keepdim=True)
+@dataclass(frozen=True)
+class _Continued:
+    """A photo with what may lie beyond its border, as one period. spectrum: its transform without its mean
+    level [.., channel, 1, 1]; shape: of the period; cut: rows and columns of the photo in what is filtered.
+    """
+
+    spectrum: Tensor
+    level: Tensor
+    shape: tuple[int, int]
+    cut: tuple[slice, slice]
+
+    @classmethod
+    def of(cls, image: Tensor, psf_shape: Sequence[int], beyond_px: int | None) -> _Continued:
+        beyond_px = BEYOND_PX if beyond_px is None else beyond_px
+        padded, corner = _reflected(continued(image, beyond_px), max(psf_shape))
+        level = padded.mean((-2, -1), keepdim=True)
+        # the PSFs' centre is not at their first pixel
+        first = [start + beyond_px - size // 2 for start, size in zip(corner, psf_shape, strict=True)]
+        rows, columns = (slice(n, n + size) for n, size in zip(first, image.shape[-2:], strict=True))
+        shape = padded.shape[-2], padded.shape[-1]
+        return cls(torch.fft.rfft2(padded - level), level, shape, (rows, columns))
+
+    def filtered(self, transfer: Tensor) -> Tensor:
+        """The photo through a filter [channel, y, x // 2 + 1]. Its mean level passes whole: what leaves a
+        PSF's window is veiling glare over all of the photo."""
+        return (torch.fft.irfft2(self.spectrum * transfer, s=self.shape) + self.level)[..., *self.cut]
 
 
 def _reflected(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
@@ -66,18 +158,20 @@ def _reflected(image: Tensor, reach: int) -> tuple[Tensor, tuple[int, int]]:
     return image[..., y[:, None], x[None, :]], (top, left)
 
 
-def _transfer(stack: Tensor, rows: int, columns: int) -> tuple[Tensor, Tensor]:
+def _transfer(stack: Tensor, rows: int, columns: int, shares: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Means over the depths of PSFs [depth, channel, y, x]: of their transfer functions, about their first
-    pixel, and of the squares of these; both [channel, rows, columns // 2 + 1]. Depth by depth, as a stack of
-    transfer functions would not fit into a processor's cache."""
+    pixel, and of the squares of these; both [channel, rows, columns // 2 + 1]. shares: as in `wiener`. Depth
+    by depth, as a stack of transfer functions would not fit into a processor's cache."""
     shape = (stack.shape[1], rows, columns // 2 + 1)
     mean = torch.zeros(shape, dtype=torch.promote_types(stack.dtype, torch.complex64), device=stack.device)
     power = torch.zeros(shape, dtype=stack.dtype, device=stack.device)
-    for psf in stack:
-        transfer = torch.fft.fft(torch.fft.rfft(psf, columns), rows, dim=-2)
-        mean += transfer
-        power += transfer.real.square() + transfer.imag.square()
-    return mean / len(stack), power / len(stack)
+    weights, total = ([1.0] * len(stack), len(stack)) if shares is None else (shares.tolist(), 1)
+    for psf, weight in zip(stack, weights, strict=True):
+        if weight > 0:
+            transfer = torch.fft.fft(torch.fft.rfft(psf, columns), rows, dim=-2)
+            mean.add_(transfer, alpha=weight)
+            power.add_(transfer.real.square() + transfer.imag.square(), alpha=weight)
+    return mean / total, power / total
 
 
 def _noise_to_signal(

@@ -13,6 +13,7 @@ from edofsim.capture.planes import photograph, surroundings
 from edofsim.errors import InputError
 from edofsim.experiments.systems import contestant
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
+from edofsim.optics.nodes import node_shares, nodes_between
 from edofsim.recipe import load_camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import Loaded
@@ -259,9 +260,10 @@ def test_a_share_of_wiener_deconvolution_is_in_what_it_restores(checkpoint: Chec
     photo = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(4))
     camera = _camera()
     network = conditioned_on(checkpoint, camera, PAPER_COLOURS, DEPTHS)
-    psf = psf_bank(camera, PAPER_COLOURS, DEPTHS).values
+    nodes = nodes_between(camera, PAPER_COLOURS, *DEPTHS.aminmax())
+    psf, shares = psf_bank(camera, PAPER_COLOURS, nodes).values, node_shares(nodes)
     truncated = 1 - psf_bank(camera, PAPER_COLOURS, DEPTHS.mean()[None]).values[0].sum((-1, -2))
-    linear = deconvolved(without_glare(photo, truncated), psf, camera.read_noise).clamp(0, 1)
+    linear = deconvolved(without_glare(photo, truncated), psf, camera.read_noise, shares).clamp(0, 1)
     own = apply_network(network, photo, glare=truncated)
     expected = (1 - SHARES[0]) * own + SHARES[0] * linear
     sharp, _ = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
@@ -275,13 +277,14 @@ def test_psfs_that_are_known_are_not_made_again(
     photo, camera = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(4)), _camera()
     used, truncated = checkpoint if network else None, torch.zeros(3)
     own, by = restore(photo, camera, PAPER_COLOURS, DEPTHS, checkpoint=used, truncated=truncated)
-    psfs = channel_psfs(camera, PAPER_COLOURS, DEPTHS)
+    nodes = nodes_between(camera, PAPER_COLOURS, *DEPTHS.aminmax())
+    psfs = channel_psfs(camera, PAPER_COLOURS, nodes)
     monkeypatch.setattr(
         sys.modules[restore.__module__], "channel_psfs", lambda *told: pytest.fail("made again")
     )
     told = {"checkpoint": used, "truncated": truncated}
-    assert torch.equal(restore(photo, camera, PAPER_COLOURS, DEPTHS, psfs=psfs, **told)[0], own)
-    other = restore(photo, camera, PAPER_COLOURS, DEPTHS, psfs=psfs.roll(3, -1), **told)
+    assert torch.equal(restore(photo, camera, PAPER_COLOURS, nodes, psfs=psfs, **told)[0], own)
+    other = restore(photo, camera, PAPER_COLOURS, nodes, psfs=psfs.roll(3, -1), **told)
     assert other[1] == by and not torch.allclose(other[0], own, atol=1e-3)
 
 

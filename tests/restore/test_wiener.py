@@ -12,7 +12,7 @@ from skimage import data, restoration
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera
-from edofsim.restore import restore, wiener
+from edofsim.restore import restore, wiener, wiener_by_depth
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.restore import channel_psfs
 from edofsim.restore.scores import psnr
@@ -151,3 +151,57 @@ def test_a_photo_of_the_world_is_not_taken_for_mirrored_at_its_border(
             assert restored.shape == photo.shape
             errors[way] += float((restored - world[frame])[:, border].square().mean())
     assert errors["ours"] < 0.8 * errors["mirrored"]
+
+
+def test_of_one_depth_everywhere_the_filter_by_depth_is_that_of_its_psf():
+    image = photograph(96)
+    psfs = torch.stack([gaussian(0.7), gaussian(1.5), gaussian(3.0)])
+    nodes = torch.tensor([0.0, 0.5, 2.0])
+    photo = blurred(image, psfs[1])
+    depth = torch.full((96, 96), 0.5)
+    found = wiener_by_depth(photo, psfs, nodes, depth, 0.005)
+    torch.testing.assert_close(found, wiener(photo, psfs[1], 0.005), atol=1e-5, rtol=0)
+
+
+def test_between_two_nodes_both_filters_count_by_how_near_they_are():
+    """And beyond the last node that one alone. PSFs that only move the photo, each another way, pass all
+    frequencies alike: the noise is compared with the same signal in both."""
+    photo = photograph(64)
+    psfs, nodes = torch.zeros(2, 3, 9, 9), torch.tensor([0.5, 1.5])
+    psfs[0, :, 5, 4] = psfs[1, :, 4, 7] = 1
+    depth = torch.linspace(0.0, 2.0, 64).expand(64, 64)
+    share = ((depth - 0.5) / 1.0).clamp(0, 1)
+    first, last = (wiener(photo, psf, 0.01) for psf in psfs)
+    found = wiener_by_depth(photo, psfs, nodes, depth, 0.01)
+    torch.testing.assert_close(found, first.lerp(last, share), atol=1e-5, rtol=0)
+
+
+def test_known_depths_restore_more_than_unknown_ones():
+    """A picture whose left is blurred otherwise than its right: each part by its own filter."""
+    image, noise = photograph(), 0.005
+    psfs, nodes = torch.stack([gaussian(0.8), gaussian(3.0)]), torch.tensor([0.0, 2.0])
+    depth = torch.zeros(128, 128)
+    depth[:, 64:] = 2.0
+    photo = torch.where(depth == 0, blurred(image, psfs[0]), blurred(image, psfs[1]))
+    photo = photo + noise * torch.randn(photo.shape, generator=torch.Generator().manual_seed(2))
+    known = psnr(wiener_by_depth(photo, psfs, nodes, depth, noise), image)
+    assert known > psnr(wiener(photo, psfs, noise), image) + 0.5
+    turned = psnr(wiener_by_depth(photo, psfs, nodes, 2.0 - depth, noise), image)
+    assert turned < known - 3
+
+
+def test_shares_are_how_often_a_depth_is_there():
+    photo = photograph(64)
+    one, other = gaussian(1.0), gaussian(3.0)
+    shares = torch.tensor([0.75, 0.25])
+    expected = wiener(photo, torch.stack([one, one, one, other]), 0.01)
+    torch.testing.assert_close(wiener(photo, torch.stack([one, other]), 0.01, shares=shares), expected)
+
+
+@pytest.mark.parametrize(
+    "nodes, depth",
+    [([0.0], torch.zeros(8, 8)), ([1.0, 0.0], torch.zeros(8, 8)), ([0.0, 1.0], torch.zeros(8, 9))],
+)
+def test_depths_that_do_not_fit_are_refused(nodes: list[float], depth: torch.Tensor):
+    with pytest.raises(InputError, match="by depth"):
+        wiener_by_depth(torch.zeros(3, 8, 8), torch.zeros(2, 3, 5, 5), torch.tensor(nodes), depth, 0.01)

@@ -1,0 +1,110 @@
+"""Which inverse depths stand for a range: as many, and as close, as the camera's PSFs ask for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from .camera import Camera
+from .psf import axes_of, psf_bank
+from .sensor import response
+
+DIFFERENCE = 0.12
+"""Of photos at neighbouring nodes, see `nodes_between`."""
+MOST = 257
+"""Nodes, at most: each takes memory for its PSFs and time for their transforms."""
+PARTS = 4
+"""Equal parts of a range that are looked at first."""
+HALVINGS = 14
+"""Of a part, at most."""
+WIDEST_PX = 256
+"""PSFs in wider windows are compared in larger pixels: their transforms would take much memory."""
+
+
+def nodes_between(
+    camera: Camera,
+    wavelengths: Tensor | Sequence[float],
+    far: Tensor | float,
+    near: Tensor | float,
+    *,
+    difference: float = DIFFERENCE,
+    most: int = MOST,
+) -> Tensor:
+    """Inverse depths that stand for all between two, chosen by the camera.
+
+    The range is halved, and its halves again, until photos of one picture at both ends of a part and at its
+    middle differ by less than `difference`: in the root mean square, relative to the contrast of the picture,
+    whose power spectrum falls with the square of the frequency (Field, JOSA A 4, 1987), in the colour where
+    they differ most. So nodes are close where a lens is sharp, and far apart where a large blur becomes a
+    little larger; wide apertures and small pixels ask for many. A colour is looked at by the mean wavelength
+    of its response. Nothing else decides: the same camera has the same nodes everywhere.
+
+    Networks that were trained with a fixed number of PSFs keep theirs (`Restorer.psf_depths`).
+
+    camera: as it is simulated, with its mask.
+    wavelengths: [band], metres, of the light that the sensor adds up.
+    far, near: the least and the largest inverse depth, 1/m.
+    difference: of photos at neighbouring nodes.
+    most: nodes; where a camera asks for more, those parts that differ most are halved.
+
+    Returns float64 [node], 1/m, ascending from `far` to `near`; one where these are equal.
+    Raises InputError as `psf_bank`.
+    """
+    bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
+    colours, ends = axes_of(camera, response(camera, bands) @ bands, [float(far), float(near)])
+    if ends[0] == ends[1]:
+        return ends[:1]
+    if camera.height_map is not None:
+        camera = camera.with_height(camera.height_map.detach())
+    found = torch.linspace(float(ends[0]), float(ends[1]), PARTS + 1, dtype=torch.float64).tolist()
+    known = dict(zip(found, _transfer(camera, colours, found, ends), strict=True))
+    parts = list(zip(found[:-1], found[1:], strict=True))
+    for _ in range(HALVINGS):
+        middles = [(first + last) / 2 for first, last in parts]
+        known |= zip(middles, _transfer(camera, colours, middles, ends), strict=True)
+        apart = [
+            max(_apart(known[a], known[b]) for a, b in ((first, last), (first, middle), (middle, last)))
+            for (first, last), middle in zip(parts, middles, strict=True)
+        ]
+        wide = sorted((n for n, each in enumerate(apart) if each >= difference), key=lambda n: -apart[n])
+        wide = sorted(wide[: max(0, most - len(found))])
+        if not wide:
+            break
+        found += [middles[n] for n in wide]
+        parts = [half for n in wide for half in ((parts[n][0], middles[n]), (middles[n], parts[n][1]))]
+        known = {place: known[place] for part in parts for place in part}
+    return torch.tensor(sorted(found), dtype=torch.float64)
+
+
+def node_shares(nodes: Tensor) -> Tensor:
+    """What part of a range each of its nodes stands for, all inverse depths of it equally likely.
+
+    nodes: [node], 1/m, ascending. Returns float64 [node] with the sum 1: the trapezoidal rule's weights.
+    """
+    nodes = nodes.double().cpu()
+    if len(nodes) == 1:
+        return torch.ones_like(nodes)
+    gaps = functional.pad(nodes.diff(), (1, 1))
+    return (gaps[:-1] + gaps[1:]) / (2 * (nodes[-1] - nodes[0]))
+
+
+def _transfer(camera: Camera, colours: Tensor, places: Sequence[float], ends: Tensor) -> Tensor:
+    """Transfer functions [place, colour, y, x // 2 + 1] at inverse depths, each frequency by its share of the
+    contrast of a picture."""
+    # the ends with them: the pupil is sampled alike for all, as the whole range asks for
+    depths = torch.cat([ends, ends.new_tensor(places)])
+    psf = psf_bank(camera, colours, depths).values[2:]
+    psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
+    size = psf.shape[-1]
+    fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
+    spectrum = 1 / (fy.square() + fx.square())
+    spectrum[0, 0] = 0  # light is kept
+    return torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
+
+
+def _apart(one: Tensor, other: Tensor) -> float:
+    return float((one - other).abs().square().sum((-1, -2)).max().sqrt())
