@@ -16,6 +16,7 @@ from ..capture.prepare import blur_per_dioptre
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, psf_bank
+from ..optics.nodes import node_shares, nodes_between
 from ..optics.sampling import plan_sampling
 from ..recipe.train import CamerasTable, TrainRecipe
 from ..render.view import View
@@ -29,7 +30,6 @@ from .schedule import generator_of
 from .system import Captured, Optics
 
 DRAWN = 8  # purpose of random numbers
-FILTER_DEPTHS = 9  # that Wiener deconvolution reckons with
 LARGEST_PUPIL = 1400  # samples across: larger ones take too long
 TRUNCATED = 0.6  # cameras that throw more of the light out of the window are not trained with
 VALIDATION = 100_000  # number of the first camera for validation
@@ -67,12 +67,14 @@ class PooledOptics(Optics):
 
 @dataclass(frozen=True)
 class Pooled:
-    """A camera; known: what the network is told of it."""
+    """A camera; known: what the network is told of it; shares: [n], how much each of the n stored PSFs counts
+    for Wiener deconvolution."""
 
     name: str
     optics: PooledOptics
     read_noise: float
     known: Conditioning
+    shares: Tensor
 
     def tell(self, network: Restorer) -> None:
         assert isinstance(network, CameraBank)
@@ -86,9 +88,9 @@ class Pooled:
         photo = without_glare(photo, glare)
         if not network.sees_linear:
             return photo
-        stored = self.optics.stored
-        between = torch.linspace(0, len(stored) - 1, FILTER_DEPTHS).round().long()
-        linear = deconvolved(photo, stored[between].to(photo), self.read_noise)
+        some = self.shares > 0
+        psfs = self.optics.stored[some.to(self.optics.stored.device)].to(photo)
+        linear = deconvolved(photo, psfs, self.read_noise, self.shares[some])
         return torch.cat([photo, linear], 1)
 
 
@@ -153,7 +155,16 @@ def _pooled(
         recipe.capture.inverse_depth_per_m,
         blur_per_dioptre(drawn.camera) * (drawn.depths[1] - drawn.depths[0]),
     )
-    return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known)
+    return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known, _shares(drawn, len(depths)))
+
+
+def _shares(drawn: RandomCamera, parts: int) -> Tensor:
+    """How much each of so many equal parts of a camera's range counts for Wiener deconvolution: its nodes'
+    shares, [part]."""
+    low, high = drawn.depths
+    nodes = nodes_between(drawn.camera, PAPER_COLOURS, low, high)
+    place = ((nodes - low) / (high - low) * parts).long().clamp(0, parts - 1)
+    return torch.zeros(parts, dtype=torch.float64).index_add(0, place, node_shares(nodes))
 
 
 def _psfs(drawn: RandomCamera, window: int, inverse: Tensor) -> Tensor | None:

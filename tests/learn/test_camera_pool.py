@@ -224,7 +224,9 @@ def test_each_step_has_a_camera_whose_noise_and_filters_are_used() -> None:
 def test_the_network_sees_photos_without_glare_and_what_wiener_deconvolution_makes() -> None:
     """As in use: by the light that leaves the windows of the photo's own PSFs."""
     network = build_network("camera-bank", {**SMALL, "linear": True})
-    pooled = Pooled("one", _stored(), 0.01, CameraBank(**SMALL).condition(_stored().stored.float(), 0.01))
+    known = CameraBank(**SMALL).condition(_stored().stored.float(), 0.01)
+    shares = torch.tensor([0.2, 0.0, 0.3, 0.1, 0.4, 0.0])
+    pooled = Pooled("one", _stored(), 0.01, known, shares)
     radiance = torch.rand(2, 3, 47, 47)
     captured = Planes(radiance, torch.tensor([0.3, 1.5])).photograph(pooled.optics)
     seen = pooled.seen(network, captured.clean, captured)
@@ -232,8 +234,9 @@ def test_the_network_sees_photos_without_glare_and_what_wiener_deconvolution_mak
     for photo, psf, found in zip(captured.clean, captured.psf, seen, strict=True):
         light = without_glare(photo, 1 - psf.sum((-1, -2)))
         torch.testing.assert_close(found[:3], light)
-        between = pooled.optics.stored[torch.linspace(0, 5, 9).round().long()].float()
-        torch.testing.assert_close(found[3:], deconvolved(light, between, 0.01), atol=1e-4, rtol=0)
+        between = pooled.optics.stored[[0, 2, 3, 4]].float()
+        expected = deconvolved(light, between, 0.01, torch.tensor([0.2, 0.3, 0.1, 0.4]))
+        torch.testing.assert_close(found[3:], expected, atol=1e-4, rtol=0)
     alone = pooled.seen(build_network("camera-bank", SMALL), captured.clean, captured)
     assert torch.equal(alone, seen[:, :3])
 
@@ -246,6 +249,7 @@ def test_what_a_network_is_told_are_psfs_at_the_depths_of_use() -> None:
     pool = camera_pool(recipe, network, torch.device("cpu"), None)
     assert pool is not None and isinstance(network, CameraBank)
     pooled = pool.training[0]
+    assert float(pooled.shares.sum()) == pytest.approx(1) and bool((pooled.shares >= 0).all())
     even = network.condition(pooled.optics.stored.float(), pooled.read_noise)
     assert (pooled.known.filters - even.filters).abs().max() > 1e-3
 
