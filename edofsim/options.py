@@ -107,6 +107,16 @@ MethodOption = Annotated[
         autocompletion=completion.one_of("brute", "layered", "constant"),
     ),
 ]
+FidelityOption = Annotated[
+    str | None,
+    typer.Option(
+        "--fidelity",
+        metavar="FILE|preview|reference",
+        help="Simulate this, and plan nothing: the JSON of a run or a plan, TOML with a fidelity's fields, "
+        "or a preset: `preview` takes a moment, `reference` leaves nothing out.",
+        autocompletion=completion.one_of("preview", "reference"),
+    ),
+]
 AccuracyOption = Annotated[
     str | None,
     typer.Option(

@@ -8,14 +8,18 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
-from .capture import Photo, capture
+from .capture import Fidelity, Photo, capture
+from .capture.checks import check_fits
 from .capture.device import torch_device
 from .capture.fidelity import simpler_camera
+from .capture.fidelity_file import WHERE, read_fidelity
 from .capture.framing import framed, seen_through
 from .capture.noise import NoiseState, photographed_noise
+from .capture.presets import PRESETS, preset
 from .core.progress import Progress
 from .optics import Camera
 from .optics.nodes import nodes_between
@@ -110,6 +114,7 @@ def run(
     resample: bool = False,
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
+    fidelity: str | Path | None = None,
     seed: int = 0,
     device: str = "auto",
     progress: Progress | None = None,
@@ -120,8 +125,9 @@ def run(
 
     cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
     view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces
-    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. seed: of the
-    sensor's noise. device: auto, cpu or cuda.
+    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. fidelity: a
+    preset or a file that says what is simulated, in place of a plan. seed: of the sensor's noise.
+    device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch(progress)
@@ -137,6 +143,7 @@ def run(
         resample=resample,
         overrule=overrule,
         target=target,
+        fidelity=fidelity,
         checkpoint=checkpoint,
         cache=cache,
         device=device,
@@ -145,6 +152,8 @@ def run(
         plan_alone = (
             plan
             if bare
+            else _alone_as(plan.replayed, view, alone)
+            if plan.replayed
             else plan_photo(
                 view,
                 alone,
@@ -234,6 +243,7 @@ def planned_view(
     resample: bool = False,
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
+    fidelity: str | Path | None = None,
     checkpoint: Checkpoint | None = None,
     cache: Path | None = None,
     device: str = "auto",
@@ -244,10 +254,13 @@ def planned_view(
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, but for
     effects of rendering that the user leaves out; the photo is planned on it. Only where a time is asked for,
     rendering is planned as well, on a preview (stage `preview`), unless the view is in the cache: what can be
-    done in a time depends on the machine. checkpoint: the network that
-    restores the photo, None for Wiener deconvolution; a target of the restored image asks for it.
+    done in a time depends on the machine. checkpoint: the network that restores the photo, None for Wiener
+    deconvolution; a target of the restored image asks for it.
     """
     overrule, recipe = checked_overrule(overrule), framed(scene.recipe, camera, resample)
+    if fidelity is not None:
+        how = {"cache": cache, "device": device}
+        return _replayed_view(str(fidelity), recipe, scene.base, camera, watch, **how)
     rendered = recipe.source is None or recipe.source.rendered
     timed = target is not None and target.kind == "time"
     if rendered:
@@ -296,6 +309,40 @@ def as_accurate(plan: Plan, target: Target | None) -> Target:
         return target or Target()
     promised = plan.error_db if target.kind == "time" else plan.asked_db
     return Target("full") if promised is None or math.isinf(promised) else Target("db", db=promised)
+
+
+def _replayed_view(
+    given: str,
+    recipe: SceneRecipe,
+    base: Path,
+    camera: Camera,
+    watch: Stopwatch,
+    **how: Any,  # pyrefly: ignore[explicit-any]
+) -> tuple[View, Plan, Facts]:
+    """The view that a given fidelity asks for, that fidelity as a plan, and facts of the view. given: a name
+    of `PRESETS`, or a file. Raises InputError for a fidelity that does not fit."""
+    read = None if given in PRESETS else Fidelity.load(given)
+    if read is not None:
+        check_fits(read, camera, recipe)
+        recipe = simpler_recipe(recipe, read)
+    with watch.stage("render", 0.0, 0.6) as tell:
+        view = render(recipe, base, progress=tell, **how)
+        seen, view = seen_through(camera, recipe, view)
+    with watch.stage("plan", 0.6, 0.68):
+        chosen = read or preset(given, camera, view)
+        facts = facts_of(view, camera, recipe=seen)
+    return view, _as_given(chosen, given), facts
+
+
+def _alone_as(given: str, view: View, alone: Camera) -> Plan:
+    """The same through the lens alone: a run's file has its fidelity, others are taken for both."""
+    if given in PRESETS:
+        return _as_given(preset(given, alone, view), given)
+    return _as_given(read_fidelity(Path(given), Fidelity, ("fidelity_lens_alone", *WHERE)), given)
+
+
+def _as_given(fidelity: Fidelity, given: str) -> Plan:
+    return Plan((), fidelity, replayed=given, target=f"the fidelity of {given}")
 
 
 def figures(result: Run) -> dict[str, float]:

@@ -6,8 +6,10 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
+from ..optics import Camera
+from ..recipe import SceneRecipe
 from ..render.view import View
-from .fidelity import Fidelity
+from .fidelity import Fidelity, pupil_is_free
 from .methods import METHODS, unknown_method
 from .occlusion import OCCLUSIONS
 
@@ -23,6 +25,28 @@ def check_fidelity(fidelity: Fidelity) -> None:
         raise InputError(
             f"occlusion {fidelity.occlusion!r} is not known: choose one of {', '.join(OCCLUSIONS)}"
         )
+
+
+def check_fits(fidelity: Fidelity, camera: Camera, recipe: SceneRecipe | None = None) -> None:
+    """Refuse what a camera, or the rendering of a scene, would pass over: a fidelity that was made for
+    another. Raises InputError."""
+    window = camera.recipe.psf.window_px
+    problems = []
+    if (fidelity.window_px or 0) > window:
+        problems.append(f"window_px = {fidelity.window_px}, and the camera's PSFs have {window} pixels")
+    if fidelity.pupil_sampling_um is not None and not pupil_is_free(camera):
+        problems.append("pupil_sampling_um is given, and the camera's recipe or made mask says it already")
+    if fidelity.sub_apertures > 1 and fidelity.occlusion != "hidden":
+        problems.append(f"sub_apertures = {fidelity.sub_apertures} belong to occlusion = 'hidden' alone")
+    if recipe is not None:
+        most = {"samples": recipe.render.samples, "bounces": recipe.render.max_depth}
+        for name, there in most.items():
+            asked = getattr(fidelity, name)
+            if asked is not None and (recipe.source is not None or asked > there):
+                holds = "its light is read, not rendered" if recipe.source is not None else f"it has {there}"
+                problems.append(f"{name} = {asked} is more than the scene {recipe.name} gives: {holds}")
+    if problems:
+        raise InputError([f"the fidelity does not fit: {problem}" for problem in problems])
 
 
 def check_view(view: View) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
+from pathlib import Path
 from typing import TypeVar, cast
 
 import torch
@@ -18,6 +19,7 @@ from ..optics.sampling import sampled_alike
 from ..recipe import CameraRecipe, SceneRecipe
 from ..recipe.surfaces import GlassSurface
 from ..render.view import View
+from .fidelity_file import read_fidelity, write_fidelity
 from .prepare import blur_per_dioptre
 
 FULL_DB = 70.0
@@ -174,6 +176,16 @@ class Fidelity:
             added = cast(tuple[Simplification, ...], change["simplifications"])
             change["simplifications"] = (*self.simplifications, *added)
         return replace(self, **change)
+
+    def save(self, path: str | Path) -> Path:
+        """Write all fields as JSON. Returns the path; raises InputError where it cannot be written."""
+        return write_fidelity(Path(path), self)
+
+    @staticmethod
+    def load(path: str | Path) -> Fidelity:
+        """The fidelity of a file that `save`, `edofsim run --json` or `edofsim plan --json` wrote, or of TOML
+        with these fields. Raises InputError, naming every field, for what is no fidelity."""
+        return read_fidelity(Path(path), Fidelity)
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from ..render.view import View
 from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
 from .fidelity import Fidelity
+from .fidelity_file import values_of
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
@@ -109,6 +110,7 @@ def capture(
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
     truncated = torch.stack([fraction for _, fraction in glare])
     said = {
+        "fidelity": values_of(fidelity),
         "method": fidelity.method,
         "layers": int(axes.nodes.numel()),
         "occlusion": fidelity.occlusion,

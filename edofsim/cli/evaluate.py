@@ -133,7 +133,7 @@ def perform(
         seed=seed if isinstance(seed, int) else None,
         inputs={**given, **found.inputs},
         left_out=[*found.problems, *lost],
-        **found.record,
+        rest=found.record,
     )
     return replace(done, failures=lost)
 

@@ -20,6 +20,7 @@ from ..options import (
     ClusterOption,
     Device,
     DeviceOption,
+    FidelityOption,
     JobsOption,
     JsonOption,
     LayersOption,
@@ -38,7 +39,7 @@ from ..options import (
 )
 from ..record import peak_memory_mib, writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
-from .shared import Done, begun, finish, inputs_of, plan_lines, recipes_of
+from .shared import Done, begun, check_alone, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -56,6 +57,7 @@ def expose(
     layers: LayersOption = None,
     occlusion: OcclusionOption = None,
     sub_apertures: SubAperturesOption = None,
+    fidelity: FidelityOption = None,
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
     with_: WithOption = None,
@@ -110,6 +112,7 @@ def expose(
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
+        check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time, "bands": bands})
         checked_overrule(overrule)
         torch_device(device.value)
         for _, taker in pairs if reference is not None else ():
@@ -120,6 +123,7 @@ def expose(
             photographed,
             overrule=overrule,
             target=parse_target(accuracy, time),
+            wanted=fidelity,
             bands=bands,
             reference=reference,
             resample=resample,
@@ -133,7 +137,8 @@ def expose(
         inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}
         if len(pairs) == 1:
             inputs = inputs_of(*pairs[0], crop=crop, reference=reference)
-        done = finish("expose", found.printed, found.figures, found.outputs, json, inputs=inputs, seed=seed)
+        how_made = {"inputs": inputs, "seed": seed, "rest": found.record}
+        done = finish("expose", found.printed, found.figures, found.outputs, json, **how_made)
         return replace(done, problems=found.problems, failures=found.failures)
 
 
@@ -143,6 +148,7 @@ def photographed(
     *,
     overrule: Mapping[str, object],
     target: Target,
+    wanted: str | None,
     bands: int | None,
     reference: str | None,
     where: Crop | None,
@@ -155,6 +161,7 @@ def photographed(
     from ..capture import capture, save_image, write_image, write_photo
     from ..capture.bands import merged_bands
     from ..capture.device import torch_device
+    from ..capture.fidelity_file import values_of
     from ..optics import Camera
     from ..pipeline import Stopwatch, planned_view
     from ..plan import learn_rates, plan_figures
@@ -173,6 +180,7 @@ def photographed(
         resample=resample,
         overrule=overrule,
         target=target,
+        fidelity=wanted,
         checkpoint=usual_network(taker),
         cache=cache,
         device=device,
@@ -220,7 +228,8 @@ def photographed(
         )
     numbers |= {f"seconds.{stage}": seconds for stage, seconds in watch.seconds.items()}
     numbers["peak_memory_mib"] = peak_memory_mib()
-    return OfScene(scene.recipe.name, lines, numbers, outputs)
+    plan_of = {"fidelity": values_of(fidelity), "plan": plan_rows(plan)}
+    return OfScene(scene.recipe.name, lines, numbers, outputs, plan_of)
 
 
 def _part(image: Tensor, where: Crop) -> Tensor:

@@ -24,12 +24,14 @@ P = TypeVar("P", Path, Path | None)
 
 @dataclass(frozen=True)
 class OfScene:
-    """What a command came to for one scene: what it prints, its figures, the files that it wrote."""
+    """What a command came to for one scene: what it prints, its figures, the files that it wrote; record:
+    what else its JSON says."""
 
     scene: str
     printed: Sequence[str | Table | PageTable]
     figures: Mapping[str, float]
     outputs: Mapping[str, Path]
+    record: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,17 @@ class OfEach:
             dotted, said = ("", "") if self.single else (f".{each.scene}", f"{each.scene}: ")
             self.figures.update({f"{name}{dotted}": value for name, value in each.figures.items()})
             self.outputs.update({f"{said}{name}": path for name, path in each.outputs.items()})
+
+    @property
+    def record(self) -> dict[str, object]:
+        """What else the JSON says: of one scene by its keys, of several by the keys' plural and the scene."""
+        if self.single:
+            return {key: value for each in self.done for key, value in each.record.items()}
+        plural = {"fidelity": "fidelities", "plan": "plans"}
+        keys = dict.fromkeys(key for each in self.done for key in each.record)
+        return {
+            plural.get(key, key): {each.scene: each.record.get(key) for each in self.done} for key in keys
+        }
 
     @property
     def printed(self) -> list[str | Table | PageTable]:

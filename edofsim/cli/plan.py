@@ -42,6 +42,7 @@ def plan(
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     with begun("plan", json, quiet=quiet) as progress:
+        from ..capture.fidelity_file import values_of
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
         from ..restore.choice import restoring, usual_network
@@ -62,5 +63,12 @@ def plan(
         )
         inputs = inputs_of(scene_recipe, camera_recipe)
         return finish(
-            "plan", plan_lines(chosen), plan_figures(chosen), {}, json, inputs=inputs, plan=plan_rows(chosen)
+            "plan",
+            plan_lines(chosen),
+            plan_figures(chosen),
+            {},
+            json,
+            inputs=inputs,
+            plan=plan_rows(chosen),
+            fidelity=values_of(chosen.fidelity),
         )

@@ -18,6 +18,7 @@ from ..options import (
     CameraOption,
     Device,
     DeviceOption,
+    FidelityOption,
     JsonOption,
     LayersOption,
     MethodOption,
@@ -34,7 +35,17 @@ from ..options import (
     WithoutOption,
 )
 from ..record import peak_memory_mib, processor_seconds, writable_folder
-from .shared import Done, begun, finish, inputs_of, load_report, plan_lines, plan_rows, recipes_of
+from .shared import (
+    Done,
+    begun,
+    check_alone,
+    finish,
+    inputs_of,
+    load_report,
+    plan_lines,
+    plan_rows,
+    recipes_of,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -54,6 +65,7 @@ def run(
     layers: LayersOption = None,
     occlusion: OcclusionOption = None,
     sub_apertures: SubAperturesOption = None,
+    fidelity: FidelityOption = None,
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
     with_: WithOption = None,
@@ -86,6 +98,7 @@ def run(
 
         from .. import pipeline
         from ..capture import save_image, write_photo
+        from ..capture.fidelity_file import values_of
         from ..optics.threads import in_threads
         from ..plan import parse_target
         from ..restore.choice import said_of
@@ -96,6 +109,7 @@ def run(
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
+        check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time})
         result = pipeline.run(
             scene_recipe,
             camera_recipe,
@@ -104,6 +118,7 @@ def run(
             resample=resample,
             overrule=overrule,
             target=parse_target(accuracy, time),
+            fidelity=fidelity,
             seed=seed,
             device=device.value,
             progress=progress,
@@ -149,8 +164,8 @@ def run(
             inputs=inputs_of(scene_recipe, camera_recipe, network=network),
             plan=plan_rows(result.plan),
             plan_lens_alone=plan_rows(result.plan_lens_alone),
-            settings=vars(result.plan.fidelity),
-            settings_lens_alone=vars(result.plan_lens_alone.fidelity),
+            fidelity_lens_alone=values_of(result.plan_lens_alone.fidelity),
+            fidelity=values_of(result.plan.fidelity),
             restored_by=result.restored_by,
         )
 

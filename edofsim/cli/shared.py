@@ -90,6 +90,20 @@ def recipes_of(
     return replace(loaded, recipe=framed(loaded.recipe, optics, resample)), found
 
 
+def check_alone(fidelity: str | None, others: Mapping[str, object]) -> None:
+    """Refuse a fidelity that cannot be read, and what would choose beside it. Raises InputError."""
+    from ..capture.fidelity import Fidelity
+    from ..capture.presets import PRESETS
+
+    if fidelity is not None and fidelity not in PRESETS:
+        if not Path(fidelity).is_file():
+            raise InputError(f"--fidelity {fidelity}: no such file, and presets are {', '.join(PRESETS)}")
+        Fidelity.load(fidelity)
+    given = [f"--{name.strip('_').replace('_', '-')}" for name, value in others.items() if value is not None]
+    if fidelity is not None and given:
+        raise InputError(f"--fidelity says all that is simulated: leave out {', '.join(given)}")
+
+
 def inputs_of(scene: Loaded[SceneRecipe], camera: Loaded[CameraRecipe], **more: object) -> dict[str, object]:
     said = {name: str(value) for name, value in more.items() if value is not None}
     return {"scene": str(scene.path), "camera": str(camera.path), **said}
@@ -105,9 +119,11 @@ def finish(
     problems: Sequence[str] = (),
     seed: int | None = None,
     inputs: Mapping[str, object] | None = None,
+    rest: Mapping[str, object] | None = None,
     **more: object,
 ) -> Done:
-    """The end of a command, after its figures are written. more: of the record."""
+    """The end of a command, after its figures are written. rest, more: of the record."""
+    more |= rest or {}
     if json:
         outputs = {**outputs, "json": json}
         write_record(

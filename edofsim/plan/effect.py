@@ -102,7 +102,8 @@ class Plan:
     where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
     be had and why, or empty; target: what was asked for, as a sentence; score_shift_db: by how much the PSNR
     of the restored image is predicted to differ from that of the full simulation, where that was asked for;
-    full_seconds: predicted, of everything in full.
+    full_seconds: predicted, of everything in full; replayed: the file or preset that gave the fidelity, empty
+    where it was chosen: nothing is predicted then.
     """
 
     decisions: tuple[Decision, ...]
@@ -116,6 +117,7 @@ class Plan:
     note: str = ""
     score_shift_db: float | None = None
     full_seconds: float = 0.0
+    replayed: str = ""
 
     HEADS: ClassVar = ("effect", "called for", "simulated", "left out / dB", "cost / s", "why")
 
@@ -135,6 +137,8 @@ class Plan:
 
     def summary(self) -> str:
         """What they come to as a whole, a sentence."""
+        if self.replayed:
+            return f"simulated as {self.replayed} says; nothing was planned"
         stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
         whole = sum(self.seconds.values())
         shift = ""

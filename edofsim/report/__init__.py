@@ -6,7 +6,7 @@
 from .crops import Detail, choose_crops
 from .figures import depth_plot
 from .from_pipeline import write_run_report
-from .model import DepthRange, ImageScore, Mtfs, PlanRow, Psfs, RunReport
+from .model import DepthRange, ImageScore, PlanRow, Psfs, RunReport
 from .page import (
     Code,
     Column,
@@ -43,7 +43,6 @@ __all__ = [
     "Keys",
     "Link",
     "Links",
-    "Mtfs",
     "Notes",
     "Page",
     "Pairs",

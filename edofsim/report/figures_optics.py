@@ -10,15 +10,12 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from .model import Mtfs, Psfs
+from .model import Psfs
 from .plot import (
-    DASHES,
     DEPTH_MAP,
     HALF_IN,
     LIGHT_MAP,
-    MUTED,
     NARROW_IN,
-    SERIES,
     TITLE_PT,
     WIDE_IN,
     Plot,
@@ -107,52 +104,6 @@ def psf_plot(psfs: Psfs) -> Plot:
         f"decades, one scale for all. Central {shown.shape[-1]} × {shown.shape[-2]} pixels, which hold at "
         f"least {kept} of the light; the bar is {bar} {'pixel' if bar == 1 else 'pixels'} = "
         f"{significant(bar * psfs.pixel_um)} µm on the sensor.",
-        paint_narrow=functools.partial(paint, True),
-    )
-
-
-def mtf_plot(mtfs: Mtfs) -> Plot:
-    """Modulation transfer over spatial frequency, one panel a channel, one line a depth."""
-    order = sorted(range(len(mtfs.depths_m)), key=lambda i: mtfs.depths_m[i])
-    picked = [order[i] for i in spread(len(order), 5)]
-    frequencies = mtfs.frequencies_per_mm.detach().cpu().double().numpy()
-    values = mtfs.values.detach().cpu().double().numpy()
-
-    def paint(narrow: bool = False) -> Figure:
-        figure = new_figure(NARROW_IN if narrow else WIDE_IN, 7.4 if narrow else 3.3)
-        panels = figure.subplots(*((3, 1) if narrow else (1, 3)), sharex=True, sharey=True)
-        for channel, axes in enumerate(panels):
-            for i, depth in enumerate(picked):
-                axes.plot(
-                    frequencies,
-                    values[depth, channel],
-                    color=SERIES[i],
-                    linestyle=DASHES[i],
-                    label=distance(mtfs.depths_m[depth]),
-                    linewidth=1.6,
-                )
-            if mtfs.nyquist_per_mm is not None and mtfs.nyquist_per_mm <= float(frequencies.max()):
-                axes.axvline(mtfs.nyquist_per_mm, color=MUTED, linewidth=1, linestyle=(0, (2, 2)))
-            axes.set_title(CHANNELS[channel], loc="left")
-            axes.set_ylim(0, 1.02)
-            axes.set_xlim(0, float(frequencies.max()))
-            if narrow or channel == 0:
-                axes.set_ylabel("modulation transfer")
-            if not narrow or channel == 2:
-                axes.set_xlabel("frequency on the sensor (cycles/mm)")
-        figure.legend(
-            *panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3 if narrow else 5
-        )
-        return figure
-
-    limit = ""
-    if mtfs.nyquist_per_mm is not None:
-        limit = f" Dotted: the sensor's Nyquist frequency, {significant(mtfs.nyquist_per_mm)} cycles/mm."
-    names = ", ".join(distance(mtfs.depths_m[i]) for i in picked)
-    return Plot(
-        paint,
-        alt=f"Modulation transfer functions of the three channels at {names}.",
-        caption=f"Modulation transfer by channel and depth.{limit}",
         paint_narrow=functools.partial(paint, True),
     )
 

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.bands import merged_bands
+from ..capture.fidelity_file import values_of
 from ..capture.noise import NoiseState
 from ..core.shipped import typed_as
 from ..errors import InputError
@@ -80,6 +81,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
             for d, alone in zip(result.plan.decisions, result.plan_lens_alone.decisions, strict=True)
         ),
         target=_target(result.plan),
+        fidelity=_fidelity(result.plan.fidelity),
         cost=cost,
         seconds=result.seconds,
         peak_memory_mib=result.peak_memory_mib,
@@ -141,8 +143,18 @@ def refocused(camera: Camera, metres: float) -> Camera:
     return Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}), camera.base)
 
 
+def _fidelity(fidelity: Fidelity) -> str:
+    """All fields that differ from their defaults, a sentence."""
+    usual = values_of(Fidelity())
+    own = {name: value for name, value in values_of(fidelity).items() if value != usual[name]}
+    said = ", ".join(f"{name} = {value}" for name, value in own.items())
+    return f"Simulated with {said or 'the defaults of a fidelity'}; photo.exr and --json hold all of it."
+
+
 def _target(plan: Plan) -> str:
     """What was asked for and what is predicted, in a sentence or two."""
+    if plan.replayed:
+        return f"{plan.summary()}."
     predicted = f"Predicted: {plan.error_db:.1f} dB in {sum(plan.seconds.values()):.2g} s."
     return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 

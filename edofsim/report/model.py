@@ -62,27 +62,6 @@ class Psfs:
 
 
 @dataclass(frozen=True)
-class Mtfs:
-    """Modulation transfer of the three channels at some depths.
-
-    frequencies_per_mm: [frequency], cycles/mm on the sensor; values: [depth, channel, frequency];
-    nyquist_per_mm: the sensor's own limit, drawn where given.
-    """
-
-    frequencies_per_mm: Tensor
-    values: Tensor
-    depths_m: tuple[float, ...]
-    nyquist_per_mm: float | None = None
-
-    def __post_init__(self) -> None:
-        if tuple(self.values.shape) != (len(self.depths_m), 3, len(self.frequencies_per_mm)):
-            raise ValueError(
-                f"MTFs of shape {list(self.values.shape)} for {len(self.depths_m)} depths and "
-                f"{len(self.frequencies_per_mm)} frequencies; [depth, 3, frequency] is needed"
-            )
-
-
-@dataclass(frozen=True)
 class PlanRow:
     """One effect of a plan.
 
@@ -108,11 +87,12 @@ class RunReport:
     inverse_depth: [y, x] in 1/m; 0 is infinity
     scores: by image, under the image's name (`photo`, `restored`, `wiener`, `lens_alone`), in the order of
         the table
-    psfs, mtfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
+    psfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
         sensor, with mask_width_m the width that it covers, optional
     focus_m: distance in focus without a mask, marked in the figures
     focused: what the lens alone sees when it is focused elsewhere, [3, y, x] by distance in metres
-    plan: effects considered; target: what error was asked for, a sentence; cost: its chart, optional
+    plan: effects considered; target: what error was asked for, a sentence;
+        fidelity: what was simulated, a sentence; cost: its chart, optional
     seconds: time of each stage, in order; peak_memory_mib: largest memory of the process
     recipes: file name and text of each recipe; command: what to type for the same page
     facts: further short facts for the head of the page (size, bands, noise, seed, ...)
@@ -132,13 +112,13 @@ class RunReport:
     wiener: Tensor | None = None
     scores: Mapping[str, ImageScore] = field(default_factory=dict)
     psfs: Psfs | None = None
-    mtfs: Mtfs | None = None
     height_m: Tensor | None = None
     mask_width_m: float | None = None
     focus_m: float | None = None
     focused: Mapping[float, Tensor] = field(default_factory=dict)
     plan: tuple[PlanRow, ...] = ()
     target: str = ""
+    fidelity: str = ""
     cost: Plot | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     peak_memory_mib: float | None = None

@@ -13,7 +13,7 @@ from ..restore.gains import gains, gains_in_words
 from ..restore.scores import Score, image_psnr
 from .crops import Detail, choose_crops, near_focus_far
 from .figures import depth_plot, score_plot, time_plot
-from .figures_optics import height_plot, mtf_plot, psf_plot
+from .figures_optics import height_plot, psf_plot
 from .model import DepthRange, RunReport
 from .page import (
     Block,
@@ -263,17 +263,17 @@ def _optics(report: RunReport) -> tuple[Block, ...]:
     blocks: list[Block] = []
     if report.psfs is not None:
         blocks.append(psf_plot(report.psfs))
-    if report.mtfs is not None:
-        blocks.append(mtf_plot(report.mtfs))
     if report.height_m is not None and report.mask_width_m is not None:
         blocks.append(height_plot(report.height_m, report.mask_width_m))
     return tuple(blocks)
 
 
 def _plan(report: RunReport) -> tuple[Block, ...]:
-    """The effects that were weighed; errors and times stand where the plan predicted any."""
+    """The effects that were weighed; errors and times stand where the plan predicted any; what was
+    simulated."""
+    said = tuple(Text(sentence) for sentence in (report.target, report.fidelity) if sentence)
     if not report.plan:
-        return ()
+        return said
     caption = "Effects of light that were weighed before the photo was taken."
     columns: list[tuple[str, list[str | bool]]] = [
         ("Effect", [row.effect for row in report.plan]),
@@ -297,7 +297,7 @@ def _plan(report: RunReport) -> tuple[Block, ...]:
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     table = Table(heads, rows, caption, wordy=True)
     chart = (report.cost,) if report.cost is not None else ()
-    return (Text(report.target), table, *chart) if report.target else (table, *chart)
+    return (*said, table, *chart)
 
 
 def _error(value: float | None) -> str:

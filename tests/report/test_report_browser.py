@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from edofsim.report import ImageScore, Mtfs, PlanRow, Psfs, RunReport, write_report
+from edofsim.report import ImageScore, PlanRow, Psfs, RunReport, write_report
 from edofsim.report.words import distance
 from edofsim.restore.scores import score_by_depth
 
@@ -98,7 +98,6 @@ def long_report() -> RunReport:
         focused={0.5: ideal, 1.0: photo, 100.0: 0.5 * ideal},
         scores={"photo": scored, "restored": scored, "lens_alone": scored},
         psfs=Psfs(torch.full((12, 3, 65, 65), 1 / 65**2), depths, 6.0),
-        mtfs=Mtfs(torch.linspace(0, 100, 5), torch.rand(12, 3, 5, generator=random), depths),
         plan=(PlanRow("an effect", True, 0.01, 3.0, "because/of/a/path/without/any/blank/" * 4),),
         seconds={"render": 100.0, "expose": 3.0},
         recipes={"scene.toml": "x = " + "1234567890" * 40},

@@ -20,7 +20,6 @@ from edofsim.report import (
     Gallery,
     ImageScore,
     Link,
-    Mtfs,
     Page,
     PlanRow,
     Psfs,
@@ -77,7 +76,7 @@ def photographs(rows: int, columns: int) -> torch.Tensor:
     return encoded.float() ** 2.2
 
 
-BARE = {"psfs": None, "mtfs": None, "height_m": None, "mask_width_m": None}  # quicker to write
+BARE = {"psfs": None, "height_m": None, "mask_width_m": None}  # quicker to write
 
 
 def image_score(image: torch.Tensor, ideal: torch.Tensor, depth: torch.Tensor) -> ImageScore:
@@ -109,7 +108,6 @@ def report(rows: int = 96, columns: int = 128, **changes) -> RunReport:
         inverse_depth=depth,
         scores={name: image_score(image, ideal, depth) for name, image in images.items()},
         psfs=Psfs(psf, depths, 6.0),
-        mtfs=Mtfs(torch.linspace(0, 100, 5), torch.rand(3, 3, 5, generator=random), depths, 83.3),
         height_m=torch.rand(8, 8, generator=random) * 1e-6,
         mask_width_m=5e-3,
         focus_m=1.5,

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.report import ImageScore, Mtfs, Psfs, line_plot
+from edofsim.report import ImageScore, Psfs, line_plot
 from edofsim.report.figures import depth_plot, score_plot, time_plot
-from edofsim.report.figures_optics import height_plot, mtf_plot, psf_plot
+from edofsim.report.figures_optics import height_plot, psf_plot
 from edofsim.report.plot import DARK, darken, metre_ticks, spread
 from edofsim.restore.scores import DepthScore, Score
 
@@ -91,14 +91,6 @@ def test_psf_picture_shows_as_much_as_holds_the_light():
 
 def test_dark_pages_of_psfs_that_are_all_zero():
     assert psf_plot(Psfs(torch.zeros(2, 3, 9, 9), (1.0, 2.0), 6.0)).svg()
-
-
-def test_mtfs_in_any_order_of_depth():
-    mtfs = Mtfs(torch.linspace(0, 100, 11), torch.rand(6, 3, 11), (4.0, 0.5, math.inf, 1.0, 2.0, 0.7), 83.3)
-    plot = mtf_plot(mtfs)
-    assert plot.svg() and plot.svg(narrow=True)
-    assert plot.alt.index("0.50") < plot.alt.index("∞")
-    assert "83.3 cycles/mm" in plot.caption
 
 
 def test_height_map_says_its_span():
