@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from edofsim.experiments.protocols import OURS, WAYS, System, systems_of, take
+from edofsim.experiments.restorations import ByNetwork
 from edofsim.experiments.scene3d import scored_version
 from edofsim.recipe.load import load_camera, load_scene, shipped, shipped_folder
 from edofsim.record import record, write_record
@@ -60,10 +61,11 @@ def score(view: View, system: System) -> float:
 
 def told_truth(view: View, system: System) -> float:
     """By the D-CNN of a system, told how far each place is."""
-    assert system.checkpoint is not None
-    network = conditioned_on(system.checkpoint, system.camera, view.wavelengths)
+    assert isinstance(system.restoration, ByNetwork)
+    checkpoint = system.restoration.checkpoint
+    network = conditioned_on(checkpoint, system.camera, view.wavelengths)
     assert isinstance(network, DCnn) and network.distances
-    nearest = system.checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
+    nearest = checkpoint.card["recipe"]["capture"]["inverse_depth_per_m"][1]
     truth = likely(view, network.distances, nearest)
     network.likely = lambda photo: truth
     try:

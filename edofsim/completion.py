@@ -32,9 +32,10 @@ def networks(incomplete: str) -> list[str]:
 
 
 def systems(incomplete: str) -> list[str]:
-    """Shipped checkpoints and cameras, and checkpoints in a folder."""
-    known = [*_checkpoints(), *shipped(shipped_folder("scenes") / "cameras")]
-    return _fitting(incomplete, known, CHECKPOINT)
+    """Shipped checkpoints and cameras, `wiener`, and checkpoints and recipes in a folder."""
+    known = ["wiener", "wiener-depth", *_checkpoints(), *shipped(shipped_folder("scenes") / "cameras")]
+    found = [*_fitting(incomplete, known, CHECKPOINT), *_fitting(incomplete, (), ".toml")]
+    return list(dict.fromkeys(found))
 
 
 def effects(incomplete: str) -> list[str]:

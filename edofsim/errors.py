@@ -33,6 +33,6 @@ class DiskFullError(EdofsimError):
     """There is no room for a file."""
 
 
-def first_line(error: Exception) -> str:
+def first_line(error: BaseException) -> str:
     """The beginning of another library's error, short enough for one sentence."""
     return (str(error).strip() or type(error).__name__).splitlines()[0][:160]

@@ -189,13 +189,20 @@ MembersOption = Annotated[
         help="So many members of each scene's family in its place, the first of the seed --seed.",
     ),
 ]
+SYSTEM_HELP = (
+    "A checkpoint, a camera (recipe or shipped name) with its usual network, wiener, wiener-depth (which "
+    "knows distances), a Python function (module:function, file.py:function), or CAMERA+RESTORATION; "
+    "repeatable; default: "
+)
 NetworksOption = Annotated[
     list[str] | None,
     typer.Option(
+        "--system",
         "--network",
-        metavar="CHECKPOINT",
-        help="Checkpoint or shipped name; the camera has its mask; repeatable; default: all that ship.",
-        autocompletion=completion.networks,
+        metavar="SYSTEM",
+        help=SYSTEM_HELP + "all networks that ship with a mask. A checkpoint's mask is put into the camera "
+        "where that has the lens of the training, otherwise it brings its own.",
+        autocompletion=completion.systems,
     ),
 ]
 PicturesOption = Annotated[
@@ -205,10 +212,20 @@ PicturesOption = Annotated[
 SystemsOption = Annotated[
     list[str] | None,
     typer.Option(
+        "--system",
         "--network",
         metavar="SYSTEM",
-        help="Checkpoint or shipped camera, repeatable; default: all that ship, paper-clear, paper-cubic.",
+        help=SYSTEM_HELP + "all that ship, paper-clear, paper-cubic.",
         autocompletion=completion.systems,
+    ),
+]
+LensOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="CAMERA",
+        help="Camera recipe or shipped name, for systems that name none; default paper-clear.",
+        autocompletion=completion.cameras,
     ),
 ]
 ShowOption = Annotated[

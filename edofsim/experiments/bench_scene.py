@@ -17,7 +17,9 @@ import torch
 from torch import Tensor
 
 from ..capture import save_image
+from ..capture.framing import framed
 from ..core.progress import Progress, part
+from ..errors import InputError
 from ..optics import Camera
 from ..options import CacheOption, CameraOption, NetworksOption, QuickOption, SeedOption
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
@@ -44,8 +46,9 @@ from ..report.words import DASH, number
 from ..scene import build_scene
 from . import scene3d
 from .experiment import Findings, in_paper
+from .failures import Failures
 from .kept import Kept
-from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, systems_of
+from .protocols import LENS_ALONE, OURS, PAPER, WAYS, System, lenses_of
 from .scene3d import Seen
 from .scene3d_page import scene_page
 from .scene_scores import WHOLE, Measured, SceneScores, write_table
@@ -84,28 +87,36 @@ def run(
     Figures: {psnr_db,ssim}.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, each also with .bus and
     .car; NETWORK-made with the mask as made; WAY: paper, sub_apertures (ours).
     """
-    sources = scene3d.names_of(networks)
-    names = list(sources.values())
+    sources, failures = scene3d.sources_of(networks)
+    names = [source.name for source in sources]
     pictures = writable_folder(folder / "scenes")
     files = {name: folder / f"bench-scene{'' if len(names) == 1 else f'-{name}'}.html" for name in names}
     scene = load_scene(SCENE)
     taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
     recipe = scene3d.scored_version(scene.recipe, quick=quick)
     kept = Kept(folder / "finished.jsonl")
-    key = scene3d.key_of(recipe, scene.base, taker, list(sources), seed)
+    lenses, wrong = lenses_of(taker, sources)
+    failures.found |= wrong.found
+    failures.check(0)
+    if len(lenses) > 1:
+        raise InputError(f"{', '.join(names)}: not all of one lens; evaluate them one by one, in two --out")
+    recipe = framed(recipe, lenses[0].alone.camera)
+    key = scene3d.key_of([recipe], scene.base, lenses, sources, seed)
     measured = scene3d.remembered(kept, key)
     if measured is None:
         view = render(recipe, scene.base, cache=cache, progress=part(progress, 0.0, 0.4))
-        systems = systems_of(taker, list(sources))
+        lens = lenses[0]
         if not quick:
-            systems += [as_made(system, seed) for system in systems[1:]]
+            made = tuple(as_made(system, seed) for system in lens.systems)
+            lens = replace(lens, systems=(*lens.systems, *made))
         parts = object_pixels(scene, view)
         ways, rest = (WAYS[0], WAYS[-1]), part(progress, 0.4, 1.0)
         measured, taken, edges = scene3d.measure(
-            SCENE, view, systems, ways=ways, parts=parts, seed=seed, progress=rest
+            SCENE, view, lens.every, ways=ways, parts=parts, seed=seed, progress=rest
         )
-        seen = Seen(scene, taker, view, tuple(systems), taken, edges)
-        for system in systems:
+        Failures(dict(measured.problems)).check(0)
+        seen = Seen(scene, lens, view, taken, edges)
+        for system in lens.every:
             ours = taken[OURS, system.name]
             for image, values in ours.images.items():
                 save_image(pictures / f"{system.name}-{image}.png", values)
@@ -115,7 +126,7 @@ def run(
         kept.put(key, asdict(measured))
     outputs = {"scores": write_table(folder / "bench-scene.csv", SceneScores((measured,)))}
     outputs |= {"pictures": pictures, **{f"page of {name}": path for name, path in files.items()}}
-    inputs = {"networks": list(sources)}
+    inputs = {"networks": names}
     shown = [scores_table(measured, name) for name in names]
     return Findings(figures(measured), shown=shown, outputs=outputs, inputs=inputs)
 

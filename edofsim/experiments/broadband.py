@@ -31,7 +31,7 @@ from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode, write_png
 from ..core.progress import Progress, part
 from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
-from ..options import CacheOption, SeedOption, SystemsOption, numbers
+from ..options import CacheOption, LensOption, SeedOption, SystemsOption, numbers
 from ..recipe import load_scene
 from ..recipe.camera import CameraRecipe
 from ..record import write_csv
@@ -41,12 +41,13 @@ from ..restore.scores import image_psnr
 from .chromatic import Chromatic, chromatic
 from .cubes import Cube, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper, in_parts
+from .failures import Failures
 from .kept import Kept, key_of
 from .paper_figures import DEPTHS_M
 from .planes import CHANNELS, Shown, channels, middle, noisy, through
+from .sources import WITHOUT_TRAINING
 from .systems import (
     READ_NOISE,
-    WITHOUT_TRAINING,
     Contestant,
     contestant,
     described,
@@ -139,6 +140,7 @@ def run(
     step_nm: Annotated[float | None, typer.Option("--step-nm", help="Band to band, with --start-nm.")] = None,
     key: Annotated[str | None, typer.Option("--key", help="Array in a .mat file; dots lead inwards.")] = None,
     systems: SystemsOption = None,
+    camera: LensOption = None,
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
@@ -146,6 +148,8 @@ def run(
 
     Bands of the sensor (420 to 720 nm) that a cube lacks are left out of photo and truth alike. Without
     --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from there.
+    A system that cannot be used is named, and the others are finished. Masks are made as the paper tests
+    them, whatever a recipe's [fabrication] says.
 
     Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;
     psnr_db.SYSTEM.CUBE.three.* in three wavelengths, psnr_db.SYSTEM.CUBE.filter.* of a Wiener filter that
@@ -171,7 +175,7 @@ def run(
     for scene in loaded:
         view = render(scene.recipe, scene.base, cache=cache, progress=part(progress, 0.0, 0.0))
         cubes.append(from_view(scene.recipe.name, view))
-    result = measure(folder, cubes, problems, systems, seed, progress)
+    result = measure(folder, cubes, problems, systems, seed, progress, camera)
     outputs = _write(folder, result)
     return Findings(result.figures, page(result), outputs=outputs, problems=problems)
 
@@ -183,21 +187,29 @@ def measure(
     systems: Sequence[str] | None,
     seed: int,
     progress: Progress,
+    camera: str | None = None,
 ) -> Result:
-    """Every cube by every system. Finished ones are kept in the folder."""
+    """Every cube by every system. Finished ones are kept in the folder. camera: of systems that name none."""
     names = list(systems or (*shipped_checkpoints(), *WITHOUT_TRAINING))
     kept = Kept(folder / "finished.jsonl")
     rows: list[CubeScore] = []
     optics: dict[str, Chromatic] = {}
     figures: dict[str, float] = {}
-    jobs = [(name, cube) for name in names for cube in cubes]
-    for number, (name, cube) in enumerate(jobs):
-        say = part(progress, number / len(jobs), (number + 1) / len(jobs))
-        system, of_three = contestant(name, cube.wavelengths), contestant(name)
-        rows += judge(system, of_three, cube, folder, kept, seed, say)
-        if system.name not in optics:
-            say(0.9, f"{system.name}: colours of its optics")
-            optics[system.name] = _optics(system, kept)
+    failures = Failures()
+    for number, name in enumerate(names):
+        say = part(progress, number / len(names), (number + 1) / len(names))
+        with failures.of(name):
+            of_three = contestant(name, camera=camera)
+            own: list[CubeScore] = []
+            for place, cube in enumerate(cubes):
+                tell = part(say, 0.9 * place / len(cubes), 0.9 * (place + 1) / len(cubes))
+                system = contestant(name, cube.wavelengths, camera=camera)
+                own += judge(system, of_three, cube, folder, kept, seed, tell)
+            say(0.9, f"{of_three.name}: colours of its optics")
+            optics[of_three.name] = _optics(of_three, kept)
+            rows += own
+    failures.check(len(rows))
+    problems = [*problems, *failures.sentences]
     left_out = {cube.name: _left_out(cube.wavelengths) for cube in cubes}
     for row in rows:
         base, label = f"psnr_db.{row.system}.{row.cube}", label_of(row.depth_m)
@@ -215,7 +227,7 @@ def measure(
     for cube, shares in left_out.items():
         named = zip(CHANNELS, shares, strict=True)
         figures |= {f"left_out_percent.{cube}.{c}": 100 * share for c, share in named}
-    figures["cubes_left_out"] = len(problems)
+    figures["cubes_left_out"] = len(problems) - len(failures.sentences)
     bands = {cube.name: tuple((cube.wavelengths * 1e9).tolist()) for cube in cubes}
     return Result(tuple(rows), optics, bands, left_out, tuple(problems), figures)
 
@@ -269,7 +281,8 @@ def judge(
         for i, (key, files) in enumerate(zip(keys, shown, strict=True)):
             if not ready[i]:
                 progress((1 + i) / 4, f"{system.name}: {cube.name}, {label_of(DEPTHS_M[i])}")
-                kept.put(key, _photographed(system, of_three, cube, bank[i], three[i], weights, files))
+                psfs = bank[i], three[i]
+                kept.put(key, _photographed(system, of_three, cube, *psfs, weights, inverse[i], files))
     found = [kept.get(key) or {} for key in keys]
     return [
         CubeScore(
@@ -312,6 +325,7 @@ def _photographed(
     psf: Tensor,
     three: Tensor,
     weights: Tensor,
+    inverse_depth: float,
     files: Shown,
 ) -> dict[str, object]:
     """What is kept of one photo, after its pictures are written."""
@@ -327,8 +341,8 @@ def _photographed(
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
         known = torch.einsum("cb,byx->cyx", weights, psf)
-        restored = system.restore(photo, truncated_share(known))
-        from_lines = of_three.restore(lines, truncated_share(three))
+        restored = system.restored(photo, truncated_share(known), inverse_depth)
+        from_lines = of_three.restored(lines, truncated_share(three), inverse_depth)
         linear = filtered(photo, known[None], truncated_share(known))
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
         write_png(path, srgb_encode(middle(image, SHOWN_PX)))

@@ -1,16 +1,15 @@
-"""The network for any camera beside Wiener deconvolution, on cameras that are named or on six.
+"""What restores photos of any camera beside Wiener deconvolution, on cameras that are named or on six.
 
 The six are cameras that no network was trained for, and none of which a training drew: two with ordinary
 lenses, a cubic mask, rings, a height map of another training, and the paper's with its mask at another focus.
 Each camera photographs pictures as planes at random depths (see `planes`), and the middle of shipped scenes
-with depth, rendered for its pixels, as `scene3d` does. Both are told the camera, as designed, and the range
-of depths; neither is told more. Beside them stands what was trained for that camera alone, where there is
-such a thing.
+with depth, rendered for its pixels, as `scene3d` does. All know the camera, as designed, and the range of
+depths, and nothing more. Beside them stand the photo, that of the lens alone, and what was trained for that
+camera alone, where there is such a thing.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,33 +23,35 @@ from .. import completion
 from ..capture.framing import framed
 from ..core.progress import Progress, part
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera
-from ..optics.nodes import node_shares
+from ..optics import Camera
 from ..optics.sampling import plan_sampling
-from ..options import CacheOption, LimitOption, PicturesOption, SeedOption
+from ..options import SYSTEM_HELP, CacheOption, LimitOption, PicturesOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
+from ..record import write_csv
 from ..render import render
 from ..report import Column, Page, Section, Table, Text
 from ..report.page import Cell
-from ..restore.checkpoint import (
-    ANY_CAMERA,
-    Checkpoint,
-    camera_with_mask,
-    find_checkpoint,
-    load_checkpoint,
-    network_of,
-)
-from ..restore.conditioning import conditioned_on
-from ..restore.network import apply_network
-from ..restore.restore import for_any_camera
+from ..restore.checkpoint import ANY_CAMERA, camera_with_mask, network_of
+from ..restore.gains import RIVALS, gain_figures, gains
 from ..restore.scores import psnr, within_scale
 from .experiment import Findings
+from .failures import Failures
 from .kept import Kept, key_of
 from .photographs import Photographs, photographs
 from .planes import RANDOM, Condition, PictureScore, averages, measure, write_rows
-from .protocols import OURS, WAYS, System, of_three_lines, saturating, take
+from .protocols import LENS_ALONE, OURS, WAYS, System, Taken, saturating, take
+from .restorations import ByNetwork, ByWiener, Restoration, digest_of
 from .scene3d import scored_version
-from .systems import NEAREST_PER_M, READ_NOISE, Contestant, filtered, paper_test, standing_psfs
+from .sources import Source, system_of
+from .systems import (
+    NEAREST_PER_M,
+    READ_NOISE,
+    Contestant,
+    camera_digest,
+    of_three_lines,
+    paper_test,
+    with_restoration,
+)
 
 SCENES = ("desk", "clutter")
 FARTHER = ("hallway",)
@@ -63,21 +64,28 @@ CUBIC = "cubic-dcnn"
 """The network that was trained for the cubic mask."""
 REFOCUSED_M = 0.8
 PHOTO, WIENER, ANY, OWN = "photo", "wiener", "any", "own"
-WHAT = {PHOTO: "photo", WIENER: "Wiener", ANY: "for any camera", OWN: "for this camera"}
+WHAT = {
+    PHOTO: "photo",
+    LENS_ALONE: "lens alone",
+    WIENER: "Wiener",
+    ANY: "for any camera",
+    OWN: "for this camera",
+}
+NOT_RESTORED = (PHOTO, LENS_ALONE)
 
 
 @dataclass(frozen=True)
 class Taker:
     """A camera with its mask as designed; said: in words; nearest_per_m: inverse depth up to which its
-    pictures stand; scenes: that it photographs; own: the network that was trained for it, None where there is
-    none."""
+    pictures stand; scenes: that it photographs; own: what restores its photos alone, such as the network that
+    was trained for it, None where there is none."""
 
     name: str
     said: str
     camera: Camera
     nearest_per_m: float = NEAREST_PER_M
     scenes: tuple[str, ...] = SCENES
-    own: Checkpoint | None = None
+    own: Restoration | None = None
 
 
 def takers() -> list[Taker]:
@@ -90,43 +98,55 @@ def takers() -> list[Taker]:
     learned = load_camera("paper-learned")
     focus = learned.recipe.focus.model_copy(update={"distance_m": REFOCUSED_M})
     moved = learned.recipe.model_copy(update={"focus": focus})
-    own = load_checkpoint(OWN_MAP)
+    own, cubic = (ByNetwork.of(name) for name in (OWN_MAP, CUBIC))
     return [
         Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], FARTHER_PER_M, FARTHER),
         Taker("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
-        Taker("cubic", "the cubic mask", found["paper-cubic"], own=load_checkpoint(CUBIC)),
+        Taker("cubic", "the cubic mask", found["paper-cubic"], own=cubic),
         Taker("rings", "phase rings", found["paper-rings"]),
         Taker(
             "height-map",
             "another height map",
-            camera_with_mask(load_camera("paper-clear").recipe, own),
+            camera_with_mask(load_camera("paper-clear").recipe, own.checkpoint),
             own=own,
         ),
         Taker("refocused", f"the paper's, focus at {REFOCUSED_M} m", Camera.from_recipe(moved, learned.base)),
     ]
 
 
-def asked_for(sources: Sequence[str]) -> list[Taker]:
+def asked_for(sources: Sequence[str], failures: Failures | None = None) -> list[Taker]:
     """Cameras by their recipes or shipped names. A lens whose blur of half a metre takes more samples of its
-    pupil than are allowed stands for itself from a metre on, as that of 50 mm does. Raises InputError for a
-    camera that cannot be read or is too large for that as well, and for two of one name."""
-    found = [load_camera(source) for source in sources]
-    names = [each.recipe.name for each in found]
+    pupil than are allowed stands for itself from a metre on, as that of 50 mm does. failures: takes those
+    that cannot be read, or are too large for that as well. Raises InputError for them otherwise, and for two
+    of one name."""
+    failed = Failures() if failures is None else failures
+    found: list[Taker] = []
+    for source in sources:
+        with failed.of(source):
+            found.append(_taker_of(load_camera(source)))
+    failed.check(0 if failures is None else 1)
+    names = [each.name for each in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"--camera: more than one is called {', '.join(twice)}; rename one of them")
-    return [_taker(each) for each in found]
+    return found
 
 
-def _taker(found: Loaded[CameraRecipe]) -> Taker:
-    name, camera = found.recipe.name, Camera.from_recipe(found.recipe, found.base)
+def _taker_of(found: Loaded[CameraRecipe]) -> Taker:
+    network = network_of(found)
+    own = None if network is None else ByNetwork(network, digest_of(network.path or network.name))
+    return _taker(found.recipe.name, Camera.from_recipe(found.recipe, found.base), own)
+
+
+def _taker(name: str, camera: Camera, own: Restoration | None) -> Taker:
     shortest = torch.tensor([420e-9], dtype=torch.float64)  # of the sensor's bands, in scenes
-    window = found.recipe.psf.window_px
+    window = camera.recipe.psf.window_px
     try:
         plan_sampling(camera, shortest, torch.tensor([0.0, NEAREST_PER_M]), window)
     except InputError:
         plan_sampling(camera, shortest, torch.tensor([0.0, FARTHER_PER_M]), window)
-        return Taker(name, f"{name}, up to {1 / FARTHER_PER_M:g} m", camera, FARTHER_PER_M, FARTHER)
-    return Taker(name, name, camera, own=network_of(found))
+        said = f"{name}, up to {1 / FARTHER_PER_M:g} m"
+        return Taker(name, said, camera, FARTHER_PER_M, FARTHER, own)
+    return Taker(name, name, camera, own=own)
 
 
 def run(
@@ -143,155 +163,201 @@ def run(
             autocompletion=completion.cameras,
         ),
     ] = None,
-    network: Annotated[
-        str, typer.Option("--network", metavar="NETWORK", help="A checkpoint for any camera.")
-    ] = ANY_CAMERA,
+    systems: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--system",
+            "--network",
+            metavar="SYSTEM",
+            help=f"{SYSTEM_HELP}{ANY_CAMERA}. What names a camera is judged with that alone, the others with "
+            "each --camera.",
+            autocompletion=completion.systems,
+        ),
+    ] = None,
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
     """Pictures at random depths and deep scenes through any camera, restored by the network for any camera
-    and by Wiener deconvolution. Interrupt it at any time: the same command goes on.
+    and by Wiener deconvolution. Interrupt it at any time: the same command goes on. A camera or a system that
+    cannot be used is named, and the others are finished.
 
     Without --camera: six cameras that no network was trained for. With one set of weights for all of them,
     cameras that differ in their masks alone tell what the mask is worth.
 
-    Figures: psnr_db.CAMERA.{random,SCENE}.{photo,wiener,any,own}, gain_db.CAMERA.{random,SCENE} (above Wiener
-    deconvolution), gain_db.{mean,least}, gain_db.mean.{random,deep}; own, where something was trained for the
-    camera, and gap_db.CAMERA.{random,SCENE}, by which that is better; gap_db.greatest; pictures, left_out.
+    Figures: psnr_db.CAMERA.{random,SCENE}.IMAGE with IMAGE one of {photo,lens_alone,wiener,any,own,SYSTEM},
+    gain_db.CAMERA.{random,SCENE} (of the first system over Wiener deconvolution), gain_db.{mean,least},
+    gain_db.mean.{random,deep}; gain_db.CAMERA.{random,SCENE}.IMAGE.over_{photo,lens_alone,wiener} of what is
+    restored; any: the first network for any camera; own, where something was trained for the camera, and
+    gap_db.CAMERA.{random,SCENE}, by which that is better; gap_db.greatest; pictures, left_out.
     """
     found = photographs(data, limit)
-    checkpoint = load_checkpoint(network)
-    if not checkpoint.network.any_camera:
-        raise InputError(f"--network {network}: this was trained for one camera; name one for any camera")
-    digest = _digest(network)
-    every = asked_for(cameras) if cameras else takers()
+    failures = Failures()
+    sources: list[Source] = []
+    for text in systems or [ANY_CAMERA]:
+        with failures.of(text):
+            sources.append(system_of(text))
+    failures.check(len(sources))
+    restorers = by_name([source.restoration for source in sources if not source.names_camera])
+    every: list[Taker] = []
+    if cameras or restorers:
+        every += asked_for(cameras, failures) if cameras else takers()
+    for source in (source for source in sources if source.names_camera):
+        with failures.of(source.name):
+            every.append(_taker(source.name, source.camera(None), source.restoration))
     scores: dict[str, dict[str, dict[str, float]]] = {}
     rows: list[PictureScore] = []
     for number, taker in enumerate(every):
         tell = part(progress, number / len(every), (number + 1) / len(every), taker.name)
-        own, planes = _planes(taker, checkpoint, digest, found, folder, seed, part(tell, 0.0, 0.6))
-        rows += planes
-        scores[taker.name] = {RANDOM: own}
-        for index, scene in enumerate(taker.scenes):
+        judge = Judge(taker, {WIENER: ByWiener(), **restorers}, failures, folder, seed, cache)
+        with failures.of(taker.name):
+            own, planes = judge.planes(found, part(tell, 0.0, 0.6))
+            rows += planes
+            scores[taker.name] = {RANDOM: own}
+        for index, scene in enumerate(taker.scenes if taker.name in scores else ()):
             tell(0.6 + 0.4 * index / len(taker.scenes), scene)
-            scores[taker.name][scene] = _deep(taker, checkpoint, digest, scene, folder, seed, cache)
+            with failures.of(f"{taker.name}, {scene}"):
+                scores[taker.name][scene] = judge.deep(scene)
+    failures.check(len(scores))
     figures = figures_of(scores)
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
     table = _table(scores, every)
     page = Page(
         "Any camera",
-        "The network for any camera beside Wiener deconvolution.",
+        "Photos of any camera, and what is restored from them.",
         (Section("Scores", (table,)),),
-        (Text("PSNR of photos and restorations. Both are told the camera and the range of depths."),),
+        (Text("PSNR of photos and restorations. All know the camera and the range of depths."),),
     )
     outputs = {"planes": write_rows(folder / "cameras.csv", rows, "depth")}
-    inputs = {"data": found.source, "network": str(network)}
-    return Findings(figures, page, [table], outputs, found.problems, inputs)
+    outputs["gains"] = _write_gains(folder / "cameras-gains.csv", scores)
+    inputs = {"data": found.source, "systems": [source.name for source in sources]}
+    problems = [*found.problems, *failures.sentences]
+    return Findings(figures, page, [table], outputs, problems, inputs)
+
+
+def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:
+    """What restores photos of any camera, by its name in figures: the first network is `ANY`. Wiener
+    deconvolution, which is there in any case, is left out."""
+    found: dict[str, Restoration] = {}
+    for each in restorations:
+        network = isinstance(each, ByNetwork)
+        name = ANY if network and ANY not in found else each.name
+        if not isinstance(each, ByWiener):
+            found[name] = each
+    return found
 
 
 def figures_of(scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, float]:
     """Flat, from PSNRs by camera, condition and what was judged."""
     figures: dict[str, float] = {}
-    gains: dict[str, list[float]] = {RANDOM: [], "deep": []}
+    above: dict[str, list[float]] = {RANDOM: [], "deep": []}
     for camera, conditions in scores.items():
         for condition, values in conditions.items():
-            figures |= {f"psnr_db.{camera}.{condition}.{what}": value for what, value in values.items()}
-            gain = figures[f"gain_db.{camera}.{condition}"] = values[ANY] - values[WIENER]
-            gains[RANDOM if condition == RANDOM else "deep"].append(gain)
-            if OWN in values:
-                figures[f"gap_db.{camera}.{condition}"] = values[OWN] - values[ANY]
-    for name, values in gains.items():
+            place = f"{camera}.{condition}"
+            figures |= {f"psnr_db.{place}.{what}": value for what, value in values.items()}
+            for what in restored_in(values):
+                figures |= gain_figures(gains(values, what), f"{place}.{what}")
+            if (first := first_of(values)) is not None and WIENER in values:
+                gain = figures[f"gain_db.{place}"] = values[first] - values[WIENER]
+                above[RANDOM if condition == RANDOM else "deep"].append(gain)
+                if OWN in values and first != OWN:
+                    figures[f"gap_db.{place}"] = values[OWN] - values[first]
+    for name, values in above.items():
         if values:
             figures[f"gain_db.mean.{name}"] = sum(values) / len(values)
-    together = [value for values in gains.values() for value in values]
-    figures |= {"gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
+    if together := [value for values in above.values() for value in values]:
+        figures |= {"gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
     gaps = [value for name, value in figures.items() if name.startswith("gap_db.")]
     return {**figures, **({"gap_db.greatest": max(gaps)} if gaps else {})}
 
 
-def _planes(
-    taker: Taker,
-    checkpoint: Checkpoint,
-    digest: str,
-    data: Photographs,
-    folder: Path,
-    seed: int,
-    progress: Progress,
-) -> tuple[dict[str, float], list[PictureScore]]:
-    """Means over the pictures at random depths, by three lines of light, and the rows."""
-    camera = of_three_lines(taker.camera)
-    nodes, stack = standing_psfs(camera, nearest_per_m=taker.nearest_per_m)
-    shares = node_shares(nodes)
-    known = hashlib.sha256(stack.numpy().tobytes()).hexdigest()
-    about = checkpoint, replace(camera, read_noise=READ_NOISE), PAPER_COLOURS, nodes
-    network = conditioned_on(*about)
+def restored_in(values: Mapping[str, float]) -> list[str]:
+    """What was restored, of all that was judged."""
+    return [what for what in values if what not in NOT_RESTORED]
 
-    def restored(photo: Tensor, glare: Tensor) -> Tensor:
-        return for_any_camera(network, photo, stack, READ_NOISE, glare, shares)
 
-    contestants = [
-        Contestant(WIENER, camera, lambda photo, glare: filtered(photo, stack, glare, nodes), known),
-        Contestant(ANY, camera, restored, known + digest),
-    ]
-    if taker.own is not None:
-        own = taker.own.network
+def first_of(values: Mapping[str, float]) -> str | None:
+    """The first system that was judged, the network of the camera itself where there is no other."""
+    others = [what for what in restored_in(values) if what not in (WIENER, OWN)]
+    return others[0] if others else OWN if OWN in values else None
 
-        def by_own(photo: Tensor, glare: Tensor) -> Tensor:
-            return apply_network(own, photo, glare=glare)
 
-        contestants.append(Contestant(OWN, camera, by_own, known + _digest(taker.own.name)))
-    condition = Condition(RANDOM, None, READ_NOISE, paper_test(seed))
-    rows: list[PictureScore] = []
-    values: dict[str, float] = {}
-    for index, contestant in enumerate(contestants):
-        place = folder / taker.name
+@dataclass(frozen=True)
+class Judge:
+    """Scores of a camera by everything that restores its photos; by: Wiener deconvolution first."""
+
+    taker: Taker
+    by: Mapping[str, Restoration]
+    failures: Failures
+    folder: Path
+    seed: int
+    cache: Path | None
+
+    @property
+    def restorers(self) -> dict[str, Restoration]:
+        """All, that which is for this camera alone last."""
+        return {**self.by, **({} if self.taker.own is None else {OWN: self.taker.own})}
+
+    def planes(self, data: Photographs, progress: Progress) -> tuple[dict[str, float], list[PictureScore]]:
+        """Means over the pictures at random depths, by three lines of light, and the rows."""
+        taker = self.taker
+        camera = of_three_lines(taker.camera)
+        lens = camera.without_mask()
+        alone = Contestant(LENS_ALONE, lens, lambda photo, glare: photo, camera_digest(lens))
+        place = self.folder / taker.name
         place.mkdir(parents=True, exist_ok=True)
-        tell = part(progress, index / len(contestants), (index + 1) / len(contestants))
-        measured = measure(
-            contestant,
-            data.pictures,
-            [condition],
-            place,
-            seed=seed,
-            nearest_per_m=taker.nearest_per_m,
-            progress=tell,
-        )
-        means = averages(measured)
-        values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
-        values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
-        rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
-    return {what: values[what] for what in WHAT if what in values}, rows
+        contestants = [alone]
+        for name, by in self.restorers.items():
+            contestants.append(with_restoration(name, camera, by, nearest_per_m=taker.nearest_per_m))
+        condition = Condition(RANDOM, None, READ_NOISE, paper_test(self.seed))
+        how = {"seed": self.seed, "nearest_per_m": taker.nearest_per_m}
+        rows: list[PictureScore] = []
+        values: dict[str, float] = {}
+        for index, contestant in enumerate(contestants):
+            tell = part(progress, index / len(contestants), (index + 1) / len(contestants))
+            with self.failures.of(f"{taker.name}, {contestant.name}"):
+                measured = measure(contestant, data.pictures, [condition], place, progress=tell, **how)
+                means = averages(measured)
+                if contestant is not alone:
+                    values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
+                values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
+                rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
+        if not restored_in(values):
+            raise InputError("nothing restored its photos")
+        return values, rows
 
+    def deep(self, name: str) -> dict[str, float]:
+        """A scene with depth, the middle of its frame, as a sensor that saturates sees it."""
+        loaded = load_scene(name)
+        recipe = _with_pixels(scored_version(loaded.recipe, quick=True), self.taker.camera)
+        kept = Kept(self.folder / "finished.jsonl")
+        digests = {name: by.digest for name, by in self.restorers.items()}
+        scene = recipe.model_dump(mode="json")
+        key = key_of(camera=camera_digest(self.taker.camera), by=digests, scene=scene, seed=self.seed)
+        known = kept.get(key)
+        if known is not None:
+            return known
+        view = render(recipe, loaded.base, cache=self.cache)
+        camera = replace(self.taker.camera, recipe=saturating(self.taker.camera.recipe))
+        way = next(way for way in WAYS if way.name == OURS)
+        found: dict[str, float] = {}
 
-def _deep(
-    taker: Taker, checkpoint: Checkpoint, digest: str, name: str, folder: Path, seed: int, cache: Path | None
-) -> dict[str, float]:
-    """A scene with depth, the middle of its frame, as a sensor that saturates sees it."""
-    loaded = load_scene(name)
-    recipe = _with_pixels(scored_version(loaded.recipe, quick=True), taker.camera)
-    kept = Kept(folder / "finished.jsonl")
-    described = taker.camera.recipe.model_dump(mode="json")
-    named = {} if taker.own is None else {OWN: _digest(taker.own.name)}
-    key = key_of(camera=described, network=digest, scene=recipe.model_dump(mode="json"), seed=seed, **named)
-    known = kept.get(key)
-    if known is not None:
-        return known
-    view = render(recipe, loaded.base, cache=cache)
-    camera = replace(taker.camera, recipe=saturating(taker.camera.recipe))
-    way = next(way for way in WAYS if way.name == OURS)
-    with torch.inference_mode():
-        taken = take(view, way, System(ANY, camera, checkpoint), seed)
-        images = {PHOTO: taken.images["photo"], WIENER: taken.images["wiener"], ANY: taken.images["restored"]}
-        if taker.own is not None:
-            own = System(OWN, camera, taker.own)
-            images[OWN] = take(view, way, own, seed, like=taken).images["restored"]
-    found = {what: psnr(within_scale(image), taken.truth) for what, image in images.items()}
-    kept.put(key, found)
-    return found
+        def judged(what: str, image: Tensor, taken: Taken) -> None:
+            found[what] = psnr(within_scale(image), taken.truth)
 
-
-def _digest(network: str | Path) -> str:
-    return hashlib.sha256(find_checkpoint(network).read_bytes()).hexdigest()
+        failed = len(self.failures.found)
+        with torch.inference_mode():
+            alone = take(view, way, System(LENS_ALONE, camera.without_mask()), self.seed)
+            taken = take(view, way, System(WIENER, camera, ByWiener()), self.seed)
+            for what, each in ((PHOTO, taken), (LENS_ALONE, alone)):
+                judged(what, each.images["photo"], each)
+            judged(WIENER, taken.images["wiener"], taken)
+            for what, by in self.restorers.items():
+                with self.failures.of(f"{self.taker.name}, {name}, {what}"):
+                    own = take(view, way, System(what, camera, by), self.seed, like=taken)
+                    judged(what, own.images["restored"], own)
+        if len(self.failures.found) == failed:
+            kept.put(key, found)
+        return found
 
 
 def _with_pixels(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
@@ -301,16 +367,34 @@ def _with_pixels(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
 
 
 def _table(scores: Mapping[str, Mapping[str, Mapping[str, float]]], every: Sequence[Taker]) -> Table:
+    known = [values for conditions in scores.values() for values in conditions.values()]
+    more = dict.fromkeys(what for values in known for what in values if what not in WHAT)
+    shown = {what: said for what, said in WHAT.items() if any(what in values for values in known)}
+    shown |= {what: what for what in more}
     columns = (
         Column("Camera"),
         Column("What it photographs"),
-        *(Column(said, "dB", 2) for said in WHAT.values()),
-        Column("Gain", "dB", 2),
+        *(Column(said, "dB", 2) for said in shown.values()),
+        *(Column(f"Gain over {said}", "dB", 2) for said in RIVALS.values()),
     )
     rows: list[tuple[Cell, ...]] = []
     for taker in every:
-        for condition, values in scores[taker.name].items():
+        for condition, values in scores.get(taker.name, {}).items():
             said = "pictures, random depths" if condition == RANDOM else condition
-            found = (values.get(what) for what in WHAT)
-            rows.append((taker.said, said, *found, values[ANY] - values[WIENER]))
-    return Table(columns, tuple(rows))
+            above = gains(values, first_of(values) or WIENER)
+            found = (values.get(what) for what in shown)
+            rows.append((taker.said, said, *found, *(above.get(rival) for rival in RIVALS)))
+    said = "Gains: of the first system, or of Wiener deconvolution where there is no other."
+    return Table(columns, tuple(rows), said)
+
+
+def _write_gains(path: Path, scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Path:
+    """A row for each camera, condition and image: PSNR, and gains of what is restored."""
+    rows = []
+    for camera, conditions in scores.items():
+        for condition, values in conditions.items():
+            for what, value in values.items():
+                above = gains(values, what) if what in restored_in(values) else {}
+                rows.append((camera, condition, what, value, *(above.get(rival, "") for rival in RIVALS)))
+    header = ("camera", "condition", "image", "psnr_db", *(f"gain_db_over_{rival}" for rival in RIVALS))
+    return write_csv(path, header, rows)

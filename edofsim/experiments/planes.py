@@ -27,6 +27,7 @@ from ..capture.planes import photograph, surroundings
 from ..core.images import mirrored, write_png
 from ..core.json_values import Json
 from ..core.progress import Progress
+from ..errors import InputError
 from ..optics import PAPER_COLOURS, psf_bank
 from ..recipe.fabrication import Fabrication
 from ..record import write_csv
@@ -141,6 +142,7 @@ def measure(
         whole = [job for job in jobs if described(job.condition.fabrication) == fabrication]
         wanted = sorted({job.inverse_depth for job in whole})
         camera = made(system.camera, part[0].condition.fabrication)
+        _check_sizes(system, part, camera.recipe.psf.window_px)
         bank = psf_bank(camera, PAPER_COLOURS, wanted)
         for job in part:
             if progress:
@@ -148,6 +150,17 @@ def measure(
             psf = bank.values[wanted.index(job.inverse_depth)]
             rows[job.key] = _finish(job, system, psf, kept, out, show, told)
     return [rows[job.key] for job in jobs]
+
+
+def _check_sizes(system: Contestant, jobs: Sequence[Job], window: int) -> None:
+    """Raise InputError for pictures without a middle that is half a window of a PSF from their border."""
+    small = [job.picture.name for job in jobs if min(job.picture.pixels.shape[-2:]) <= 2 * (window // 2)]
+    if small:
+        raise InputError(
+            f"{system.name}: its PSFs have windows of {window} pixels, and {listed(sorted(set(small)))} "
+            f"{'are' if len(set(small)) > 1 else 'is'} no larger; take larger pictures (--data), or a "
+            "narrower psf.window_px"
+        )
 
 
 def random_depths(
@@ -241,7 +254,9 @@ def _finish(
     glare = truncated_share(psf)
     sharp, photo = (framed(image, psf.shape[-1] // 2) for image in (whole, taken))
     with torch.inference_mode():
-        restored, whole_restored = system.restore(photo, glare), system.restore(taken, glare)
+        restored, whole_restored = (
+            system.restored(image, glare, job.inverse_depth) for image in (photo, taken)
+        )
     files = _shown(job, out) if job.picture.name in show else None
     if files:
         for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):

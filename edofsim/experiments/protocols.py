@@ -13,28 +13,35 @@ all-in-focus image that they are judged against alike: what lies beyond is asked
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
 `unscattered_light`), becomes veiling glare: every surface gets its share of the picture's mean.
+
+Light is shared among depth layers, as many as the defocus of the camera at hand asks for; how far a photo is
+from one of twice as many is measured with it (see `converged_db`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
 
 from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
-from ..capture.prepare import channel_weights
+from ..capture.fidelity import MOST_LAYERS
+from ..capture.prepare import channel_weights, choose_nodes
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode
+from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import unscattered_fraction
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
-from ..restore import restore
-from ..restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
-from ..restore.scores import within_scale
+from ..restore.scores import psnr, within_scale
+from .failures import Failures
+from .restorations import ByNetwork, ByWiener, Known, Restoration, known_of
+from .sources import Source, systems_of_all
+from .systems import of_three_lines
 
 PAPER_DB = 30.76
 """The paper's PSNR of its one scene, an image of the TAU-Agent data set between 0.5 and 4.46 m."""
@@ -43,8 +50,8 @@ HEIGHT_ERROR_M = 30e-9
 SAME_HEIGHT_M = 1e-12
 """Masks that differ by less are one: checkpoints hold one mask to different roundings."""
 LENS_ALONE = "lens_alone"
-LAYERS = 25
-"""Depth nodes: on the shipped scenes photos are more than 60 dB from those of twice as many."""
+LAYERS_DB = 50.0
+"""Depth layers keep this PSNR by the rule of `capture.kernels.depth_nodes`, which is on the safe side."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ class Way:
     """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
     an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
     hidden surfaces where it has any; sub_apertures: along each axis of the pupil, as far as diffraction lets
-    them be told apart; layers: depth nodes."""
+    them be told apart; layers: depth nodes, None for as many as the camera's defocus asks for."""
 
     name: str
     title: str
@@ -60,7 +67,7 @@ class Way:
     flat: bool = False
     encoded: bool = False
     sub_apertures: int = 1
-    layers: int = LAYERS
+    layers: int | None = None
 
 
 PAPER, OURS = "paper", "sub_apertures"
@@ -78,20 +85,20 @@ WAYS = (
 
 @dataclass(frozen=True)
 class System:
-    """What takes and restores photos. camera: with the system's mask; checkpoint: the network, None where the
-    photo is left as it is; designed: what a Wiener filter takes the camera for, where the mask was made
-    otherwise."""
+    """What takes and restores photos. camera: with the system's mask; restoration: None where the photo is
+    left as it is; designed: what Wiener deconvolution and functions take the camera for, where the mask was
+    made otherwise."""
 
     name: str
     camera: Camera
-    checkpoint: Checkpoint | None = None
+    restoration: Restoration | None = None
     designed: Camera | None = None
 
 
 @dataclass(frozen=True)
 class Taken:
     """A photo, and the images to be judged against its ideal one, all [3, y, x]: `photo`, and of a system
-    with a network `restored` and `wiener`."""
+    that restores `restored` and `wiener`."""
 
     photo: Photo
     images: dict[str, Tensor]
@@ -102,18 +109,66 @@ class Taken:
         return within_scale(self.photo.ideal)
 
 
-def systems_of(camera: Loaded[CameraRecipe], networks: Sequence[str]) -> list[System]:
-    """The camera's lens alone, and with the mask of each network (checkpoint file or shipped name).
+@dataclass(frozen=True)
+class Lens:
+    """Systems that share lens, focus and sensor, and so a view and the photo of the lens alone. name: of
+    their camera; alone: the lens without a mask; recipes: texts by name of the file."""
 
-    Raises InputError for a network that is damaged, unknown or of another camera.
-    """
-    recipe = saturating(camera.recipe)
-    systems = [System(LENS_ALONE, Camera.from_recipe(recipe, camera.base).without_mask())]
-    for name in networks:
-        checkpoint = load_checkpoint(name, recipe)
-        optics = camera_with_mask(recipe, checkpoint, camera.base)
-        systems.append(System(checkpoint.name, optics, checkpoint))
-    return systems
+    name: str
+    alone: System
+    systems: tuple[System, ...]
+    recipes: Mapping[str, str]
+
+    @property
+    def every(self) -> tuple[System, ...]:
+        """The lens alone, then the systems."""
+        return (self.alone, *self.systems)
+
+
+def systems_of(camera: Loaded[CameraRecipe], names: Sequence[str]) -> list[System]:
+    """A lens alone, and the systems (see `sources.system_of`) with it, which must all be of one lens. Raises
+    InputError for what is no system, and for two lenses."""
+    lenses, failures = lenses_of(camera, systems_of_all(names))
+    failures.check(0)
+    if len(lenses) > 1:
+        raise InputError(f"{', '.join(names)}: not all of one lens; take them one by one")
+    return list(lenses[0].every)
+
+
+def lenses_of(camera: Loaded[CameraRecipe], sources: Sequence[Source]) -> tuple[list[Lens], Failures]:
+    """Systems by their lens, in the order of the first of each; and what is wrong with those that cannot be
+    built. camera: of systems that name none. The first lens alone is called `LENS_ALONE`."""
+    given = replace(camera, recipe=saturating(camera.recipe))
+    found: dict[str, Lens] = {}
+    failures = Failures()
+    for source in sources:
+        with failures.of(source.name):
+            optics = source.camera(given)
+            optics = replace(optics, recipe=saturating(optics.recipe))
+            system = System(source.name, optics, source.restoration)
+            alone, name = optics.without_mask(), optics.recipe.name
+            key = _lens_key(alone)
+            if key not in found:
+                called = f"{LENS_ALONE}_{name}_{len(found) + 1}" if found else LENS_ALONE
+                found[key] = Lens(name, System(called, alone), (), {})
+            lens = found[key]
+            texts = {**lens.recipes, **_texts(source, camera, optics)}
+            found[key] = replace(lens, systems=(*lens.systems, system), recipes=texts)
+    return list(found.values()), failures
+
+
+def _texts(source: Source, camera: Loaded[CameraRecipe], optics: Camera) -> dict[str, str]:
+    """The recipe of a system's camera, by the name of its file."""
+    if source.own is None and optics.recipe.name == camera.recipe.name:
+        return {camera.path.name: camera.text}
+    if source.own is not None:
+        return {source.own.path.name: source.own.text}
+    return {f"camera of {source.name}": optics.recipe.model_dump_json(indent=1)}
+
+
+def _lens_key(alone: Camera) -> str:
+    """The same for cameras that differ in their masks alone."""
+    return alone.recipe.model_dump_json(exclude={"name", "purpose", "schema_"}) + str(alone.base)
 
 
 def saturating(recipe: CameraRecipe) -> CameraRecipe:
@@ -133,27 +188,52 @@ def take(
     """A photo of the way's own view (see `views_of`), and its restorations.
 
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
-    like: what a system with the same camera took so (see `same_photo`); its photo is not taken again.
+    like: what a system with the same camera took so (see `same_photo`); its photo is not taken again. Raises
+    InputError where it cannot be taken or restored.
     """
     camera = of_three_lines(system.camera) if way.flat else system.camera
     unscattered = unscattered_light(system.camera, view.wavelengths)
     photo = _photo(view, way, camera, unscattered, seed, device) if like is None else like.photo
     images = {"photo": photo.image}
-    if system.checkpoint is not None:
-        nearest, farthest = float(view.inverse_depth.max()), float(view.inverse_depth.min())
-        depths = torch.tensor([farthest, nearest], dtype=torch.float64)
-        # how finely the mask is made, and so the glare that its making leaves, is known of a camera
-        glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
-        images["restored"], _ = restore(
-            photo.image, camera, view.wavelengths, depths, checkpoint=system.checkpoint, glare=glare
-        )
-        if like is not None and "wiener" in like.images:
-            images["wiener"] = like.images["wiener"]
-        else:
-            taker = system.designed or system.camera
-            taker = of_three_lines(taker) if way.flat else taker
-            images["wiener"], _ = restore(photo.image, taker, view.wavelengths, depths, glare=glare)
+    if system.restoration is None:
+        return Taken(photo, images)
+    # how finely the mask is made, and so the glare that its making leaves, is known of a camera
+    glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
+    taker = system.designed or system.camera
+    taker = of_three_lines(taker) if way.flat else taker
+    by_network = isinstance(system.restoration, ByNetwork)
+    known = _known(view, camera if by_network else taker, glare)
+    images["restored"] = system.restoration(photo.image, known).to(photo.image)
+    if isinstance(system.restoration, ByWiener):
+        images["wiener"] = images["restored"]
+    elif like is not None and "wiener" in like.images:
+        images["wiener"] = like.images["wiener"]
+    else:
+        images["wiener"] = ByWiener()(photo.image, _known(view, taker, glare) if by_network else known)
     return Taken(photo, images)
+
+
+def _known(view: View, camera: Camera, glare: Tensor) -> Known:
+    """What is known of a photo of a view."""
+    ends = torch.stack(view.inverse_depth.double().cpu().aminmax())
+    return known_of(camera, view.wavelengths, ends, glare, view.crop_margin(view.mean_inverse_depth()))
+
+
+def converged_db(view: View, way: Way, system: System) -> float:
+    """How far a photo of the way's own view is from convergence: PSNR in dB between it and that of twice as
+    many depth layers, both without noise and sub-apertures, with one group of bands a channel. Infinite where
+    all depths of the view are layers."""
+    camera = of_three_lines(system.camera) if way.flat else system.camera
+    how = _fidelity(view, way, camera)
+    few = replace(how, band_groups=1, group_wavelengths=1, sub_apertures=1)
+    ideal = view.crop_margin(ideal_image(view, camera, 1.0))
+    exposure = automatic_exposure(ideal, noisy=view.noise > 0)
+    layers = few.layers or "auto"
+    seen, shortest = view.coverage * ~view.hidden, float(view.wavelengths.min())
+    nodes = choose_nodes(view.inverse_depth, seen, camera, shortest, few.method, layers, few.layers_db)
+    twice = replace(few, layers=min(2 * len(nodes), MOST_LAYERS))
+    once, more = (capture(view, camera, how, exposure=exposure).clean for how in (few, twice))
+    return psnr(once, more)
 
 
 def same_photo(first: System, second: System) -> bool:
@@ -173,16 +253,19 @@ def _photo(view: View, way: Way, camera: Camera, unscattered: Tensor, seed: int,
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted)
+    fidelity, hazy = _fidelity(view, way, camera), with_glare(view, unscattered)
+    photo = capture(hazy, camera, fidelity, exposure=exposure, seed=seed, device=device)
+    return replace(photo, ideal=ideal * exposure)
+
+
+def _fidelity(view: View, way: Way, camera: Camera) -> Fidelity:
     full = full_fidelity(camera, view)
-    fidelity = Fidelity(
+    return Fidelity(
         layers=way.layers,
+        layers_db=LAYERS_DB,
         occlusion=way.occlusion or full.occlusion,
         sub_apertures=min(way.sub_apertures, full.sub_apertures),
     )
-    photo = capture(
-        with_glare(view, unscattered), camera, fidelity, exposure=exposure, seed=seed, device=device
-    )
-    return replace(photo, ideal=ideal * exposure)
 
 
 def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:
@@ -200,7 +283,9 @@ def with_glare(view: View, unscattered: Tensor) -> View:
     part = unscattered.to(view.radiance)[:, None]
     rows, columns = view.padded_shape
     mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
-    return replace(view, radiance=view.radiance * part + mean * (1 - part) * view.coverage)
+    half = None if view.half_difference is None else view.half_difference * part.to(view.half_difference)
+    radiance = view.radiance * part + mean * (1 - part) * view.coverage
+    return replace(view, radiance=radiance, half_difference=half)
 
 
 def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
@@ -224,6 +309,7 @@ def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
         radiance=picture.reshape(3, -1)[order].to(torch.float32),
         hidden=torch.zeros(pixels, dtype=torch.bool),
         wavelengths=PAPER_COLOURS[order],
+        half_difference=None,
     )
 
 
@@ -242,9 +328,3 @@ def _depth_of_most(view: View) -> Tensor:
     most = empty.scatter_reduce(0, pixel, coverage, "amax")
     first = coverage == most[pixel]
     return empty.scatter_reduce(0, pixel[first], view.inverse_depth[which][first], "amax").clamp_min(0)
-
-
-def of_three_lines(camera: Camera) -> Camera:
-    """The same camera with a sensor whose colours are three wavelengths."""
-    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
-    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))

@@ -13,10 +13,8 @@ folder, and gone on from.
 
 from __future__ import annotations
 
-import hashlib
-import math
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
@@ -25,49 +23,63 @@ import typer
 from torch import Tensor
 
 from .. import completion
+from ..capture.framing import framed, seen_through
 from ..core.files import write_bytes
 from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
-from ..options import CacheOption, CameraOption, MembersOption, NetworksOption, QuickOption, SeedOption
-from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
+from ..options import (
+    CacheOption,
+    CameraOption,
+    MembersOption,
+    NetworksOption,
+    QuickOption,
+    ResampleOption,
+    SeedOption,
+)
+from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.load import shipped, shipped_folder
 from ..record import writable_folder
 from ..render import render
 from ..render.keys import view_key
 from ..render.view import View
 from ..report import Link, write_page
-from ..restore.checkpoint import find_checkpoint, load_checkpoint, shipped_checkpoints
-from ..restore.scores import depth_ranges, light_error, score_parts, within_scale
+from ..restore.checkpoint import shipped_checkpoints
 from ..scene.family import in_place_of
 from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
+from .failures import Failures
 from .kept import Kept
 from .kept import key_of as kept_key
 from .predictions import small_version
 from .protocols import (
-    LENS_ALONE,
     OURS,
     PAPER,
     WAYS,
+    Lens,
     System,
     Taken,
     Way,
+    converged_db,
+    lenses_of,
     same_photo,
-    systems_of,
     take,
     views_of,
 )
 from .scene_scores import (
     AWAY,
     NEAR_EDGES,
-    WHOLE,
     Measured,
     SceneScore,
     SceneScores,
+    facts_of,
     figures,
+    regions_of,
+    scores_of,
     worst,
     write_table,
 )
+from .sources import Source, one_of_each, system_of
+from .systems import camera_digest
 
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
@@ -85,15 +97,19 @@ def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a page is made from, of one scene: recipes, view, systems, and what was taken in the ways of
-    `SHOWN`, by way and system. edges: bool [y, x]."""
+    """What a page is made from, of one scene and lens: the view, and what was taken in the ways of `SHOWN`,
+    by way and system. edges: bool [y, x]."""
 
     scene: Loaded[SceneRecipe]
-    camera: Loaded[CameraRecipe]
+    lens: Lens
     view: View
-    systems: tuple[System, ...]
     taken: Mapping[tuple[str, str], Taken]
     edges: Tensor
+
+    @property
+    def systems(self) -> tuple[System, ...]:
+        """The lens alone, and the others that could be judged."""
+        return tuple(each for each in self.lens.every if (OURS, each.name) in self.taken)
 
 
 @in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
@@ -113,20 +129,24 @@ def run(
     camera: CameraOption = None,
     quick: QuickOption = False,
     members: MembersOption = 0,
+    resample: ResampleOption = False,
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
-    """Deep scenes through the lens alone and through learned masks, by the paper's protocol and by ours:
-    scores whole, by depth and near depth edges, and what each way to simulate concludes (paper, Fig. 13).
+    """Deep scenes through the lens alone and through the masks of systems, by the paper's protocol and by
+    ours: scores whole, by depth and near depth edges, and what each way to simulate concludes (paper,
+    Fig. 13).
 
-    Interrupt it at any time: scenes that are finished are kept in --out. What cannot be read is named at the
-    end, and the others are finished. Scenes are rendered with at least 512 samples a pixel, as the noise of
-    the truth counts against every restoration.
+    Interrupt it at any time: scenes that are finished are kept in --out. What cannot be used, a scene or a
+    system, is named at the end, and the others are finished. Scenes are rendered with at least 512 samples a
+    pixel, as the noise of the truth counts against every restoration, and in the pixels of each lens.
 
     Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE with IMAGE one of
-    {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, gain_db.SCENE.WAY.NETWORK (above the lens alone),
-    scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the worst channel;
-    WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
+    {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, and NETWORK.lens_alone where there are several lenses;
+    gain_db.SCENE.WAY.NETWORK (over the lens alone), and with .over_{photo,lens_alone,wiener};
+    converged_db.{SCENE,least}.WAY.{lens_alone,NETWORK.photo}: PSNR between the photo and that of twice as
+    many depth layers; scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the
+    worst channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
 
@@ -134,25 +154,28 @@ def run(
     if broken and not loaded:
         raise InputError([text for texts in broken.values() for text in texts])
     loaded = in_place_of(loaded, members, seed)
-    sources = names_of(networks)
-    names = list(sources.values())
+    sources, failures = sources_of(networks)
+    names = [source.name for source in sources]
     each = writable_folder(folder / "scenes")
 
     def show(measured: Measured, seen: Seen) -> None:
-        for system in seen.systems[1:]:
+        judged = [system for system in seen.systems if system.restoration is not None]
+        for system in judged:
             page = scene_page(measured, seen, system, Link("../scene3d.html", "Deep scenes"))
             write_page(each / f"{measured.scene}-{system.name}.html", page)
-        ours = seen.taken[OURS, seen.systems[1].name]
-        alone = seen.taken[OURS, LENS_ALONE]
-        shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
-        write_bytes(each / f"{measured.scene}.png", shown.png)
+        alone = seen.taken.get((OURS, seen.lens.alone.name))
+        if judged and alone is not None:
+            ours = seen.taken[OURS, judged[0].name]
+            shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
+            write_bytes(each / f"{measured.scene}.png", shown.png)
 
     outcome = measured_scenes(
         folder,
         loaded,
-        networks=list(sources),
+        networks=sources,
         camera=camera,
         quick=quick,
+        resample=resample,
         seed=seed,
         cache=cache,
         show=show,
@@ -160,9 +183,12 @@ def run(
     )
     outcome = SceneScores(outcome.measured, {**broken, **outcome.failed})
     every = outcome.measured
+    problems = [*failures.sentences, *outcome.problems]
+    if not any(row.image == "restored" for m in every for row in m.rows):
+        raise InputError(problems)
     links = []
     for m in every:
-        for name in names:
+        for name in (name for name in names if name not in m.problems):
             title = m.scene if len(names) == 1 else f"{m.scene}, {name}"
             links.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, each / f"{m.scene}.png"))
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
@@ -177,8 +203,8 @@ def run(
         overview_page(outcome, names, links),
         shown=[*shown, *worsts],
         outputs={"scores": write_table(folder / "scene3d.csv", outcome)},
-        problems=[text for texts in outcome.failed.values() for text in texts],
-        inputs={"scenes": [m.scene for m in every], "networks": list(sources)},
+        problems=problems,
+        inputs={"scenes": [m.scene for m in every], "networks": names},
         record={"worst": {n: lows[n].scene if n in lows else None for n in names}, "failed": outcome.failed},
     )
 
@@ -206,33 +232,38 @@ def readable(
     return loaded, broken
 
 
-def names_of(networks: Sequence[str] | None) -> Mapping[str, str]:
-    """Names of the systems by what was typed, of all that ship for None. Raises InputError for a checkpoint
-    that cannot be used, and for two of one name."""
-    sources = dict.fromkeys(networks or shipped_checkpoints())
-    names = {source: load_checkpoint(source).name for source in sources}
-    if len(set(names.values())) < len(names):
-        raise InputError(f"{', '.join(names)}: two of these checkpoints have the same name; give one of them")
-    return names
+def sources_of(systems: Sequence[str] | None) -> tuple[list[Source], Failures]:
+    """Systems by what was typed, all networks that ship with a mask for None; and what is wrong with those
+    that are none. Raises InputError where all are, and for two of one name."""
+    failures = Failures()
+    found: list[Source] = []
+    for text in dict.fromkeys(systems or shipped_checkpoints()):
+        with failures.of(text):
+            found.append(system_of(text))
+    failures.check(len(found))
+    one_of_each([each.name for each in found])
+    return found, failures
 
 
 def measured_scenes(
     folder: Path,
     scenes: Sequence[Loaded[SceneRecipe]],
     *,
-    networks: Sequence[str],
+    networks: Sequence[Source],
     progress: Progress,
     camera: str | None = None,
     quick: bool = False,
+    resample: bool = False,
     seed: int = 0,
     cache: Path | None = None,
     show: Callable[[Measured, Seen], None] | None = None,
 ) -> SceneScores:
     """Measure every scene. folder: keeps each that is finished, which is not measured again.
 
-    networks: checkpoints, files or shipped names; camera: in place of what the scene names; quick: the
-    scenes' small versions; seed: of the sensor's noise; show: called with each scene's images before it
-    counts as finished. A scene that cannot be read, rendered or photographed is left and told in the outcome.
+    networks: systems; camera: in place of what the scene names; quick: the scenes' small versions; resample:
+    views of scenes whose pixels see another angle than a camera's; seed: of the sensor's noise; show: called
+    with each scene's images, lens by lens, before it counts as finished. A scene that cannot be read,
+    rendered or photographed is left and named in the outcome, a system in the scene's.
     """
     kept = Kept(folder / "finished.jsonl")
     done: list[Measured] = []
@@ -242,20 +273,40 @@ def measured_scenes(
         tell = part(progress, number / len(scenes), (number + 1) / len(scenes), name)
         try:
             taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
+            lenses, failures = lenses_of(taker, networks)
+            failures.check(len(lenses))
             recipe = scored_version(scene.recipe, quick=quick)
-            key = key_of(recipe, scene.base, taker, networks, seed)
+            frames = [framed(recipe, lens.alone.camera, resample) for lens in lenses]
+            key = key_of(frames, scene.base, lenses, networks, seed)
             known = remembered(kept, key)
             if known is None:
-                view = render(recipe, scene.base, cache=cache, progress=part(tell, 0.0, 0.4))
-                systems = tuple(systems_of(taker, networks))
-                known, taken, edges = measure(name, view, systems, seed=seed, progress=part(tell, 0.4, 1.0))
-                if show:
-                    show(known, Seen(scene, taker, view, systems, taken, edges))
-                kept.put(key, asdict(known))
+                every: list[Measured] = []
+                for place, (lens, frame) in enumerate(zip(lenses, frames, strict=True)):
+                    say = part(tell, place / len(lenses), (place + 1) / len(lenses))
+                    view = render(frame, scene.base, cache=cache, progress=part(say, 0.0, 0.4))
+                    _, view = seen_through(lens.alone.camera, frame, view)
+                    rest = part(say, 0.4, 1.0)
+                    one, taken, edges = measure(name, view, lens.every, seed=seed, progress=rest)
+                    if show:
+                        show(one, Seen(scene, lens, view, taken, edges))
+                    every.append(one)
+                known = together(every, failures)
+                if not known.problems:
+                    kept.put(key, asdict(known))
             done.append(known)
         except EdofsimError as error:
             failed[name] = getattr(error, "problems", (str(error),))
     return SceneScores(tuple(done), failed)
+
+
+def together(every: Sequence[Measured], failures: Failures) -> Measured:
+    """A scene that was measured lens by lens. Raises InputError where no system could be judged."""
+    problems = {name: texts for m in every for name, texts in m.problems.items()} | failures.found
+    rows = tuple(row for m in every for row in m.rows)
+    Failures(problems).check(sum(row.image == "restored" for row in rows))
+    facts = {lens: facts for m in every for lens, facts in m.facts.items()}
+    lenses = {system: lens for m in every for system, lens in m.lenses.items()}
+    return Measured(every[0].scene, rows, facts, lenses, problems)
 
 
 def measure(
@@ -270,76 +321,50 @@ def measure(
 ) -> tuple[Measured, dict[tuple[str, str], Taken], Tensor]:
     """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are.
 
-    parts: further regions to score, bool [y, x], by name.
+    systems: of one lens, the lens alone first; parts: further regions to score, bool [y, x], by name. A
+    system that cannot be judged by a way has no rows, and is told in what was measured.
     """
     started = time.perf_counter()
-    edges = near_edges(view, systems[0].camera)
-    regions = _regions(view, {NEAR_EDGES: edges, AWAY: ~edges, **(parts or {})})
-    views = views_of(view, systems[0].camera)
+    alone = systems[0]
+    edges = near_edges(view, alone.camera)
+    regions = regions_of(view, {NEAR_EDGES: edges, AWAY: ~edges, **(parts or {})})
+    views = views_of(view, alone.camera)
+    failures = Failures()
     rows: list[SceneScore] = []
     kept: dict[tuple[str, str], Taken] = {}
-    # the first of the systems that take the same photo
-    alike = [next(i for i, each in enumerate(systems) if same_photo(each, system)) for system in systems]
+    far: dict[tuple[object, ...], float] = {}
     for step, way in enumerate(ways):
-        of_way: list[Taken] = []
+        of_way: dict[str, Taken] = {}
         for number, system in enumerate(systems):
             if progress:
                 progress((step + number / len(systems)) / len(ways), f"{way.name}, {system.name}")
-            like = of_way[alike[number]] if alike[number] < number else None
-            taken = take(views[way.name], way, system, seed, like=like)
-            of_way.append(taken)
-            for image, values in taken.images.items():
-                about = (name, way.name, system.name, image)
-                scores = _scores(values, taken.truth, regions)
-                rows += [SceneScore(*about, *place, *each) for place, each in scores]
+            if system.name in failures.found:
+                continue
+            # the first of the systems that take the same photo
+            alike = (each for each in systems[:number] if each.name in of_way and same_photo(each, system))
+            like = next((each.name for each in alike), None)
+            with failures.of(system.name):
+                shown = views[way.name]
+                taken = take(shown, way, system, seed, like=of_way[like] if like else None)
+                of_way[system.name] = taken
+                # sub-apertures are no part of it
+                about_layers = like or system.name, way.flat, way.encoded, way.occlusion, way.layers
+                if about_layers not in far:
+                    far[about_layers] = converged_db(shown, way, system)
+                photo = int(str(taken.photo.how["layers"])), far[about_layers]
+                for image, values in taken.images.items():
+                    about = (name, way.name, system.name, image)
+                    scores = scores_of(values, taken.truth, regions)
+                    rows += [SceneScore(*about, *place, *each, *photo) for place, each in scores]
         if way.name in SHOWN:
-            kept |= {(way.name, system.name): each for system, each in zip(systems, of_way, strict=True)}
-    facts = _facts(view, edges, kept[OURS, systems[0].name])
-    return Measured(name, tuple(rows), {**facts, "seconds": time.perf_counter() - started}), kept, edges
-
-
-Region = tuple[str, float, float]
-
-
-def _regions(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
-    """Masks, bool [y, x], of depth ranges and of named parts, by name, near_m and far_m; none is empty."""
-    depth = view.crop_margin(view.mean_inverse_depth()).cpu()
-    found: dict[Region, Tensor] = {("depth", near, far): mask for near, far, mask in depth_ranges(depth)}
-    for name, mask in named.items():
-        if mask.any():
-            found[name, 0.0, math.inf] = mask
-    return found
-
-
-def _scores(
-    image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
-) -> Iterable[tuple[Region, tuple[float, float, int, float]]]:
-    image, truth = within_scale(image).cpu(), truth.cpu()
-    masks = [None, *regions.values()]
-    parts = score_parts(image, truth, masks)
-    for place, mask, each in zip(((WHOLE, 0.0, math.inf), *regions), masks, parts, strict=True):
-        yield place, (each.psnr_db, each.ssim, each.pixels, light_error(image, truth, mask))
-
-
-def _facts(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:
-    """What decides scores besides the camera. mean: of the truth; clipped: share of its values beyond full
-    scale before it was clipped; noise_db: PSNR between the truth and itself rendered with another seed."""
-    truth = taken.truth
-    # two renderings differ by sqrt(2) times the standard error of one
-    wander = math.sqrt(2) * view.noise * float(truth.double().square().mean().sqrt())
-    return {
-        "width_px": view.width,
-        "height_px": view.height,
-        "bands": view.bands,
-        "nearest_m": 1 / max(float(view.inverse_depth.max()), 1e-9),
-        "farthest_m": 1 / max(float(view.inverse_depth.min()), 1e-9),
-        "edges": float(edges.double().mean()),
-        "exposure": taken.photo.exposure,
-        "mean": float(truth.mean()),
-        "clipped": float((taken.photo.ideal > 1).double().mean()),
-        "render_noise": view.noise,
-        "noise_db": -20 * math.log10(wander) if wander > 0 else math.inf,
-    }
+            kept |= {(way.name, system): taken for system, taken in of_way.items()}
+    rows = [row for row in rows if row.system not in failures.found]
+    kept = {key: taken for key, taken in kept.items() if key[1] not in failures.found}
+    facts: dict[str, dict[str, float]] = {}
+    if ours := next((taken for (way_name, _), taken in kept.items() if way_name == OURS), None):
+        facts[alone.name] = {**facts_of(view, edges, ours), "seconds": time.perf_counter() - started}
+    lenses = {system.name: alone.name for system in systems[1:]}
+    return Measured(name, tuple(rows), facts, lenses, failures.found), kept, edges
 
 
 def remembered(kept: Kept, key: str) -> Measured | None:
@@ -347,16 +372,21 @@ def remembered(kept: Kept, key: str) -> Measured | None:
     found = kept.get(key)
     if found is None:
         return None
-    return Measured(found["scene"], tuple(SceneScore(**row) for row in found["rows"]), found["facts"])
+    rows = tuple(SceneScore(**row) for row in found["rows"])
+    return Measured(found["scene"], rows, found["facts"], found["lenses"])
 
 
 def key_of(
-    recipe: SceneRecipe, base: Path, camera: Loaded[CameraRecipe], networks: Sequence[str], seed: int
+    recipes: Sequence[SceneRecipe],
+    base: Path,
+    lenses: Sequence[Lens],
+    networks: Sequence[Source],
+    seed: int,
 ) -> str:
-    """What a scene's scores depend on."""
+    """What a scene's scores depend on. recipes: of the view of each lens."""
     return kept_key(
-        view=view_key(recipe, base),
-        camera=camera.recipe.model_dump(mode="json"),
+        views=[view_key(recipe, base) for recipe in recipes],
+        cameras={system.name: camera_digest(system.camera) for lens in lenses for system in lens.every},
         seed=seed,
-        networks=[hashlib.sha256(find_checkpoint(name).read_bytes()).hexdigest() for name in networks],
+        networks={source.name: source.restoration.digest for source in networks},
     )

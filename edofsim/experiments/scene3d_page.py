@@ -70,12 +70,12 @@ def scene_page(
 
     crops: parts to enlarge, in place of textured ones near, at focus and far.
     """
-    ours, alone = seen.taken[OURS, system.name], seen.taken[OURS, LENS_ALONE]
+    ours, alone = seen.taken[OURS, system.name], seen.taken[OURS, seen.lens.alone.name]
     view, recipe = seen.view, seen.scene.recipe
     report = RunReport(
         title=recipe.name,
         purpose=recipe.purpose,
-        camera=f"{seen.camera.recipe.name}, mask of {system.name}",
+        camera=f"{seen.lens.name}, mask of {system.name}",
         ideal=ours.truth,
         photo=ours.images["photo"].clamp(0, 1),
         restored=ours.images["restored"].clamp(0, 1),
@@ -83,9 +83,9 @@ def scene_page(
         lens_alone=alone.images["photo"].clamp(0, 1),
         inverse_depth=view.crop_margin(view.mean_inverse_depth()),
         scores=_image_scores([measured], system.name),
-        focus_m=seen.camera.recipe.focus.distance_m,
-        facts=_facts(measured),
-        recipes={item.path.name: item.text for item in (seen.scene, seen.camera)},
+        focus_m=system.camera.recipe.focus.distance_m,
+        facts=_facts(measured, system.name),
+        recipes={seen.scene.path.name: seen.scene.text, **seen.lens.recipes},
         restored_label=f"Restored ({system.name})",
     )
     page = report_page(report, crops)
@@ -108,9 +108,8 @@ def overview_page(
 ) -> Page:
     """All scenes: scores, what a cheaper simulation would have concluded, scores by depth and near edges."""
     head: list[Block] = [Keys(tuple(key for network in networks for key in _keys(outcome, network)))]
-    if outcome.failed:
-        problems = [f"{name}: {text}" for name, texts in outcome.failed.items() for text in texts]
-        head.append(Notes((f"Left out of all that follows, {len(outcome.failed)} scenes:", *problems)))
+    if outcome.problems:
+        head.append(Notes(("Left out of what follows:", *outcome.problems)))
     sections: list[Section] = []
     for network in networks:
         of = f" ({network})" if len(networks) > 1 else ""
@@ -175,49 +174,48 @@ def _keys(outcome: SceneScores, network: str) -> list[Key]:
 def scores_table(every: Sequence[Measured], network: str) -> Table:
     """A row a scene, and the mean."""
     wanted = [
-        (OURS, LENS_ALONE, "photo"),
-        (OURS, network, "restored"),
-        (PAPER, LENS_ALONE, "photo"),
-        (PAPER, network, "restored"),
+        (OURS, network, LENS_ALONE),
         (OURS, network, "photo"),
         (OURS, network, "wiener"),
+        (OURS, network, "restored"),
+        (PAPER, network, LENS_ALONE),
+        (PAPER, network, "restored"),
     ]
-    names = ("Scene", "Lens alone", "Restored", "Gain", "Lens alone, paper's", "Restored, paper's")
-    columns = [
-        Column(name) for name in (*names, "Photo", "Wiener", "Light error", "Mean level", "Render noise")
-    ]
+    names = ("Scene", "Lens alone", "Photo", "Wiener", "Restored")
+    names += ("Gain over lens alone", "Gain over photo", "Gain over Wiener")
+    names += ("Lens alone, paper's", "Restored, paper's", "Light error", "Mean level", "Render noise")
+    columns = [Column(name) for name in (*names, "Layers against twice")]
+    rivals = (LENS_ALONE, "photo", "wiener")
 
     def line(
-        name: str,
-        cells: Sequence[SceneScore | Score | None],
-        gain: float,
-        light: float,
-        mean_level: float,
-        noise: float,
+        name: str, cells: Sequence[SceneScore | Score | None], gains: Sequence[float], facts: Sequence[float]
     ) -> tuple[str, ...]:
+        light, level, noise, layers = facts
         shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
         percent = DASH if math.isnan(light) else f"{number(100 * light, 1)} %"
-        of_truth = (percent, number(mean_level, 2), number(noise, 0))
-        return (name, *shown[:2], number(gain), *shown[2:], *of_truth)
+        of_truth = (percent, number(level, 2), number(noise, 0), number(layers, 0))
+        return (name, *shown[:4], *(number(gain) for gain in gains), *shown[4:], *of_truth)
 
-    def off(measured: Measured) -> float:
-        row = measured.score(OURS, network, "restored")
-        return math.nan if row is None else row.light_error
+    def facts_of(measured: Measured) -> tuple[float, ...]:
+        row, facts = measured.score(OURS, network, "restored"), measured.facts_of(network)
+        of_row = (math.nan, math.nan) if row is None else (row.light_error, row.converged_db)
+        return of_row[0], facts["mean"], facts["noise_db"], of_row[1]
 
     rows = []
     for m in every:
-        cells = [m.score(*place) for place in wanted]
-        rows.append(line(m.scene, cells, m.gain(OURS, network), off(m), m.facts["mean"], m.facts["noise_db"]))
+        gains, cells = m.gains(OURS, network), [m.score(*place) for place in wanted]
+        rows.append(line(m.scene, cells, [gains.get(rival, math.nan) for rival in rivals], facts_of(m)))
     averages = [_mean_row(every, *place) for place in wanted]
-    gain = mean(m.gain(OURS, network) for m in every)
-    level = mean(m.facts["mean"] for m in every)
-    rows.append(line("mean", averages, gain, mean(off(m) for m in every), level, math.nan))
-    rows.append(("the paper's scene", *[DASH] * 4, f"{PAPER_DB}\n{DASH}", *[DASH] * 5))
+    means = [mean(m.gains(OURS, network).get(rival, math.nan) for m in every) for rival in rivals]
+    light, level = (mean(values) for values in list(zip(*map(facts_of, every), strict=True))[:2])
+    rows.append(line("mean", averages, means, (light, level, math.nan, math.nan)))
+    rows.append(("the paper's scene", *[DASH] * 8, f"{PAPER_DB}\n{DASH}", *[DASH] * 4))
     return Table(
         tuple(columns),
         tuple(rows),
-        "PSNR in dB, below it SSIM; by our way to simulate, and by the paper's protocol. Gain: restored "
-        "above the lens alone, ours. Light error: by what part of the truth's mean that of what is restored "
+        "PSNR in dB, below it SSIM; by our way to simulate, and by the paper's protocol. Gains: of what is "
+        "restored, ours. Layers against twice: PSNR between the photo and that of twice as many depth "
+        "layers, without noise. Light error: by what part of the truth's mean that of what is restored "
         "is off, ours, in the channel where it is most off; light that crosses the frame's border and lamps "
         "beyond full scale are in it. Mean level: of the truth, of full scale. Render noise: PSNR of the "
         "truth against another rendering of it; detail of that kind is blurred away and cannot be "
@@ -236,7 +234,7 @@ def ways_table(every: Sequence[Measured], network: str) -> Table:
         }
         far = max(off, key=lambda scene: abs(off[scene]), default=None)
         near = [m.gain(way.name, network, NEAR_EDGES) for m in every]
-        alone = _mean(every, way.name, LENS_ALONE, "photo")
+        alone = _mean(every, way.name, network, LENS_ALONE)
         restored, photo, filtered = (
             _mean(every, way.name, network, image) for image in ("restored", "photo", "wiener")
         )
@@ -273,6 +271,7 @@ def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
     """Scores near and away from edges of one scene, each way; nothing without edges."""
     if measured.score(OURS, network, "restored", NEAR_EDGES) is None:
         return ()
+    facts = measured.facts_of(network)
     columns = [Column("Photo simulated by")]
     for region in (NEAR_EDGES, AWAY):
         columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
@@ -280,11 +279,11 @@ def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
     for way in _ways([measured], network):
         cells: list[SceneScore | None] = []
         for region in (NEAR_EDGES, AWAY):
-            cells += [measured.score(way.name, LENS_ALONE, "photo", region)]
+            cells += [measured.score(way.name, network, LENS_ALONE, region)]
             cells += [measured.score(way.name, network, "restored", region)]
         rows.append((way.title, *(_cell(cell) for cell in cells)))
     caption = (
-        f"PSNR in dB, below it SSIM. {percent(measured.facts['edges'])} of the pixels lie within the blur "
+        f"PSNR in dB, below it SSIM. {percent(facts['edges'])} of the pixels lie within the blur "
         "radius of a depth edge, that of the lens without a mask."
     )
     return (Table(tuple(columns), tuple(rows), caption),)
@@ -298,10 +297,11 @@ def _all_edges_table(every: Sequence[Measured], network: str) -> Table:
     columns += [Column("Restored, near, nothing hides"), Column("Restored, near, without hidden surfaces")]
     rows = []
     for m in every:
-        places = [(OURS, LENS_ALONE, "photo", NEAR_EDGES), (OURS, LENS_ALONE, "photo", AWAY)]
+        places = [(OURS, network, LENS_ALONE, region) for region in (NEAR_EDGES, AWAY)]
         places += [(OURS, network, "restored", NEAR_EDGES), (OURS, network, "restored", AWAY)]
         places += [("none", network, "restored", NEAR_EDGES), ("normalised", network, "restored", NEAR_EDGES)]
-        rows.append((m.scene, percent(m.facts["edges"]), *(_cell(m.score(*place)) for place in places)))
+        share = percent(m.facts_of(network)["edges"])
+        rows.append((m.scene, share, *(_cell(m.score(*place)) for place in places)))
     return Table(
         tuple(columns),
         tuple(rows),
@@ -321,15 +321,14 @@ def _depth_plot(every: Sequence[Measured], network: str) -> Block:
 
 def _image_scores(every: Sequence[Measured], network: str) -> dict[str, ImageScore]:
     """Scores by our way as the page of a run has them; means over several scenes."""
-    places = {"photo": (network, "photo"), "restored": (network, "restored"), "wiener": (network, "wiener")}
-    places[LENS_ALONE] = (LENS_ALONE, "photo")
     found = {}
-    for name, (system, image) in places.items():
-        whole = _mean_row(every, OURS, system, image)
+    for name in ("photo", "restored", "wiener", LENS_ALONE):
+        whole = _mean_row(every, OURS, network, name)
         ranges: dict[tuple[float, float], list[SceneScore]] = {}
         for m in every:
+            place = (m.lens(network), "photo") if name == LENS_ALONE else (network, name)
             for row in m.rows:
-                if (row.way, row.system, row.image, row.region) == (OURS, system, image, "depth"):
+                if (row.way, row.system, row.image, row.region) == (OURS, *place, "depth"):
                     ranges.setdefault((row.near_m, row.far_m), []).append(row)
         parts = tuple(DepthScore(*limits, _average(ranges[limits])) for limits in sorted(ranges))
         if whole is not None:
@@ -339,7 +338,7 @@ def _image_scores(every: Sequence[Measured], network: str) -> dict[str, ImageSco
 
 def _paper_gallery(seen: Seen, system: System) -> Gallery:
     """What the paper's protocol makes of the scene, its values shown as they are, without another curve."""
-    taken, alone = seen.taken[PAPER, system.name], seen.taken[PAPER, LENS_ALONE]
+    taken, alone = seen.taken[PAPER, system.name], seen.taken[PAPER, seen.lens.alone.name]
     shown = {"Truth": taken.truth, "Lens alone": alone.images["photo"]}
     shown |= {LABELS[name]: taken.images[name] for name in IMAGES}
     pictures = tuple(
@@ -359,8 +358,8 @@ def _encoded_picture(image: torch.Tensor, label: str, alt: str) -> Picture:
     return picture(srgb_decode(image.clamp(0, 1)), label, alt)
 
 
-def _facts(measured: Measured) -> dict[str, str]:
-    facts = measured.facts
+def _facts(measured: Measured, system: str) -> dict[str, str]:
+    facts = measured.facts_of(system)
     farthest = facts["farthest_m"] if facts["farthest_m"] < 1e8 else math.inf
     noise = decibels(facts["noise_db"]) if math.isfinite(facts["noise_db"]) else "none"
     return {

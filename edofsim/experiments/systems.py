@@ -4,115 +4,136 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
-from ..core.json_values import Json
-from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
-from ..optics.nodes import node_shares, nodes_between
-from ..recipe.camera import CameraRecipe
+from ..optics import cache as bank_cache
+from ..optics.nodes import node_shares
 from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
-from ..restore.checkpoint import (
-    camera_with_mask,
-    comparison_checkpoints,
-    find_checkpoint,
-    load_checkpoint,
-    shipped_checkpoints,
-    trained_camera,
-)
-from ..restore.conditioning import conditioned_on
+from ..restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 from ..restore.light import without_glare
-from ..restore.network import apply_network
-from ..restore.restore import channel_psfs
 from ..restore.wiener import wiener
-from .protocols import of_three_lines
+from .failures import Failures
+from .restorations import Restoration, known_of
+from .sources import WITHOUT_TRAINING, one_of_each, system_of
+from .training import Training
 
 READ_NOISE = 0.005
 NEAREST_PER_M = 2.0
-WITHOUT_TRAINING = ("paper-clear", "paper-cubic")
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """A system. camera: with the mask as designed; restore: a photo [3, y, x] and the part of its light that
-    is veiling glare [3] to [3, y, x], as everybody's photos are restored; digest: SHA-256 of what it consists
-    of; training: None where nothing was trained."""
+    """A system for photos of planes. camera: with the mask as designed; restore: a photo [3, y, x] and the
+    part of its light that is veiling glare [3] to [3, y, x], as everybody's photos are restored; digest:
+    SHA-256 of what it consists of; training: None where nothing was trained; at: in place of `restore` with
+    the plane's inverse depth in 1/m as well, for what may know it."""
 
     name: str
     camera: Camera
     restore: Callable[[Tensor, Tensor], Tensor]
     digest: str
     training: Training | None = None
+    at: Callable[[Tensor, Tensor, float], Tensor] | None = None
+
+    def restored(self, photo: Tensor, glare: Tensor, inverse_depth: float) -> Tensor:
+        """What it makes of the photo of a plane."""
+        return self.at(photo, glare, inverse_depth) if self.at else self.restore(photo, glare)
 
 
-@dataclass(frozen=True)
-class Training:
-    """What a card tells of how long a system was trained. steps: with its own mask, all its trainings
-    together; before: steps of another system, from whose weights it started; hours: of the own steps, None
-    where the card does not say of all."""
+def contestants(
+    names: Sequence[str | Path] | None, *, every: bool = False, camera: str | None = None
+) -> list[Contestant]:
+    """Systems as `system_of` names them; None for all that ship, with the clear and the cubic aperture, and
+    with `every` also those that were trained for comparison. camera: of what names none, default the paper's
+    with a clear aperture.
 
-    steps: int
-    before: int
-    hours: float | None
-
-
-def training_of(card: Json) -> Training:
-    """By a checkpoint's card (see `restore.checkpoint`)."""
-    every = [*card.get("history", ()), card]
-    own = [entry for entry in every if entry.get("name") == card.get("name")]
-    steps = sum(int(entry.get("step", 0)) for entry in own)
-    hours = sum(entry["hours"] for entry in own) if all("hours" in entry for entry in own) else None
-    return Training(steps, sum(int(entry.get("step", 0)) for entry in every) - steps, hours)
-
-
-def contestants(names: Sequence[str | Path] | None, *, every: bool = False) -> list[Contestant]:
-    """Systems by name or file; None for all that ship, with the clear and the cubic aperture, and with
-    `every` also those that were trained for comparison.
-
-    Raises InputError for what is neither, and for two systems of one name."""
-    trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
-    found = [contestant(name) for name in names or (*trained, *WITHOUT_TRAINING)]
-    known = [system.name for system in found]
-    twice = sorted({name for name in known if known.count(name) > 1})
-    if twice:
-        raise InputError(f"two systems are called {twice[0]!r}; evaluate them one at a time, in two --out")
+    Raises InputError for what is no system, and for two systems of one name."""
+    found, failures = usable_contestants(names, every=every, camera=camera)
+    failures.check(0)
     return found
 
 
-def contestant(source: str | Path, wavelengths: Tensor | None = None) -> Contestant:
-    """A system from a checkpoint, or from a shipped camera by name with Wiener deconvolution.
+def usable_contestants(
+    names: Sequence[str | Path] | None, *, every: bool = False, camera: str | None = None
+) -> tuple[list[Contestant], Failures]:
+    """The same, and what is wrong with those that are none. Raises InputError where all are."""
+    trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
+    found: list[Contestant] = []
+    failures = Failures()
+    for name in names or (*trained, *WITHOUT_TRAINING):
+        with failures.of(str(name)):
+            found.append(contestant(name, camera=camera))
+    failures.check(len(found))
+    one_of_each([system.name for system in found])
+    return found, failures
 
-    wavelengths: [band] in metres, that the sensor adds up to its colours, as filters know them; None for the
-    three of the paper's training. Raises InputError for what is neither.
+
+def contestant(
+    source: str | Path, wavelengths: Tensor | None = None, *, camera: str | None = None
+) -> Contestant:
+    """A system (see `system_of`) for photos of planes.
+
+    wavelengths: [band] in metres, that the sensor adds up to its colours; None for the three of the paper's
+    training. camera: of a restoration without one, a recipe; None for the paper's with a clear aperture. The
+    default sampling of PSFs is used for the camera of a checkpoint. Raises InputError for what is no system.
     """
-    if str(source) in WITHOUT_TRAINING:
-        recipe = load_camera(source).recipe
-        camera = Camera.from_recipe(recipe)
-        nodes, stack = standing_psfs(camera, wavelengths)
-        digest = hashlib.sha256(recipe.model_dump_json().encode() + stack.numpy().tobytes()).hexdigest()
-        name = f"{source}+wiener"
-        return Contestant(name, camera, lambda photo, glare: filtered(photo, stack, glare, nodes), digest)
-    checkpoint = load_checkpoint(source)
-    if checkpoint.network.any_camera:
-        raise InputError(f"{source} is for any camera and has no mask; `edofsim evaluate cameras` judges it")
-    recipe = trained_camera(checkpoint).model_copy(update={"psf": CameraRecipe(name="default").psf})
-    camera = camera_with_mask(recipe, checkpoint)
-    digest = hashlib.sha256(find_checkpoint(source).read_bytes()).hexdigest()
-    network = checkpoint.network
-    if wavelengths is not None:
-        network = conditioned_on(checkpoint, camera, wavelengths)
-    return Contestant(
-        checkpoint.name,
-        camera,
-        lambda photo, glare: apply_network(network, photo, glare=glare),
-        digest,
-        training_of(checkpoint.card),
-    )
+    system = system_of(source)
+    default = load_camera(camera or WITHOUT_TRAINING[0])
+    optics = system.camera(default if camera else None, default)
+    name = system.name if system.names_camera else f"{optics.recipe.name}+{system.name}"
+    found = with_restoration(name, optics, system.restoration, wavelengths)
+    return replace(found, training=system.training)
+
+
+def with_restoration(
+    name: str,
+    camera: Camera,
+    restoration: Restoration,
+    wavelengths: Tensor | None = None,
+    nearest_per_m: float = NEAREST_PER_M,
+) -> Contestant:
+    """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`;
+    wavelengths: as in `contestant`."""
+    digest = hashlib.sha256(f"{camera_digest(camera)} {restoration.digest}".encode()).hexdigest()
+    seeing = replace(camera, read_noise=READ_NOISE)
+    if wavelengths is None:
+        seeing = of_three_lines(seeing)
+    bands = PAPER_COLOURS if wavelengths is None else wavelengths
+    none = torch.zeros(3)  # the glare has what leaves the windows
+    whole = known_of(seeing, bands, torch.tensor([0.0, nearest_per_m]), none, none, none)
+
+    def restore_at(photo: Tensor, glare: Tensor, inverse_depth: float) -> Tensor:
+        true = torch.full(photo.shape[-2:], inverse_depth)
+        return restoration(photo, replace(whole, glare=glare, inverse_depth=true)).clamp(0, 1)
+
+    def restore(photo: Tensor, glare: Tensor) -> Tensor:
+        return restore_at(photo, glare, math.nan)
+
+    return Contestant(name, camera, restore, digest, at=restore_at)
+
+
+def camera_digest(camera: Camera) -> str:
+    """SHA-256 of everything that a camera's photos depend on, the files of its recipe by their content."""
+    bank = bank_cache.key(camera, PAPER_COLOURS, torch.zeros(1), 0, None, torch.float32)
+    digest = hashlib.sha256(bank.encode() + camera.recipe.sensor.model_dump_json().encode())
+    table = camera.base / camera.recipe.sensor.response
+    if table.is_file():
+        digest.update(table.read_bytes())
+    return digest.hexdigest()
+
+
+def of_three_lines(camera: Camera) -> Camera:
+    """The same camera with a sensor whose colours are three wavelengths."""
+    sensor = camera.recipe.sensor.model_copy(update={"response": "lines"})
+    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}))
 
 
 def made(camera: Camera, fabrication: Fabrication) -> Camera:
@@ -130,17 +151,6 @@ def paper_test(seed: int) -> Fabrication:
 def fabrication_seed(seed: int) -> int:
     """The 31 bits of a seed that a fabrication has."""
     return seed % 2**31
-
-
-def standing_psfs(
-    camera: Camera, wavelengths: Tensor | None = None, nearest_per_m: float = NEAREST_PER_M
-) -> tuple[Tensor, Tensor]:
-    """What a filter knows: inverse depths [depth] in 1/m from 0 to `nearest_per_m` (see `nodes_between`), and
-    PSFs [depth, 3, y, x] there, of the mask as designed. wavelengths: see `contestant`."""
-    bands = PAPER_COLOURS if wavelengths is None else wavelengths
-    seen = camera if wavelengths is not None else of_three_lines(camera)
-    nodes = nodes_between(seen, bands, 0.0, nearest_per_m)
-    return nodes, channel_psfs(seen, bands, nodes)
 
 
 def described(fabrication: Fabrication) -> str:

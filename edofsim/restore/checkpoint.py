@@ -253,6 +253,15 @@ def network_of(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
     return load_checkpoint(path, camera.recipe) if "card" in metadata else None
 
 
+def fits(checkpoint: Checkpoint, camera_recipe: RecipeModel) -> bool:
+    """Whether a checkpoint can restore a camera's photos: its lens, focus and pixels are those of the
+    training, or the network is for any camera."""
+    if checkpoint.network.any_camera:
+        return True
+    trained = in_new_names(CameraRecipe, checkpoint.card.get("camera", {}))
+    return not any(_differences(trained, camera_recipe.model_dump(mode="json")))
+
+
 def _check_camera(path: Path, trained: Json, given: Json) -> None:
     problems = [
         f"{path}: trained for a camera with {name} = {trained_value!r}, this one has {given_value!r}; "

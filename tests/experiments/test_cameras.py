@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
+
 import pytest
 from torch import Tensor
 
+from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import cameras
-from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, asked_for, figures_of, takers
+from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, Taker, asked_for, figures_of, takers
+from edofsim.experiments.failures import Failures
 from edofsim.experiments.planes import RANDOM
+from edofsim.experiments.protocols import LENS_ALONE
 from edofsim.learn.random_cameras import random_camera
 from edofsim.optics import Camera
 from edofsim.optics.grid import PupilGrid
 from edofsim.optics.height import surface
-from edofsim.recipe.load import load_train
+from edofsim.recipe.load import load_camera, load_train
 from edofsim.restore.checkpoint import camera_with_mask, trained_camera
 
 
@@ -47,7 +53,8 @@ def test_what_was_trained_for_a_camera_was_trained_for_its_mask() -> None:
     own = {taker.name: taker for taker in takers() if taker.own is not None}
     assert list(own) == ["cubic", "height-map"]
     for taker in own.values():
-        trained = camera_with_mask(trained_camera(taker.own), taker.own)
+        checkpoint = taker.own.checkpoint
+        trained = camera_with_mask(trained_camera(checkpoint), checkpoint)
         assert taker.camera.recipe.lens == trained.recipe.lens
         assert taker.camera.recipe.focus == trained.recipe.focus
         apart = heights(taker.camera) - heights(trained)
@@ -68,16 +75,59 @@ def test_there_are_six_cameras_and_the_training_drew_none_of_them() -> None:
             assert not (same and drawn.recipe.focus == taker.camera.recipe.focus)
 
 
-def test_a_network_for_one_camera_is_refused(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cameras, "takers", list)
-    with pytest.raises(InputError, match="trained for one camera"):
-        cameras.run(tmp_path, lambda done, text: None, network="paper-dcnn")
+def test_all_three_gains_of_everything_that_is_restored() -> None:
+    values = {PHOTO: 20.0, LENS_ALONE: 18.0, WIENER: 24.0, "sharpen": 27.0, OWN: 30.0}
+    figures = figures_of({"one": {"desk": values}})
+    for what in (WIENER, "sharpen", OWN):
+        over = {rival: figures.get(f"gain_db.one.desk.{what}.over_{rival}") for rival in values}
+        assert over[PHOTO] == values[what] - 20 and over[LENS_ALONE] == values[what] - 18
+        assert over[WIENER] == (None if what == WIENER else values[what] - 24)
+    assert figures["gain_db.one.desk"] == 3.0 and figures["gap_db.one.desk"] == 3.0
+
+
+@pytest.mark.usefixtures("coarse")
+def test_every_kind_of_system_by_its_camera(
+    folder: Path, network: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A function with each camera, a network with its own; what fails is named, and the others are there."""
+    clear = load_camera("paper-clear").text.replace("window_px = 128", "window_px = 24")
+    (tmp_path / "own.toml").write_text(clear.replace('"paper-clear"', '"own"'))
+    (tmp_path / "f.py").write_text(
+        "def same(photo, psfs, info):\n    return photo\ndef flat(photo, psfs, info):\n    return photo[0]\n"
+    )
+
+    def small(name: str, camera: Camera, own: object) -> Taker:
+        return Taker(name, name, camera, scenes=(), own=own)
+
+    monkeypatch.setattr(cameras, "_taker", small)
+    systems = [f"{tmp_path / 'f.py'}:{name}" for name in ("same", "flat")]
+    systems += [str(network), f"{tmp_path / 'own.toml'}+wiener", "nobody"]
+    found = cameras.run(tmp_path / "out", silent, folder, 1, [str(tmp_path / "own.toml")], systems)
+    figures = found.figures
+    own = {what: figures[f"psnr_db.own.random.{what}"] for what in (PHOTO, LENS_ALONE, WIENER, "same")}
+    assert own["same"] == pytest.approx(own[PHOTO], abs=0.1)  # the function's image is clamped
+    assert own[LENS_ALONE] == pytest.approx(own[PHOTO], abs=1e-9)
+    assert figures["gain_db.own.random.same.over_wiener"] == pytest.approx(own["same"] - own[WIENER])
+    assert figures["gain_db.trained.random.own.over_photo"] is not None
+    assert figures["psnr_db.own+wiener.random.own"] == pytest.approx(own[WIENER])
+    assert "psnr_db.own.random.flat" not in figures
+    said = "\n".join(found.problems)
+    assert said.count("flat: returned the shape") == 1 and "nobody: no such checkpoint" in said
+    rows = list(csv.DictReader((tmp_path / "out/cameras-gains.csv").open()))
+    row = next(each for each in rows if (each["camera"], each["image"]) == ("own", "same"))
+    assert float(row["gain_db_over_wiener"]) == pytest.approx(own["same"] - own[WIENER], abs=1e-3)
+    with pytest.raises(InputError, match="nobody: no such") as error:
+        cameras.run(tmp_path / "none", silent, folder, 1, None, ["nobody", "else"])
+    assert len(error.value.problems) == 2
 
 
 def test_cameras_are_those_that_are_asked_for() -> None:
     clear, learned = asked_for(["paper-clear", "paper-learned"])
     assert clear.name == "paper-clear" and clear.own is None and clear.camera.mask.kind == "clear"
     assert learned.own is not None and learned.own.name == "paper-dcnn"
+    failures = Failures()
+    (only,) = asked_for(["nobody.toml", "paper-clear"], failures)
+    assert only.name == "paper-clear" and list(failures.found) == ["nobody.toml"]
     with pytest.raises(InputError, match="more than one is called paper-clear"):
         asked_for(["paper-clear", "paper-learned", "paper-clear"])
 

@@ -17,15 +17,9 @@ from edofsim.experiments import fabrication, noise, planes, robustness, table
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
-from edofsim.experiments.systems import (
-    READ_NOISE,
-    Contestant,
-    Training,
-    contestant,
-    paper_test,
-    training_of,
-)
+from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
 from edofsim.experiments.told_depth import told_depth
+from edofsim.experiments.training import Training, training_of
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.report import page_html
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints

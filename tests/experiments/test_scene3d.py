@@ -35,6 +35,7 @@ from edofsim.experiments.protocols import (
     with_glare,
 )
 from edofsim.experiments.scene_scores import SceneScores
+from edofsim.experiments.sources import system_of
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import full_fidelity
 from edofsim.recipe import CameraRecipe, SceneRecipe, load_camera, load_scene
@@ -260,6 +261,7 @@ def test_systems_with_one_mask_share_its_photo(
         return capture(*given, **more)
 
     monkeypatch.setattr(protocols, "capture", counted)
+    monkeypatch.setattr(scene3d, "converged_db", lambda *about: math.inf)
     together, _, _ = scene3d.measure("two", view, [alone, trained, twin, other])
     assert len(taken) == 3 * len(WAYS)
     for system in (twin, other):
@@ -342,13 +344,13 @@ def test_an_interrupted_evaluation_goes_on(folder: Path, network: Path, monkeypa
 
     monkeypatch.setattr(scene3d, "measure", measure)
     with pytest.raises(KeyboardInterrupt):
-        scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
-    outcome = scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
+        scene3d.measured_scenes(folder, scenes, networks=[system_of(str(network))], progress=silent)
+    outcome = scene3d.measured_scenes(folder, scenes, networks=[system_of(str(network))], progress=silent)
     assert done == ["cat", "cup", "cup"]
-    again = scene3d.measured_scenes(folder, scenes, networks=[str(network)], progress=silent)
+    again = scene3d.measured_scenes(folder, scenes, networks=[system_of(str(network))], progress=silent)
     assert done == ["cat", "cup", "cup"] and again == outcome
     # another seed is another measurement
-    scene3d.measured_scenes(folder, scenes[:1], networks=[str(network)], progress=silent, seed=1)
+    scene3d.measured_scenes(folder, scenes[:1], networks=[system_of(str(network))], progress=silent, seed=1)
     assert done[-1] == "cat"
 
 

@@ -20,7 +20,7 @@ from edofsim.experiments.broadband import DEPTHS_M, CubeScore, Result
 from edofsim.experiments.chromatic import BANDS_M, Chromatic
 from edofsim.experiments.photographs import Photographs, one
 from edofsim.experiments.planes import RANDOM, PictureScore, Shown, averages
-from edofsim.experiments.systems import Training
+from edofsim.experiments.training import Training
 from edofsim.report.experiments_index import write_index
 from edofsim.report.page import Page, write_page
 

@@ -339,10 +339,11 @@ def test_a_sentence_says_that_it_restored(checkpoint: Checkpoint) -> None:
     assert said_of(load_checkpoint("paper-dcnn"), "paper-dcnn") is None
 
 
-def test_it_is_no_system_with_a_mask(checkpoint: Checkpoint) -> None:
+def test_as_a_system_it_has_the_camera_that_is_named(checkpoint: Checkpoint) -> None:
     assert checkpoint.path is not None
-    with pytest.raises(InputError, match="evaluate cameras"):
-        contestant(checkpoint.path)
+    clear, rings = (contestant(checkpoint.path, camera=name) for name in (None, "paper-rings"))
+    assert (clear.name, rings.name) == ("paper-clear+any", "paper-rings+any")
+    assert rings.camera.mask.kind == "rings" and clear.digest != rings.digest
 
 
 def test_a_photo_in_tiles_is_the_same_as_whole(checkpoint: Checkpoint) -> None:
