@@ -14,9 +14,6 @@ from ..core.notebook import picture_html, picture_png, show
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-PHOTO_MODEL_VERSION = 15
-"""Raised when the same view and camera make another photo: what was measured of the old ones is left then."""
-
 
 @dataclass(frozen=True)
 class Photo:

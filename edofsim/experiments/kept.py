@@ -10,9 +10,8 @@ from pathlib import Path
 
 from ..core.files import append_line
 from ..core.json_values import Json
+from ..core.sources import PACKAGE, code_of
 from ..record import versions
-
-PACKAGE = Path(__file__).parents[1]
 
 
 class Kept:
@@ -49,15 +48,6 @@ def key_of(**parts: object) -> str:
     """A key of everything that decides a finding: JSON values by name, and the code that makes it."""
     said = {"code": code_of(PACKAGE), "versions": _versions(), **parts}
     return hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode()).hexdigest()[:24]
-
-
-@functools.cache
-def code_of(folder: Path) -> str:
-    """SHA-256 of all Python sources in a folder: another line of code is another version."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(f"{path.relative_to(folder)}\0".encode() + path.read_bytes() + b"\0")
-    return digest.hexdigest()
 
 
 _versions = functools.cache(versions)

@@ -16,11 +16,11 @@ from torch import Tensor
 
 from ..capture import Fidelity, capture
 from ..capture.crop import crop
-from ..capture.photo import PHOTO_MODEL_VERSION
 from ..capture.prepare import channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.json_values import Json
 from ..core.progress import Progress
+from ..core.sources import code_of_rooms
 from ..core.store import Store, user_folder
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
@@ -307,7 +307,12 @@ def _shot_key(view: View, table: Views, optics: Optics) -> str:
     how = table.model_dump(mode="json", include={"bands", "layers", "occlusion", "sub_apertures"})
     ends = torch.stack(view.inverse_depth.aminmax()).double().cpu()
     psfs = bank_cache.key(optics.camera, view.wavelengths, ends, optics.window, None, torch.float32)
-    said = {"model": PHOTO_MODEL_VERSION, "how": how, "psfs": psfs, "sensor": optics.camera.recipe.sensor}
+    said = {
+        "code": code_of_rooms("capture", "core", "optics"),
+        "how": how,
+        "psfs": psfs,
+        "sensor": optics.camera.recipe.sensor,
+    }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
     for field in fields(view):
         value = getattr(view, field.name)

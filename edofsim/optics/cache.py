@@ -11,6 +11,7 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from ..core.sources import code_of_rooms
 from ..core.store import Store
 from ..recipe.kinds import MASKS
 from .bank import PsfBank
@@ -18,8 +19,6 @@ from .camera import Camera
 from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
 from .sampling import Sampling
 
-VERSION = 6
-"""Raised when the same inputs would give other numbers, so that banks on disk are computed again."""
 TENSORS = {
     "values": "values",
     "rest": "truncated",
@@ -37,15 +36,21 @@ def key(
     seed: int | None,
     dtype: torch.dtype,
 ) -> str:
-    """SHA-256 of everything that a bank depends on: glasses by their indices, not by their names, and height
-    maps by their content."""
-    recipe = camera.recipe.model_dump(mode="json", include={"focus", "mask", "fabrication", "psf"})
-    said = {"version": VERSION, "recipe": recipe, "pixel": camera.pixel}
-    said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula}
-    said |= {"window": window_px, "seed": seed}
-    digest = hashlib.sha256(json.dumps({**said, "dtype": str(dtype)}, sort_keys=True).encode())
+    """SHA-256 of everything that a bank depends on, the code that computes it included."""
+    said = {"optics": identity(camera), "window": window_px, "seed": seed, "dtype": str(dtype)}
+    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):
         digest.update(axis.numpy().tobytes() + b"|")
+    return digest.hexdigest()
+
+
+def identity(camera: Camera) -> str:
+    """SHA-256 of all of a camera that its PSFs depend on: its recipe's values, glasses by their indices and
+    not by their names, height maps and files by their content, and code, of other packages' optics too."""
+    recipe = camera.recipe.model_dump(mode="json", include={"focus", "mask", "fabrication", "psf"})
+    said = {"code": code_of_rooms("optics", "core"), "recipe": recipe, "pixel": camera.pixel}
+    said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula}
+    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     height = camera.height_map
     if height is not None:
         digest.update(str(height.dtype).encode() + height.detach().cpu().contiguous().numpy().tobytes())

@@ -15,13 +15,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..core.sources import code_of_rooms
 from ..core.store import found, keep, user_folder
 from ..optics.threads import all_threads, threads_allowed
 from ..record import machine
 from .work import STAGES
-
-VERSION = 19
-"""Raised when work is counted otherwise."""
 
 Rates = Mapping[str, tuple[float, ...]]
 """Seconds a unit of each amount of work, by stage (see `Work`); and the paces that they were measured at."""
@@ -125,7 +123,8 @@ def _file() -> Path:
 
 
 def _name() -> str:
-    about = [machine()["processor"], machine()["cores"], threads_allowed(), torch.__version__, VERSION]
+    about = [machine()["processor"], machine()["cores"], threads_allowed(), torch.__version__]
+    about += code_of_rooms("plan")
     return hashlib.sha256(json.dumps(about).encode()).hexdigest()[:16]
 
 

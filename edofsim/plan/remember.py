@@ -9,16 +9,18 @@ from pathlib import Path
 
 import torch
 
-from ..capture.photo import PHOTO_MODEL_VERSION
 from ..core.progress import Progress
+from ..core.sources import code_of_rooms
 from ..core.store import Store, user_folder
+from ..optics.cache import identity
+from ..recipe.kinds import SENSOR_EFFECTS
 from .effect import Effect, Level, decibels
 from .effects import EFFECTS
 from .estimate import Estimate, Estimates, estimate, levels_of
 from .facts import Facts
 
-VERSION = 39
-"""Raised when the same view and camera would be estimated otherwise."""
+ROOMS = ("capture", "core", "optics", "plan", "recipe", "render")
+"""Folders whose code decides what is estimated: another line of it, and estimates are made anew."""
 KEPT = 200
 """Estimates that are kept; those used longest ago go first."""
 
@@ -89,7 +91,9 @@ def _key(
     asked: Collection[str] | None,
 ) -> str:
     said = {
-        "version": [VERSION, PHOTO_MODEL_VERSION],
+        "code": code_of_rooms(*ROOMS),
+        "optics": identity(facts.camera),
+        "sensor": [SENSOR_EFFECTS.code_of(effect.kind) for effect in facts.camera.recipe.sensor.effects],
         "view": facts.fingerprint,
         "camera": facts.camera.recipe.model_dump(mode="json", exclude={"name", "purpose"}),
         "effects": [[effect.name, EFFECTS.code_of(effect.name)] for effect in effects],
@@ -100,10 +104,5 @@ def _key(
         "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
-    height = facts.camera.height_map
-    if height is not None:
-        digest.update(height.detach().cpu().contiguous().numpy().data)
-    file = getattr(facts.camera.recipe.mask, "file", None)
-    if file is not None and (facts.camera.base / file).is_file():
-        digest.update((facts.camera.base / file).read_bytes())
+    digest.update(facts.response.numpy().tobytes())
     return digest.hexdigest()[:32]
