@@ -18,6 +18,7 @@ from torch import Tensor
 from .capture import Fidelity, Photo, capture, full_fidelity
 from .capture.checks import check_pixel_angle, check_pixels, check_view
 from .capture.framing import framed, seen_through
+from .capture.guessed import lacks_hidden
 from .core.progress import Progress
 from .errors import InputError
 from .optics import Camera, PsfBank, psf_bank
@@ -175,6 +176,22 @@ def plan_for(
     return plan_photo(view, camera, overrule, target, restore=restore, progress=progress)
 
 
+def _check_sub_apertures(fidelity: Fidelity, view: View) -> None:
+    """Raises InputError for sub-apertures that a fidelity asks for and cannot simulate."""
+    if fidelity.sub_apertures == 1:
+        return
+    if fidelity.occlusion != "hidden":
+        raise InputError(
+            f"sub_apertures = {fidelity.sub_apertures} belong to the occlusion `hidden` alone, not to "
+            f"{fidelity.occlusion!r}: choose one of them"
+        )
+    if not fidelity.hidden_surfaces and lacks_hidden(view):
+        raise InputError(
+            f"sub_apertures = {fidelity.sub_apertures}: the view holds nothing behind its edges to be seen "
+            "past them: leave hidden_surfaces = True to have it guessed"
+        )
+
+
 def photograph(
     view: View,
     camera: Camera,
@@ -207,6 +224,7 @@ def photograph(
         restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, None))
         plan = plan_photo(view, camera, target=target, every_effect=False, restore=restore, progress=progress)
     fidelity = plan.fidelity if isinstance(plan, Plan) else plan
+    _check_sub_apertures(fidelity, view)
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
 
 

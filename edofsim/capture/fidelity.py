@@ -58,7 +58,8 @@ class Simplification:
 @dataclass(frozen=True)
 class Fidelity:
     """How a photo is simulated. The defaults leave nothing out that recipe and view hold, but that the pupil
-    is taken as a whole.
+    is taken as a whole. Where a view does not hold what lies behind its edges, that is guessed: continued
+    from beside them.
 
     `describe` lists the fields with unit, default and meaning. Read-only; `changed` gives another one. Raises
     InputError for values that no photo can be simulated with.
@@ -145,7 +146,7 @@ class Fidelity:
         None, "interreflection", "1", "length of light paths when it is rendered; None: the recipe's"
     )
     hidden_surfaces: bool = _knob(
-        True, "hidden surfaces", "", "False: what lies behind edges is not rendered"
+        True, "hidden surfaces", "", "False: what lies behind edges is neither rendered nor guessed"
     )
     scene_dispersion: bool = _knob(
         True, "dispersion of scene glass", "", "False: glass in the scene bends all wavelengths alike"
@@ -215,9 +216,8 @@ def describe() -> tuple[Knob, ...]:
 
 def full_fidelity(camera: Camera, view: View, edges: int | None = None) -> Fidelity:
     """Everything that a camera and a view have. edges: its `edge_pixels`, where they are known."""
-    known = "hidden" if bool(view.hidden.any()) else "normalised"
     edges = edge_pixels(view, 1 / blur_per_dioptre(camera)) if edges is None else edges
-    occlusion = known if edges else "none"
+    occlusion = "hidden" if edges else "none"
     across = sub_apertures_told_apart(camera, view) if occlusion == "hidden" else 1
     finest = max(FINEST, camera.oversampling(float(view.wavelengths.min())))
     return Fidelity(oversampling=finest, occlusion=occlusion, sub_apertures=across)

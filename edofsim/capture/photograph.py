@@ -24,6 +24,7 @@ from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
 from .fidelity import Fidelity
 from .fidelity_file import values_of
+from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
 from .light import hat_weights, seen
@@ -83,6 +84,7 @@ def capture(
     weights = channel_weights(camera, first.wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal, noisy=any(view.noise > 0 for view in given))
+    given = [as_composited(view, camera, fidelity) for view in given]
     axes = _axes(given, camera, fidelity, weights, nodes, spectrum)
     between = axes.between
     watch.lap("prepare", 0.05)
@@ -114,6 +116,8 @@ def capture(
         "method": fidelity.method,
         "layers": int(axes.nodes.numel()),
         "occlusion": fidelity.occlusion,
+        "hidden_surfaces": _behind(given, fidelity),
+        "guessed_fragments": sum(guessed_fragments(view) for view in given),
         "sub_apertures": fidelity.sub_apertures if finer else 1,
         "bands": imaging.gathering.groups,
         "window_px": imaging.window,
@@ -136,6 +140,7 @@ def sub_aperture_change(
 ) -> Tensor:
     """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
     [channel, y, x]; 0 for a fidelity that simulates none."""
+    view = as_composited(view, camera, fidelity)
     axes = _axes([view], camera, fidelity, channel_weights(camera, view.wavelengths))
     return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
 
@@ -159,6 +164,27 @@ def _axes(
     at, between = depths_of(views, camera, fidelity) if nodes is None else (nodes, None)
     light = torch.stack(spectrums).sum(0)
     return Axes(weights, views[0].wavelengths, light, _ends(views), at, between)
+
+
+def as_composited(view: View, camera: Camera, fidelity: Fidelity) -> View:
+    """The view with what a fidelity composites behind its edges: guessed where that is not known (see
+    `with_guessed`), unless it leaves hidden surfaces out or takes another way."""
+    if fidelity.occlusion != "hidden" or not fidelity.hidden_surfaces:
+        return view
+    return with_guessed(view, camera)
+
+
+def _behind(views: Sequence[View], fidelity: Fidelity) -> str:
+    """What a photo knows of behind edges: `rendered`, `guessed`, `none` (nothing is hidden), `missing` (it is
+    not known, and no guess was asked for) or `not used` by this way to composite."""
+    if fidelity.occlusion != "hidden":
+        return "not used"
+    if any(guessed_fragments(view) for view in views):
+        return "guessed"
+    if any(bool(view.hidden.any()) for view in views):
+        return "rendered"
+    unknown = any(lacks_hidden(view) for view in views)
+    return "missing" if unknown and not fidelity.hidden_surfaces else "none"
 
 
 def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tensor:

@@ -67,6 +67,9 @@ class Views(TrainingReader):
     """how depth edges are composited, as in `expose`"""
     sub_apertures: Annotated[int, Field(ge=1, le=8)] = 1
     """sub-apertures along each axis of the pupil, as in `expose`"""
+    guess: bool = False
+    """whether what lies behind depth edges is guessed where a view does not hold it, as in `expose`; without,
+    pictures with a depth map add all light there"""
     exposure: tuple[Positive, Positive] = (0.5, 1.0)
     """range of factors on the automatic exposure, drawn evenly in their logarithm"""
     white_balance: NotNegative = 0.0
@@ -76,10 +79,11 @@ class Views(TrainingReader):
 
     def open(self, wanted: Wanted) -> ViewSource:
         doe = wanted.recipe.doe
-        if wanted.recipe.cameras and (self.once or self.bands != "three" or self.sub_apertures > 1):
+        more = self.once or self.bands != "three" or self.sub_apertures > 1 or self.guess
+        if wanted.recipe.cameras and more:
             raise InputError(
                 "views for the many [cameras] are photographed by stored PSFs, anew each time: leave out "
-                "once, bands and sub_apertures"
+                "once, bands, sub_apertures and guess"
             )
         if self.once and doe.learn and (doe.learning_rate_rad > 0 or doe.design_steps > 0):
             raise InputError(
@@ -148,6 +152,7 @@ def photographed(view: View, table: Views, optics: Optics) -> Shot:
         occlusion=table.occlusion,
         sub_apertures=table.sub_apertures,
         window_px=optics.window,
+        hidden_surfaces=table.guess,
     )
     photo = capture(view, camera, fidelity, device=optics.device)
     return Shot(photo.clean, photo.ideal, photo.truncated)
@@ -305,6 +310,7 @@ def _once(view: View, table: Views, optics: Optics, height_noise: float) -> Shot
 def _shot_key(view: View, table: Views, optics: Optics) -> str:
     """SHA-256 of all that decides a photo."""
     how = table.model_dump(mode="json", include={"bands", "layers", "occlusion", "sub_apertures"})
+    how |= {"guess": True} if table.guess else {}
     ends = torch.stack(view.inverse_depth.aminmax()).double().cpu()
     psfs = bank_cache.key(optics.camera, view.wavelengths, ends, optics.window, None, torch.float32)
     said = {

@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
+from ..capture.guessed import guessed_fragments, with_guessed
 from ..capture.imaging import spectrum_of
 from ..capture.occlusion.slabs import Hides, cuts, hides
 from ..capture.photograph import all_in_focus, nodes_of
@@ -29,8 +30,6 @@ from .spectra import Spectra, spectra_of
 
 SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
-NORMALISED_LAYERS = 25
-"""Depth nodes of coarse photos in which nothing is known behind edges."""
 MASKED = {"name", "purpose", "mask", "fabrication"}
 """Tables of a camera's recipe that its mask decides."""
 FEW_DEPTHS = 48
@@ -122,8 +121,13 @@ class Facts:
 
     @property
     def hidden(self) -> int:
-        """Hidden fragments that are known."""
+        """Hidden fragments that are known, or guessed."""
         return int(self.view.hidden.sum())
+
+    @property
+    def guessed(self) -> int:
+        """Those of them that are guessed."""
+        return guessed_fragments(self.view)
 
     @property
     def blur_spread(self) -> float:
@@ -178,7 +182,9 @@ def facts_of(
     recipe: SceneRecipe | None = None,
     noisier: float = 1.0,
 ) -> Facts:
-    """Look at a view. noisier: its noise over that of the recipe's samples."""
+    """Look at a view, with what is guessed behind its edges where that is not known. noisier: its noise over
+    that of the recipe's samples."""
+    view = with_guessed(view, camera)
     response = channel_weights(camera, view.wavelengths)
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
@@ -248,8 +254,6 @@ def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: 
     whole."""
     few = {"band_groups": 1, "group_wavelengths": 1, "layers": 4}
     few |= {"sub_apertures": 1, "sub_aperture_pixel": 2}
-    if facts.full.occlusion == "normalised":  # whose layers lie at the nodes: it takes many of them
-        rest["layers"] = NORMALISED_LAYERS
     usual = facts.full.changed({**few, **rest})
     whole = facts.coarse.photo(usual)
     pixels = whole[0].numel()

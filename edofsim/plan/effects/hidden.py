@@ -14,7 +14,7 @@ def absent(facts: Facts) -> str:
     if not facts.edges:
         return "there are no depth edges: nothing is hidden"
     if not facts.hidden:
-        return f"what edges hide is not known ({facts.view.metadata.get('hidden', 'the view holds none')})"
+        return "no surface hides another, as far as the blur can tell"
     return ""
 
 
@@ -23,11 +23,13 @@ def levels(facts: Facts) -> list[Level]:
     beside = {"occlusion": "normalised", "hidden_surfaces": False}
     return [
         Level("filled from beside", beside, allowed=False),
-        Level(f"{facts.hidden} fragments", {}),
+        Level(f"{facts.hidden} fragments{' guessed' * bool(facts.guessed)}", {}),
     ]
 
 
 def why(facts: Facts) -> str:
+    if facts.guessed:
+        return f"what edges hide is not known; {facts.view.metadata['hidden']}"
     return f"{facts.hidden} fragments behind edges are known, which a blur uncovers"
 
 

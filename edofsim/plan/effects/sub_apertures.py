@@ -32,7 +32,7 @@ def absent(facts: Facts) -> str:
     if not facts.edges:
         return "there are no depth edges: nothing stops light in one sub-aperture alone"
     if not facts.hidden:
-        return "what edges hide is not known, so nothing is there to be seen past them"
+        return "no surface hides another, so nothing is there to be seen past edges"
     if facts.full.sub_apertures == 1:
         return "depths differ so little that diffraction hides what sub-apertures would tell"
     return ""
