@@ -13,7 +13,7 @@ from .camera import Camera
 from .psf import axes_of, psf_bank
 from .sensor import response
 
-DIFFERENCE = 0.1
+DIFFERENCE = 0.08
 """Of photos at neighbouring nodes, see `nodes_between`."""
 MOST = 257
 """Nodes, at most: each takes memory for its PSFs and time for their transforms."""

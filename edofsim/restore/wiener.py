@@ -11,6 +11,7 @@ from torch import Tensor
 from ..core.images import mirrored
 from ..errors import InputError
 from .borders import continued
+from .photograph_statistics import FALL
 
 BEYOND_PX = 4
 """The filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
@@ -24,6 +25,7 @@ def wiener(
     noise: float | Tensor,
     beyond_px: int | None = None,
     shares: Tensor | None = None,
+    fall: float = FALL,
 ) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
@@ -31,12 +33,12 @@ def wiener(
     of several; light that a PSF lacks of 1 is veiling glare; its centre is index n // 2.
     noise: standard deviation relative to full scale 1. beyond_px: pixels that the image is continued by
     beyond its border, before its mirror images go on; None for `BEYOND_PX`. shares: [depth], how likely each
-    depth is, with the sum 1, see `optics.nodes.node_shares`; None where all are alike. Returns the image's
-    shape.
+    depth is, with the sum 1, see `optics.nodes.node_shares`; None where all are alike. fall: power of the
+    frequency with which the scene's spectrum falls. Returns the image's shape.
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)
-    with the mean PSF above, and below the line what depth adds to it. S falls with the square of the
+    with the mean PSF above, and below the line what depth adds to it. S falls with a power of the
     frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
 
     Raises InputError where channels differ or the noise is negative.
@@ -45,7 +47,7 @@ def wiener(
     _check(image, stack, noise)
     photo = _Continued.of(image, stack.shape[-2:], beyond_px)
     mean, power = _transfer(stack, *photo.shape, shares)
-    return photo.filtered(mean.conj() / (power + _noise_to_signal(photo.spectrum, power, noise, photo.shape)))
+    return photo.filtered(mean.conj() / (power + _noise_to_signal(photo, power, noise, fall)))
 
 
 def wiener_by_depth(
@@ -88,7 +90,7 @@ def wiener_by_depth(
     near = [float(_hat(place, node).mean()) for node in range(len(nodes))]
     # the level of the scene's spectrum is that of the whole photo
     power = _transfer(psfs, *photo.shape, torch.tensor(near))[1]
-    ratio = _noise_to_signal(photo.spectrum, power, noise, photo.shape)
+    ratio = _noise_to_signal(photo, power, noise, FALL)
     found = torch.zeros_like(image)
     for node, (psf, share) in enumerate(zip(psfs, near, strict=True)):
         if share > 0:
@@ -174,21 +176,20 @@ def _transfer(stack: Tensor, rows: int, columns: int, shares: Tensor | None = No
     return mean / total, power / total
 
 
-def _noise_to_signal(
-    spectrum: Tensor, power: Tensor, noise: float | Tensor, shape: tuple[int, int]
-) -> Tensor:
-    """N / S, [channel, y, x // 2 + 1], for S = c / f^2.
+def _noise_to_signal(photo: _Continued, power: Tensor, noise: float | Tensor, fall: float) -> Tensor:
+    """N / S, [channel, y, x // 2 + 1], for S = c / f^fall.
 
-    c is what the photo itself says where the optics pass it on: the mean of (|Y|^2 - N) f^2 / E|H|^2 over
+    c is what the photo itself says where the optics pass it on: the mean of (|Y|^2 - N) f^fall / E|H|^2 over
     the frequencies with E|H|^2 above a tenth of its largest value, which end where the choice matters.
     """
-    rows, columns = shape
+    rows, columns = photo.shape
     fy = torch.fft.fftfreq(rows, dtype=power.dtype, device=power.device)[:, None]
     fx = torch.fft.rfftfreq(columns, dtype=power.dtype, device=power.device)[None, :]
     squared = fy.square() + fx.square()
+    falls = squared if fall == 2 else squared ** (fall / 2)
     floor = max(noise**2, torch.finfo(power.dtype).eps) * rows * columns
     passed = power > 0.1 * power.amax((-2, -1), keepdim=True)
-    signal = (spectrum.abs().square() - floor) * squared / power.clamp_min(torch.finfo(power.dtype).tiny)
+    signal = (photo.spectrum.abs().square() - floor) * falls / power.clamp_min(torch.finfo(power.dtype).tiny)
     c = torch.where(passed, signal, 0).sum((-2, -1), keepdim=True) / passed.sum((-2, -1), keepdim=True)
     # an image without contrast has no signal to fit: any positive floor leaves its level untouched
-    return floor * squared / c.clamp_min(1e-3 * floor * squared.mean())
+    return floor * falls / c.clamp_min(1e-3 * floor * falls.mean())

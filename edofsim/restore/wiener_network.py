@@ -12,6 +12,9 @@ from .linear import wiener_error
 from .restorer import Restorer
 from .wiener import wiener
 
+FALL = 2.0
+"""Power of the frequency with which scenes' spectra fall: the noise that ships was learned with it."""
+
 
 class WienerNetwork(Restorer):
     """The filter of `wiener.wiener` for the PSFs of a mask, with a noise level that learns.
@@ -49,7 +52,7 @@ class WienerNetwork(Restorer):
         """The same without the clamp."""
         psf = self.psf if psf is None else psf
         with torch.autocast(photo.device.type, enabled=False):
-            images = [wiener(image.float(), psf, self.log_noise.exp()) for image in photo]
+            images = [wiener(image.float(), psf, self.log_noise.exp(), fall=FALL) for image in photo]
         return torch.stack(images)
 
     def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
