@@ -103,24 +103,18 @@ def test_twice_as_many_depths_change_nothing(name: str):
     assert change_db(make(), near) < WITHIN_DB
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("near_m", [0.38, 0.40, 0.45, 0.50, 0.55])
+@pytest.mark.parametrize(
+    "near_m", [0.40, 0.55, *(pytest.param(near, marks=pytest.mark.slow) for near in (0.38, 0.45, 0.50))]
+)
 def test_nor_do_they_wherever_the_near_limit_of_a_fast_lens_is(near_m: float):
     """Nine evenly spaced depths lie in its depth of field by chance."""
     assert change_db(ideal(35, 4, 3.45, 1.0, window=160), 1 / near_m) < WITHIN_DB
 
 
-@pytest.mark.parametrize("name", ["paper-clear"])
-def test_a_fixed_count_is_caught(name: str, monkeypatch: pytest.MonkeyPatch):
-    make, near = CAMERAS[name]
+@pytest.mark.parametrize("near_m, window", [(0.55, 128), (0.40, 160)])
+def test_a_fixed_count_is_caught(near_m: float, window: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys.modules[restore.__module__], "nodes_between", fixed)
-    assert change_db(make(), near) > WITHIN_DB
-
-
-@pytest.mark.slow
-def test_a_fixed_count_is_caught_by_the_near_limit(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(sys.modules[restore.__module__], "nodes_between", fixed)
-    assert max(change_db(ideal(35, 4, 3.45, 1.0, window=160), 1 / near) for near in (0.38, 0.40)) > WITHIN_DB
+    assert change_db(ideal(35, 4, 3.45, 1.0, window=window), 1 / near_m) > WITHIN_DB
 
 
 def test_the_nodes_are_those_of_the_one_function():
