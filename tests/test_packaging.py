@@ -51,7 +51,7 @@ def named(requirements: Iterable[str]) -> set[str]:
 
 
 def test_the_package_imports_what_it_declares_and_nothing_else():
-    declared = named([*PROJECT["dependencies"], *EXTRAS["cluster"], *EXTRAS["gds"]])
+    declared = named([*PROJECT["dependencies"], *EXTRAS["cluster"], *EXTRAS["cubes"], *EXTRAS["gds"]])
     assert packages("edofsim") == declared
 
 

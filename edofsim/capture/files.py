@@ -10,16 +10,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.colours import read_colours
 from ..core.files import write_bytes
-from ..core.images import existing, read_exr_rgb, read_picture, srgb_decode, unit_rgb, write_exr
+from ..core.images import write_exr
 from ..core.notebook import picture_png
 from ..errors import InputError
 
 if TYPE_CHECKING:
     from .photo import Photo
-
-PNG_AND_JPEG = (".png", ".jpg", ".jpeg")
-
 
 def write_photo(path: Path, photo: Photo) -> Path:
     """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it.
@@ -51,20 +49,13 @@ def save_image(path: str | Path, image: Tensor) -> Path:
     raise InputError(f"{path}: images are written as .exr (linear) or .png (sRGB)")
 
 
-def read_image(path: Path) -> Tensor:
-    """Any image as linear [3, y, x] float32: OpenEXR as it is; PNG and JPEG are sRGB and are decoded.
+def read_image(path: str | Path) -> Tensor:
+    """Any image as linear [3, y, x] float32: OpenEXR, PFM, Radiance and floats as they are; PNG, JPEG, TIFF and
+    their like are sRGB unless they say otherwise, and are decoded; all are upright.
 
     Raises InputError for a file that is missing or no image.
     """
-    path = existing(Path(path), "image")
-    if path.suffix.lower() == ".exr":
-        image = read_exr_rgb(path, "image")
-    elif path.suffix.lower() in PNG_AND_JPEG:
-        image = srgb_decode(unit_rgb(read_picture(path, "image")))
-    else:
-        raise InputError(f"{path}: give an OpenEXR, PNG or JPEG image")
-    if not np.isfinite(image).all():
-        raise InputError(f"{path}: holds values that are NaN or infinite")
+    image = read_colours(Path(path), "image").linear
     return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))
 
 

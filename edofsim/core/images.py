@@ -7,9 +7,7 @@ what it is for.
 from __future__ import annotations
 
 import io
-import math
 import os
-import warnings
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +19,11 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from ..errors import InputError, first_line
+from .decoded import read_picture as read_picture
 from .files import whole, write_bytes
+from .limits import check_numbers as check_numbers
+from .limits import check_pixels as check_pixels
+from .limits import existing as existing
 
 if TYPE_CHECKING:
     import OpenEXR
@@ -30,12 +32,6 @@ if TYPE_CHECKING:
 
 
 A = TypeVar("A", np.ndarray, "Tensor")
-
-
-MAX_PIXELS = 1 << 26
-"""Of one picture, 8192 x 8192: as linear light in three channels these take 1.5 GiB."""
-MAX_NUMBERS = 1 << 28
-"""Of a depth map or spectral cube."""
 
 
 def srgb_encode(linear: A) -> A:
@@ -49,59 +45,6 @@ def srgb_decode(encoded: A) -> A:
     """The inverse of `srgb_encode`: values in [0, 1] to linear ones, same shape. Values above 1 go on."""
     low = encoded <= 0.04045
     return low * (encoded / 12.92) + ~low * ((encoded.clip(0.04045) + 0.055) / 1.055) ** 2.4  # pyrefly: ignore
-
-
-def existing(path: Path, what: str) -> Path:
-    """The path of a file that is there. Raises InputError."""
-    if not path.is_file():
-        raise InputError(f"{what}: the file {str(path)!r} does not exist")
-    return path
-
-
-def check_pixels(rows: int, columns: int, path: Path, what: str) -> None:
-    """Raises InputError for a picture too large to hold, by what its file says of itself."""
-    if rows * columns > MAX_PIXELS:
-        raise InputError(
-            f"{what}: {str(path)!r} has {columns} x {rows} pixels, too many to read (at most "
-            f"{MAX_PIXELS >> 20} x 2^20); scale it down or cut it"
-        )
-
-
-def check_numbers(shape: tuple[int, ...], path: Path, what: str) -> None:
-    """Raises InputError for an array too large to compute with."""
-    count = math.prod(shape)
-    if count > MAX_NUMBERS:
-        size = " x ".join(map(str, shape))
-        raise InputError(
-            f"{what}: {str(path)!r} holds {size} numbers ({count * 8 / 2**30:.1f} GiB in double precision), "
-            f"more than {MAX_NUMBERS >> 20} x 2^20; cut it to the part that you need"
-        )
-
-
-def read_picture(path: Path, what: str) -> np.ndarray:
-    """A PNG, JPEG or TIFF as it is stored, [y, x] or [y, x, channel]."""
-    existing(path, what)
-    from skimage.io import imread
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a size that is too large is said below
-            with Image.open(path) as header:
-                columns, rows = header.size
-    except Exception:  # of a kind that another reader knows, or damaged: that one says so
-        columns = rows = 0
-    check_pixels(rows, columns, path, what)
-    try:
-        image = imread(path)
-    except Exception as error:  # the readers behind imread raise nearly anything
-        raise InputError(
-            f"{what}: {str(path)!r} is not a picture that can be read (PNG, JPEG, TIFF): {first_line(error)}"
-        ) from error
-    if image.ndim not in (2, 3) or image.size == 0 or image.dtype.kind not in "buif":
-        raise InputError(f"{what}: {str(path)!r} holds an array of shape {image.shape}, not one picture")
-    if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise InputError(f"{what}: {str(path)!r} holds values that are not finite")
-    return image
 
 
 def unit_rgb(image: np.ndarray) -> np.ndarray:
@@ -159,33 +102,98 @@ def openexr() -> ModuleType:
 
 
 def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
-    """The channels of an OpenEXR file by name, each [y, x]."""
+    """The channels of an OpenEXR file by name, each [y, x], of all its parts.
+
+    Those of a further part whose name the file has already, or whose size differs from the first part's, are
+    called PART.CHANNEL. Raises InputError.
+    """
+    return _read_exr(path, what)[0]
+
+
+def exr_chromaticities(path: Path, what: str) -> tuple[float, ...] | None:
+    """(x, y) of red, green, blue and white that an OpenEXR file states; None where it states none."""
+    return _read_exr(path, what, header_only=True)[1]
+
+
+def _read_exr(
+    path: Path, what: str, header_only: bool = False
+) -> tuple[dict[str, np.ndarray], tuple[float, ...] | None]:
     existing(path, what)
     reader = openexr()
     try:
         with reader.File(str(path), header_only=True) as file:
-            low, high = (np.asarray(corner, int) for corner in file.header()["dataWindow"])
-            columns, rows = (high - low + 1).tolist()
-            names = [channel.name for channel in file.header()["channels"]]
-        check_pixels(rows, columns, path, what)
-        check_numbers((len(names), rows, columns), path, what)
+            count = 0
+            for part in file.parts:
+                low, high = (np.asarray(corner, int) for corner in part.header["dataWindow"])
+                columns, rows = (high - low + 1).tolist()
+                check_pixels(rows, columns, path, what)
+                count += rows * columns * len(part.header["channels"])
+                if str(part.header["type"]).rpartition(".")[2].startswith("deep"):
+                    raise InputError(f"{what}: {str(path)!r} is a deep OpenEXR file; save it flat")
+            check_numbers((count,), path, what)
+            stated = file.parts[0].header.get("chromaticities")
+        if header_only:
+            return {}, None if stated is None else tuple(float(value) for value in stated)
+        found: dict[str, np.ndarray] = {}
         with reader.File(str(path), separate_channels=True) as file:
-            return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            for number, part in enumerate(file.parts):
+                prefix = str(part.header.get("name") or f"part {number}")
+                for name, channel in part.channels.items():
+                    pixels = np.array(channel.pixels)
+                    first = next(iter(found.values()), pixels)
+                    other = name in found or pixels.shape != first.shape
+                    found[f"{prefix}.{name}" if other else name] = pixels
+        return found, None
     except InputError:
         raise
     except Exception as error:  # OpenEXR raises its own kinds
         raise InputError(f"{what}: {str(path)!r} cannot be read as OpenEXR: {first_line(error)}") from error
 
 
-def read_exr_rgb(path: Path, what: str) -> np.ndarray:
-    """R, G and B of an OpenEXR file, or Y three times, float32 [y, x, 3]."""
+def exr_colours(path: Path, what: str, layer: str | None = None) -> tuple[np.ndarray, str]:
+    """Linear colours of an OpenEXR file, float32 [y, x, 3], and the channels that they are.
+
+    layer: what stands before `.R`; None for the channels R, G, B, else the only layer that has such, else
+    the one called Combined, beauty or rgba, else Y as grey. A depth is never taken for colours. Raises
+    InputError, which lists the channels.
+    """
     channels = read_exr(path, what)
-    names = ("R", "G", "B") if "R" in channels else ("Y",) * 3
-    if any(name not in channels for name in names):
+    layers: dict[str, dict[str, str]] = {}
+    for name in channels:
+        before, _, last = name.rpartition(".")
+        layers.setdefault(before, {})[last.upper()] = name
+    coloured = {name: planes for name, planes in layers.items() if {"R", "G", "B"} <= set(planes)}
+    usual = [n for n in coloured if n.rpartition(".")[2].lower() in ("combined", "beauty", "rgba")]
+    if layer is not None:
+        chosen = layer if layer in coloured else None
+    elif "" in coloured:
+        chosen = ""
+    elif len(coloured) == 1 or len(usual) == 1:
+        chosen = (usual or list(coloured))[0]
+    else:
+        chosen = None
+    if chosen is not None:
+        names = [coloured[chosen][colour] for colour in "RGB"]
+    elif layer is None and not coloured and "Y" in channels and not {"RY", "BY"} & set(channels):
+        names = ["Y"] * 3
+    else:
+        advice = "name a layer" if coloured else "a depth alone is no picture"
+        wanted = "R, G, B" if layer is None else f"{layer}.R, {layer}.G, {layer}.B"
+        if len(coloured) > 1 and layer is None:
+            wanted = "R, G, B outside its layers " + ", ".join(sorted(coloured))
         raise InputError(
-            f"{what}: {str(path)!r} has no channels R, G, B; it has {', '.join(sorted(channels))}"
+            f"{what}: {str(path)!r} has no channels {wanted}; it has {', '.join(sorted(channels)[:24])}; "
+            f"{advice}"
         )
-    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
+    planes = [channels[name].astype(np.float32) for name in names]
+    if len({plane.shape for plane in planes}) > 1:
+        raise InputError(f"{what}: {str(path)!r} has channels of several sizes; save them with one")
+    return np.stack(planes, axis=-1), ", ".join(dict.fromkeys(names))
+
+
+def read_exr_rgb(path: Path, what: str) -> np.ndarray:
+    """The linear colours of an OpenEXR file, see `exr_colours`, float32 [y, x, 3]."""
+    return exr_colours(path, what)[0]
 
 
 def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> Path:

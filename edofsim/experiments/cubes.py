@@ -15,10 +15,10 @@ from torch import Tensor
 from ..errors import InputError
 from ..recipe.sources import CubeFile
 from ..render.view import View
+from ..scene.cube_files import FILES
 from ..scene.cubes import at_bands, stored_cube
 from .photographs import REACH_PX, SMALLEST_PX
 
-FILES = (".mat", ".exr")
 CAVE_BANDS, CAVE_START_NM, CAVE_STEP_NM = 31, 400.0, 10.0
 
 
@@ -63,7 +63,7 @@ def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[lis
         except InputError as error:
             problems += [f"{place}: {_with_options(problem)}" for problem in error.problems]
     if not cubes:
-        kinds = "folders with a PNG or TIFF a band, .mat and spectral .exr files"
+        kinds = "folders with a PNG or TIFF a band, ENVI, .mat, HDF5, .npy, TIFF and spectral .exr files"
         raise InputError(problems or f"{path}: holds no spectral cubes ({kinds})")
     return cubes, problems
 
@@ -80,7 +80,7 @@ def read_one(path: Path, wanted_nm: np.ndarray, reading: Reading) -> Cube:
     if start is None and _named_like_cave(path):
         start, step = CAVE_START_NM, CAVE_STEP_NM
     file = CubeFile(path=path.name, key=reading.key, start_nm=start, step_nm=step, crop=reading.crop)
-    stored, nm = stored_cube(file, path.parent)
+    stored, nm, _ = stored_cube(file, path.parent)
     low, high = reading.bands or (-np.inf, np.inf)
     low, high = max(low, nm[0]) - 1e-6, min(high, nm[-1]) + 1e-6
     chosen = wanted_nm[(wanted_nm >= low) & (wanted_nm <= high)]

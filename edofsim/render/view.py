@@ -149,10 +149,10 @@ class View:
     ) -> View:
         """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
 
-        rgb: a picture file, or [y, x, 3], uint8 or floats from 0 to 1, as such files hold them; its colours
-        become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR) in
-        metres along the axis, or in millimetres where it holds whole numbers, as `edofsim new scene` takes
-        it; or [y, x], floats in metres, or one number for all; `inf` is background; NaN, 0 and negative
+        rgb: a picture file (PNG, JPEG, TIFF, OpenEXR, PFM), or [y, x, 3], uint8 or floats from 0 to 1, as such
+        files hold them; its colours become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF,
+        PFM, NPY, NPZ, MAT, EXR, CSV) in metres along the axis, or in millimetres where it holds whole numbers,
+        as `edofsim new scene` takes it; or [y, x], floats in metres, or one number for all; `inf` is background; NaN, 0 and negative
         values are holes, filled with the farther neighbour in the row.
         pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
         the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
@@ -161,16 +161,21 @@ class View:
         Raises InputError for files that cannot be read, for shapes that do not fit each other, for a depth
         map that holds no depth, and for an array of whole numbers, which may be of any unit.
         """
-        from ..core.images import mirrored, srgb_decode, unit_rgb
+        from ..core.colours import colours_of
+        from ..core.images import mirrored
+        from ..core.measurements import read_numbers
         from ..recipe.scene import Bands, Frame
         from ..scene import depth_maps, spectra
+        from ..scene.pictures import source_picture
 
         if isinstance(rgb, str | Path):
-            rgb = depth_maps.read_numbers(str(rgb), None, Path(), "picture")
+            picture = source_picture(str(rgb), None, Path())
+        else:
+            picture = colours_of(np.asarray(rgb))
         if isinstance(depth, str | Path):
-            depth = depth_maps.read_numbers(str(depth), None, Path(), "depth map")
+            depth = read_numbers(str(depth), None, Path(), "depth map")
             depth = depth * depth_maps.usual_unit(depth)
-        colours = srgb_decode(unit_rgb(np.asarray(rgb)))
+        colours = picture.linear
         rows, columns = colours.shape[:2]
         given = np.asarray(depth)
         if given.ndim and depth_maps.usual_unit(given) != 1:
@@ -205,6 +210,7 @@ class View:
             margin=margin,
             metadata={
                 "route": "made of a picture with depths",
+                "picture": "; ".join(picture.assumed),
                 "hidden": "missing: a picture holds no light from behind its edges",
             },
         )

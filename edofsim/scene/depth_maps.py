@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from ..core.images import check_numbers, check_pixels, existing, read_exr, read_picture
-from ..core.shipped import installed
-from ..errors import InputError, first_line
+from ..core.measurements import read_numbers
+from ..errors import InputError
 from ..recipe.sources import DepthMap
-from .pictures import read_pfm
 
-SKIMAGE = "skimage:"
-"""Prefix of pictures and disparities that come inside scikit-image."""
+UPRIGHT_ADVICE = "the file of depths, or the picture, lies on its side: turn it by 90 degrees"
 
 
 def read_inverse_depth(source: DepthMap, base: Path) -> np.ndarray:
@@ -30,171 +24,67 @@ def read_inverse_depth(source: DepthMap, base: Path) -> np.ndarray:
         values = values[..., 0]
     if values.ndim != 2:
         raise InputError(f"depth map {source.path!r} has the shape {values.shape}; it needs [y, x]")
-    with np.errstate(divide="ignore", invalid="ignore"):
-        if source.holds == "depth":
-            inverse = np.where(values > 0, 1 / values, np.nan)
-        elif source.holds == "inverse_depth":
-            inverse = np.where(np.isfinite(values) & (values >= 0), values, np.nan)
-        else:
-            assert source.baseline_mm is not None and source.focal_length_px is not None
-            shifted = values + source.disparity_offset_px
-            known = np.isfinite(values) & (values != 0) & (shifted > 0)
-            inverse = np.where(known, shifted / (source.baseline_mm * 1e-3 * source.focal_length_px), np.nan)
-    inverse = inverse / source.scale
+    inverse = _inverse(values, source) / source.scale
     if not np.isfinite(inverse).any():
         raise InputError(f"depth map {source.path!r} holds no depth at all")
     return inverse
 
 
-def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarray:
-    """The array of a file, by its suffix. Objects are never unpickled. Raises InputError."""
-    if name.startswith(SKIMAGE):
-        return packaged(name.removeprefix(SKIMAGE), what)
-    path = base / name
-    readers = {".npy": _numpy, ".npz": _numpy, ".mat": read_mat, ".exr": _exr}
-    suffix = path.suffix.lower()
-    if suffix in readers:
-        return readers[suffix](path, key, what)
-    if suffix == ".pfm":
-        return read_pfm(path, what)
-    if suffix == ".dpt":
-        return read_sintel(path, what)
-    return read_picture(path, what)
+def _inverse(values: np.ndarray, source: DepthMap) -> np.ndarray:
+    """Inverse depth of a file's numbers in their unit, [1/m], NaN in holes."""
+    moved = values + source.offset
+    with np.errstate(divide="ignore", invalid="ignore"):
+        match source.holds:
+            case "depth":
+                return np.where(moved > 0, 1 / moved, np.nan)
+            case "inverse_depth":
+                return np.where(np.isfinite(moved) & (moved >= 0), moved, np.nan)
+            case "relative_inverse_depth":
+                return _between(values, source)
+            case "disparity":
+                assert source.baseline_mm is not None and source.focal_length_px is not None
+                shifted = moved + source.disparity_offset_px
+                known = np.isfinite(values) & (values != 0) & (shifted > 0)
+                return np.where(known, shifted / (source.baseline_mm * 1e-3 * source.focal_length_px), np.nan)
+
+
+def _between(values: np.ndarray, source: DepthMap) -> np.ndarray:
+    """Relative inverse depth: the largest number at near_m, the smallest at far_m, straight between."""
+    assert source.near_m is not None and source.far_m is not None
+    known = np.isfinite(values)
+    low, high = (values[known].min(), values[known].max()) if known.any() else (0.0, 0.0)
+    if not high > low:
+        raise InputError(f"depth map {source.path!r} holds the same number everywhere; nothing lies nearer")
+    near, far = 1 / source.near_m, 1 / source.far_m
+    return np.where(known, far + (values - low) / (high - low) * (near - far), np.nan)
+
+
+def resized(inverse: np.ndarray, shape: tuple[int, int], source: DepthMap) -> np.ndarray:
+    """A map at the size of its picture, each pixel the nearest number's.
+
+    Raises InputError where the sizes differ and the recipe does not ask for it, or by proportions.
+    """
+    rows, columns = inverse.shape
+    if inverse.shape == shape:
+        return inverse
+    sizes = f"depth map {source.path!r} has {columns} x {rows} pixels, the picture {shape[1]} x {shape[0]}"
+    turned = f"; {UPRIGHT_ADVICE}" if inverse.shape == shape[::-1] else ""
+    if not source.resize:
+        advice = turned or "; resample one of them, or set resize = true in its table (--resize)"
+        raise InputError(sizes + advice)
+    larger = max(rows / shape[0], columns / shape[1], shape[0] / rows, shape[1] / columns)
+    if abs(rows * shape[1] - columns * shape[0]) > 2 * larger * max(shape[0], shape[1]):
+        raise InputError(f"{sizes}{turned or '; their proportions differ: cut one to what the other shows'}")
+    row, column = (
+        ((np.arange(new) + 0.5) * old / new).astype(int)
+        for new, old in zip(shape, inverse.shape, strict=True)
+    )
+    return inverse[np.ix_(row, column)]
 
 
 def usual_unit(depths: np.ndarray) -> float:
     """Metres in one unit of what a depth map holds, where nobody says: whole numbers are millimetres."""
     return 0.001 if np.issubdtype(depths.dtype, np.integer) else 1.0
-
-
-def read_sintel(path: Path, what: str) -> np.ndarray:
-    """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres."""
-    existing(path, what)
-    with path.open("rb") as file:
-        head = file.read(12)
-        tag = np.frombuffer(head[:4], "<f4") if len(head) == 12 else np.zeros(1)
-        if tag[0] != np.float32(202021.25):
-            raise InputError(f"{what}: {str(path)!r} does not begin as Sintel's .dpt files do (202021.25)")
-        columns, rows = np.frombuffer(head[4:], "<i4").tolist()
-        if columns < 1 or rows < 1:
-            raise InputError(f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels")
-        check_pixels(rows, columns, path, what)
-        body = file.read(4 * rows * columns)
-    if len(body) < 4 * rows * columns:
-        raise InputError(f"{what}: {str(path)!r} is cut short")
-    return np.frombuffer(body, "<f4").reshape(rows, columns).copy()
-
-
-def packaged(name: str, what: str) -> np.ndarray:
-    """A picture or disparity map that comes inside scikit-image."""
-    folder = installed("skimage") / "data"
-    for suffix in (".png", ".jpg", ".npz"):
-        path = folder / f"{name}{suffix}"
-        if path.parent == folder and path.is_file():
-            return _numpy(path, None, what) if suffix == ".npz" else read_picture(path, what)
-    raise InputError(f"{what}: scikit-image brings no {name!r} in its package")
-
-
-def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
-    existing(path, what)
-    try:
-        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            return _numbers(loaded, path, what)
-        names = loaded.files
-        if key is None and len(names) != 1:
-            raise InputError(
-                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
-            )
-        if key is not None and key not in names:
-            raise InputError(f"{what}: {str(path)!r} holds no {key!r}; it holds {', '.join(names)}")
-        with zipfile.ZipFile(path) as archive, archive.open(f"{key or names[0]}.npy") as member:
-            version = np.lib.format.read_magic(member)
-            read_header = np.lib.format.read_array_header_1_0
-            if version != (1, 0):
-                read_header = np.lib.format.read_array_header_2_0
-            check_numbers(read_header(member)[0], path, what)
-        return _numbers(loaded[key or names[0]], path, what)
-    except InputError:
-        raise
-    except Exception as error:  # damaged archives raise many kinds
-        raise InputError(f"{what}: {str(path)!r} cannot be read as numbers: {first_line(error)}") from error
-
-
-def _numbers(array: np.ndarray, path: Path, what: str) -> np.ndarray:
-    if array.dtype.kind not in "buif" or array.size == 0:
-        raise InputError(f"{what}: {str(path)!r} holds {array.dtype}, not numbers")
-    check_numbers(array.shape, path, what)
-    return np.array(array)
-
-
-def _exr(path: Path, key: str | None, what: str) -> np.ndarray:
-    channels = read_exr(path, what)
-    name = key or ("Z" if "Z" in channels else None)
-    if name is None and len(channels) == 1:
-        name = next(iter(channels))
-    if name not in channels:
-        raise InputError(
-            f"{what}: {str(path)!r} has no channel {name or 'Z'!r}; it has {', '.join(channels)}"
-        )
-    return channels[name]
-
-
-def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
-    """An array of a MAT file (up to version 7); dots in `key` go into its structures."""
-    return _numbers(np.asarray(mat_value(load_mat(path, what), key, path, what)), path, what)
-
-
-def load_mat(path: Path, what: str) -> dict[str, object]:
-    """All of a MAT file; structures become objects with attributes."""
-    existing(path, what)
-    # Some damaged MAT files crash the reader of SciPy, which would take this process with it
-    if _crashes(path):
-        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
-    from scipy.io import loadmat
-
-    try:
-        return loadmat(path, squeeze_me=True, struct_as_record=False)
-    except NotImplementedError:
-        raise InputError(
-            f"{what}: {str(path)!r} is a MAT file of version 7.3; save it with version 7"
-        ) from None
-    except Exception as error:  # damaged files raise many kinds
-        raise InputError(
-            f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(error)}"
-        ) from error
-
-
-def _crashes(path: Path) -> bool:
-    """Whether SciPy's reader crashes on a file, or does not come to an end: tried in another process."""
-    code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
-    command = [sys.executable, "-c", code, str(path)]
-    try:
-        return subprocess.run(command, capture_output=True, timeout=300, check=False).returncode < 0
-    except subprocess.TimeoutExpired:
-        return True
-
-
-def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
-    """The value of a dotted key in a MAT file; without a key, its only variable."""
-    names = [name for name in data if not name.startswith("__")]
-    if not names:
-        raise InputError(f"{what}: {str(path)!r} holds no variable; save the array in one")
-    if key is None:
-        if len(names) != 1:
-            raise InputError(
-                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
-            )
-        return data[names[0]]
-    value: object = data
-    for step in key.split("."):
-        fields = names if value is data else getattr(value, "_fieldnames", [])
-        if step not in fields:
-            raise InputError(
-                f"{what}: {str(path)!r} holds no {key!r}; there is {', '.join(fields) or 'no more'}"
-            )
-        value = data[step] if value is data else getattr(value, step)
-    return value
 
 
 def fill_holes(inverse_depth: np.ndarray, method: str, what: str) -> np.ndarray:

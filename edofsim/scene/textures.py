@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..core.images import read_picture, srgb_decode, unit_rgb
+from ..core.colours import read_colours
+from ..core.images import srgb_decode, unit_rgb
 from ..core.shipped import installed
 from ..errors import InputError
 from ..recipe.surfaces import (
@@ -112,7 +113,9 @@ def build_texture(
     if isinstance(texture, PhotoTexture):
         return from_srgb(_cropped(photo(texture.name), texture.crop), wavelengths)
     if isinstance(texture, FileTexture):
-        return from_srgb(read_picture(base / texture.path, f"{what} (texture)"), wavelengths)
+        picture = read_colours(base / texture.path, f"{what} (texture)")
+        basis = srgb_basis(wavelengths).astype(np.float32)
+        return BandTexture(basis, picture.linear.clip(0, 1).astype(np.float32))
     if isinstance(texture, WoodTexture):
         return _wood(texture, wavelengths, rng)
     if isinstance(texture, NoiseTexture):

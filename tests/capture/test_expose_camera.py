@@ -252,10 +252,7 @@ def test_photo_file_round_trip(bench, tmp_path):
 def test_unreadable_images_are_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         read_image(tmp_path / "none.exr")
-    for name in ("text.exr", "text.png"):
+    for name in ("text.exr", "text.png", "text.txt"):
         (tmp_path / name).write_text("not an image")
         with pytest.raises(InputError, match="cannot be read|not a picture that can be read"):
             read_image(tmp_path / name)
-    (tmp_path / "text.txt").write_text("not an image")
-    with pytest.raises(InputError, match="OpenEXR, PNG or JPEG"):
-        read_image(tmp_path / "text.txt")

@@ -136,7 +136,7 @@ def test_a_cropped_cube_takes_its_depths_along(tmp_path: Path):
     ("change", "complaint"),
     [
         ({"start_nm": 480, "step_nm": 100}, "480 to 780 nm, the recipe's bands from 450 to 650"),
-        ({"path": "nothing"}, "neither a folder"),
+        ({"path": "nothing"}, "there is no file or folder"),
         ({"key": "nope"}, "holds no 'nope'"),
         ({"crop": [5, 0, 5, 0]}, "nothing is left"),
     ],
@@ -149,7 +149,7 @@ def test_cubes_that_cannot_be_used_are_refused(tmp_path: Path, change: dict, com
 
 def test_a_folder_without_wavelengths_is_asked_for_them(tmp_path: Path):
     source = {"kind": "cube", "depth_m": 0.8, "path": write_cube(tmp_path, "folder")["path"]}
-    with pytest.raises(InputError, match="give start_nm and step_nm"):
+    with pytest.raises(InputError, match="give start_nm and step_nm, or wavelengths_nm"):
         picture_view(recipe(source, bands=BANDS), tmp_path)
 
 

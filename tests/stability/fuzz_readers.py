@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
+from edofsim.core import measurements
 from edofsim.errors import InputError
-from edofsim.scene import depth_maps
 
 SECONDS = 20
 MEMORY = 2 << 30
@@ -47,7 +47,7 @@ started anew."""
 
 
 def crashes_forked(path: Path) -> bool:
-    """As `depth_maps._crashes`."""
+    """As `measurements._crashes`."""
     from scipy.io import loadmat
 
     child = os.fork()
@@ -159,7 +159,7 @@ def response(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
 
 def depth(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], object]]]:
     def make(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
-        from edofsim.scene.depth_maps import read_numbers
+        from edofsim.core.measurements import read_numbers
 
         values = np.linspace(0.5, 3, 77, dtype=np.float32).reshape(7, 11)
         path = folder / f"seed{suffix}"
@@ -243,7 +243,7 @@ def fuzz(reader: str, count: int, base: int) -> dict[str, object]:
         path = folder / file
         path.write_bytes(seed)
         if count > FORKED:
-            depth_maps._crashes = crashes_forked
+            measurements._crashes = crashes_forked
         read(path)  # the seed itself is good, and imports are done
         # addresses, not resident pages: what a reader asks for in one go counts
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -17,8 +17,9 @@ from .pictures import ViewReader, depths, frame_indices, plain_view
 
 
 class CubeSource(ViewReader, CubeFile):
-    """A spectral cube: a folder with one picture a band (in the order of the names), a MAT file, or an EXR
-    of the spectral layout. At `depth_m`, or with a depth map."""
+    """A spectral cube: a folder with one picture a band (in the order of the numbers in the names), ENVI (its
+    .hdr), a MAT or HDF5 file, NPY, a TIFF with a page a band, or an EXR of the spectral layout. At `depth_m`,
+    or with a depth map."""
 
     kind: Literal["cube"]
     depth_m: Positive | None = None
@@ -35,8 +36,8 @@ class CubeSource(ViewReader, CubeFile):
     def view(self, recipe: SceneRecipe, base: Path) -> View:
         """The cube's middle as one fragment a pixel. At one depth nothing can be hidden, and the view says
         so."""
-        cube = read_cube(self, base, recipe.bands.wavelengths())
-        shape = cube.shape[1:]
+        cube, said = read_cube(self, base, recipe.bands.wavelengths())
+        shape = (cube.shape[1], cube.shape[2])
         if self.depth is None:
             assert self.depth_m is not None  # the model holds one of the two
             inverse, facts = np.full(shape, 1 / self.depth_m), {"hidden": "none: no depth edge"}
@@ -47,6 +48,6 @@ class CubeSource(ViewReader, CubeFile):
             inverse = inverse[top : whole[0] - bottom, left : whole[1] - right]
         rows, columns, border = frame_indices(shape, recipe)
         radiance = np.ascontiguousarray(cube[:, rows[:, None], columns[None]])
-        facts = {**facts, "beyond the border": border}
+        facts = {**facts, "cube": f"{self.path}: {said}", "beyond the border": border}
         inverse = inverse[np.ix_(rows, columns)]
         return plain_view(recipe, radiance, inverse, "read from a spectral cube", facts)

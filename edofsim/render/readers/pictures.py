@@ -43,22 +43,33 @@ def picture_view(recipe: SceneRecipe, base: Path) -> View:
     return recipe.source.view(recipe, Path(base))
 
 
-def depths(source: DepthMap, base: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, object]]:
+def depths(source: DepthMap, base: Path, shape: tuple[int, int]) -> tuple[np.ndarray, dict[str, object]]:
     """Inverse depth [y, x] in 1/m without holes, and what is to be said of it. Raises InputError where the
-    depth map has another shape than the picture."""
-    inverse = depth_maps.read_inverse_depth(source, base)
-    if inverse.shape != tuple(shape):
-        raise InputError(
-            f"depth map {source.path!r} has {inverse.shape[1]} x {inverse.shape[0]} pixels, the picture "
-            f"{shape[1]} x {shape[0]}; resample one of them"
-        )
+    depth map has another shape than the picture, and is not to be resized."""
+    stored = depth_maps.read_inverse_depth(source, base)
+    inverse = depth_maps.resized(stored, shape, source)
     holes = float((~np.isfinite(inverse)).mean())
     filled = depth_maps.fill_holes(inverse, source.holes, f"depth map {source.path!r}")
-    facts: dict[str, object] = {"holes": holes}
+    facts: dict[str, object] = {"holes": holes, "depths": _taken_for(source, stored.shape, shape)}
     if holes:
         way = {"background": "the farther neighbour in the row", "nearest": "the nearest known pixel"}
         facts["holes filled"] = f"{holes:.1%} of the depths, from {way[source.holes]}"
     return filled, facts
+
+
+def _taken_for(source: DepthMap, stored: tuple[int, ...], shape: tuple[int, ...]) -> str:
+    """What the numbers of a depth map are taken for."""
+    unit = {"depth": "m", "inverse_depth": "1/m", "disparity": "pixels"}.get(source.holds)
+    said = f"{source.path}: {source.holds.replace('_', ' ')}"
+    if source.holds == "relative_inverse_depth":
+        said += f" from {source.near_m:g} to {source.far_m:g} m"
+    else:
+        said += f", {source.unit:g} {unit} each" + (f" {source.offset:+g}" if source.offset else "")
+    if source.key is not None:
+        said += f", {source.key!r} of the file"
+    if stored != shape:
+        said += f", resized from {stored[1]} x {stored[0]} pixels"
+    return said
 
 
 def frame_indices(shape: tuple[int, ...], recipe: SceneRecipe) -> tuple[np.ndarray, np.ndarray, str]:

@@ -1,0 +1,278 @@
+"""Measurements in files: the one reader for depths, heights and whatever else is no colour.
+
+NaN and infinity are legal in every format alike. Objects are never unpickled.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, first_line
+from . import hdf5
+from .decoded import decoded
+from .high_range import read_pfm
+from .images import read_exr
+from .limits import check_numbers, check_pixels, existing
+from .shipped import installed
+
+SKIMAGE = "skimage:"
+"""Prefix of pictures and disparities that come inside scikit-image."""
+TEXTS = (".csv", ".txt", ".dat", ".asc", ".tsv")
+MAX_TEXT_BYTES = 1 << 28
+DEPTH_CHANNELS = ("z", "depth", "distance", "disparity", "v")
+
+
+def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarray:
+    """The array of a file, by its suffix: NPY, NPZ, MAT, HDF5, EXR, PFM, DPT, CSV and text, TIFF, PNG and other
+    pictures; or `skimage:NAME`.
+
+    key: array of an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR. Raises InputError.
+    """
+    if name.startswith(SKIMAGE):
+        return packaged(name.removeprefix(SKIMAGE), what)
+    path = Path(base) / name
+    existing(path, what)
+    suffix = path.suffix.lower()
+    if suffix in hdf5.SUFFIXES:
+        return one_array(hdf5.read_hdf5(path, key, what), key, path, what)
+    readers = {".npy": _numpy, ".npz": _numpy, ".mat": read_mat, ".exr": _exr}
+    if suffix in readers:
+        return readers[suffix](path, key, what)
+    if key is not None:
+        raise InputError(
+            f"{what}: {str(path)!r} has no arrays or channels with names; leave out key = {key!r}"
+        )
+    if suffix == ".pfm":
+        return read_pfm(path, what)
+    if suffix == ".dpt":
+        return read_sintel(path, what)
+    if suffix in TEXTS:
+        return read_text(path, what)
+    return _single(decoded(path, what, measured=True).values, path, what)
+
+
+def one_array(found: dict[str, np.ndarray], key: str | None, path: Path, what: str) -> np.ndarray:
+    """The array that was asked for, of `hdf5.read_hdf5`. Raises InputError where there is none."""
+    if not found:
+        raise InputError(f"{what}: {str(path)!r} holds no array of numbers")
+    return _numbers(next(iter(found.values())), path, what)
+
+
+def _single(values: np.ndarray, path: Path, what: str) -> np.ndarray:
+    """One channel of a picture whose colours are equal. Raises InputError for real colours."""
+    if values.ndim == 2:
+        return values
+    colours = values[..., : values.shape[2] - (values.shape[2] in (2, 4))]
+    first = colours[..., 0]
+    if colours.shape[2] > 1 and not all(
+        np.array_equal(first, colours[..., i], equal_nan=first.dtype.kind == "f")
+        for i in range(1, colours.shape[2])
+    ):
+        raise InputError(
+            f"{what}: {str(path)!r} is a picture in colours; a measurement has one number a pixel: take the "
+            "file with the numbers, not a drawing of them"
+        )
+    return first
+
+
+def read_text(path: Path, what: str) -> np.ndarray:
+    """Rows of numbers of a text file, float64 [y, x], separated by commas, semicolons, tabs or blanks.
+
+    Lines that begin with `#` or `%`, and one line of words at the top, are left out; an empty field is NaN.
+    Raises InputError that names the line.
+    """
+    existing(path, what)
+    if path.stat().st_size > MAX_TEXT_BYTES:
+        raise InputError(f"{what}: {str(path)!r} is a text of more than {MAX_TEXT_BYTES >> 20} MiB; use .npy")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{what}: {str(path)!r} is not text") from None
+    numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    numbered = [(n, line) for n, line in numbered if line.strip()[0] not in "#%"]
+    rows: list[list[float]] = []
+    for number, line in numbered:
+        fields = _fields(line)
+        try:
+            rows.append([float(field) if field else np.nan for field in fields])
+        except ValueError:
+            if not rows and number == numbered[0][0]:
+                continue
+            raise InputError(f"{what}: {str(path)!r}, line {number}: is no row of numbers") from None
+        if len(rows[-1]) != len(rows[0]):
+            raise InputError(
+                f"{what}: {str(path)!r}, line {number}: has {len(rows[-1])} numbers, the first row "
+                f"{len(rows[0])}"
+            )
+    if not rows:
+        raise InputError(f"{what}: {str(path)!r} holds no numbers")
+    return np.array(rows, float)
+
+
+def _fields(line: str) -> list[str]:
+    separator = next((mark for mark in (";", "\t", ",") if mark in line), None)
+    if separator is None:
+        return line.split()
+    fields = [field.strip() for field in next(csv.reader(io.StringIO(line), delimiter=separator))]
+    return [re.sub(r"(?<=\d),(?=\d)", ".", field) for field in fields] if separator != "," else fields
+
+
+def read_sintel(path: Path, what: str) -> np.ndarray:
+    """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres."""
+    existing(path, what)
+    with path.open("rb") as file:
+        head = file.read(12)
+        tag = np.frombuffer(head[:4], "<f4") if len(head) == 12 else np.zeros(1)
+        if tag[0] != np.float32(202021.25):
+            raise InputError(f"{what}: {str(path)!r} does not begin as Sintel's .dpt files do (202021.25)")
+        columns, rows = np.frombuffer(head[4:], "<i4").tolist()
+        if columns < 1 or rows < 1:
+            raise InputError(f"{what}: {str(path)!r} says that it has {columns} x {rows} pixels")
+        check_pixels(rows, columns, path, what)
+        body = file.read(4 * rows * columns)
+    if len(body) < 4 * rows * columns:
+        raise InputError(f"{what}: {str(path)!r} is cut short")
+    return np.frombuffer(body, "<f4").reshape(rows, columns).copy()
+
+
+def packaged(name: str, what: str) -> np.ndarray:
+    """A picture or disparity map that comes inside scikit-image, as it is stored."""
+    path = packaged_file(name, what)
+    return _numpy(path, None, what) if path.suffix == ".npz" else decoded(path, what).values
+
+
+def packaged_file(name: str, what: str) -> Path:
+    """The file of a picture or disparity map that comes inside scikit-image. Raises InputError."""
+    folder = installed("skimage") / "data"
+    for suffix in (".png", ".jpg", ".npz"):
+        path = folder / f"{name}{suffix}"
+        if path.parent == folder and path.is_file():
+            return path
+    raise InputError(f"{what}: scikit-image brings no {name!r} in its package")
+
+
+def _numpy(path: Path, key: str | None, what: str) -> np.ndarray:
+    try:
+        loaded = np.load(path, mmap_mode="r", allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            if key is not None:
+                raise InputError(f"{what}: {str(path)!r} is one array; leave out key = {key!r}")
+            return _numbers(loaded, path, what)
+        names = loaded.files
+        if key is None and len(names) != 1:
+            raise InputError(
+                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
+            )
+        if key is not None and key not in names:
+            raise InputError(f"{what}: {str(path)!r} holds no {key!r}; it holds {', '.join(names)}")
+        with zipfile.ZipFile(path) as archive, archive.open(f"{key or names[0]}.npy") as member:
+            version = np.lib.format.read_magic(member)
+            read_header = np.lib.format.read_array_header_1_0
+            if version != (1, 0):
+                read_header = np.lib.format.read_array_header_2_0
+            check_numbers(read_header(member)[0], path, what)
+        return _numbers(loaded[key or names[0]], path, what)
+    except InputError:
+        raise
+    except Exception as error:  # damaged archives raise many kinds
+        reason = first_line(error)
+        if "pickle" in reason.lower():
+            reason = "it is no file of NumPy's, or holds Python objects; save numbers with numpy.save"
+        raise InputError(f"{what}: {str(path)!r} cannot be read as numbers: {reason}") from error
+
+
+def _numbers(array: np.ndarray, path: Path, what: str) -> np.ndarray:
+    if array.size == 0:
+        raise InputError(f"{what}: {str(path)!r} holds an array without numbers, of shape {array.shape}")
+    if array.dtype.kind not in "buif":
+        raise InputError(f"{what}: {str(path)!r} holds {array.dtype}, not real numbers")
+    check_numbers(array.shape, path, what)
+    return np.array(array, array.dtype.newbyteorder("="))
+
+
+def _exr(path: Path, key: str | None, what: str) -> np.ndarray:
+    """A channel of an OpenEXR file: `key`, else Z, the only one, the only one that is called a depth, or R
+    where R, G and B are equal."""
+    channels = read_exr(path, what)
+    names = list(channels)
+    if key is not None:
+        if key not in channels:
+            raise InputError(f"{what}: {str(path)!r} has no channel {key!r}; it has {', '.join(names[:24])}")
+        return channels[key]
+    depths = [n for n in names if n.lower().replace(".v", "").rpartition(".")[2] in DEPTH_CHANNELS]
+    colours = [channels[c] for c in "RGB" if c in channels]
+    if "Z" in channels:
+        return channels["Z"]
+    if len(names) == 1 or len(depths) == 1:
+        return channels[(depths or names)[0]]
+    if len(colours) == 3 and set(names) <= set("RGBA"):
+        if all(np.array_equal(colours[0], plane, equal_nan=True) for plane in colours[1:]):
+            return colours[0]
+    raise InputError(
+        f"{what}: {str(path)!r} has no channel 'Z'; it has {', '.join(names[:24])}; say which with "
+        f'key = "{(depths or names)[0]}"'
+    )
+
+
+def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
+    """An array of a MAT file; dots in `key` go into its structures."""
+    existing(path, what)
+    if hdf5.is_hdf5(path):
+        return one_array(hdf5.read_hdf5(path, key, what), key, path, what)
+    return _numbers(np.asarray(mat_value(load_mat(path, what), key, path, what)), path, what)
+
+
+def load_mat(path: Path, what: str) -> dict[str, object]:
+    """All of a MAT file up to version 7; structures become objects with attributes."""
+    existing(path, what)
+    # Some damaged MAT files crash the reader of SciPy, which would take this process with it
+    if _crashes(path):
+        raise InputError(f"{what}: {str(path)!r} is a damaged MAT file; save it again, or use .npz")
+    from scipy.io import loadmat
+
+    try:
+        return loadmat(path, squeeze_me=True, struct_as_record=False)
+    except Exception as error:  # damaged files raise many kinds
+        raise InputError(
+            f"{what}: {str(path)!r} cannot be read as a MAT file: {first_line(error)}"
+        ) from error
+
+
+def _crashes(path: Path) -> bool:
+    """Whether SciPy's reader crashes on a file, or does not come to an end: tried in another process."""
+    code = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
+    command = [sys.executable, "-c", code, str(path)]
+    try:
+        return subprocess.run(command, capture_output=True, timeout=300, check=False).returncode < 0
+    except subprocess.TimeoutExpired:
+        return True
+
+
+def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
+    """The value of a dotted key in a MAT file; without a key, its only variable."""
+    names = [name for name in data if not name.startswith("__")]
+    if not names:
+        raise InputError(f"{what}: {str(path)!r} holds no variable; save the array in one")
+    if key is None:
+        if len(names) != 1:
+            raise InputError(
+                f'{what}: {str(path)!r} holds {", ".join(names)}; say which with key = "{names[0]}"'
+            )
+        return data[names[0]]
+    value: object = data
+    for step in key.split("."):
+        fields = names if value is data else getattr(value, "_fieldnames", [])
+        if step not in fields:
+            raise InputError(
+                f"{what}: {str(path)!r} holds no {key!r}; there is {', '.join(fields) or 'no more'}"
+            )
+        value = data[step] if value is data else getattr(value, step)
+    return value
