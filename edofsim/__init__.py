@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .api import camera, photograph, plan_for, psfs, restored, view
+    from .api import camera, look, photograph, plan_for, psfs, restored, view
     from .capture import Fidelity, Photo
     from .capture.files import read_image, save_image
     from .core.notebook import show
@@ -31,6 +31,7 @@ __all__ = [
     "PsfBank",
     "View",
     "camera",
+    "look",
     "photograph",
     "plan_for",
     "psfs",
@@ -51,6 +52,7 @@ _FROM = {
     "PsfBank": "optics",
     "View": "render.view",
     "camera": "api",
+    "look": "api",
     "photograph": "api",
     "plan_for": "api",
     "psfs": "api",

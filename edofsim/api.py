@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from .plan import Plan, parse_target, plan_photo
 from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
 from .render import render
+from .render.seen import as_looked_at, by_itself, told
 from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
@@ -129,6 +131,30 @@ def view(
         recipe = recipe.model_copy(update={"render": finer})
     found = render(recipe, loaded.base, cache=cache, device=device, progress=progress)
     return seen_through(seen_by, recipe, found)[1]
+
+
+def look(
+    scene: str | Path,
+    *,
+    samples: int = 16,
+    cache: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> View:
+    """A scene as it is, all sharp, to look at: `.show()` draws it, `.caption()` and `.metadata` say what it
+    holds and what was assumed to read it.
+
+    scene: name of a shipped one such as `desk`, or a TOML file. samples: light paths a pixel, where it is
+    rendered. Its pixels see the angle that the recipe gives, or its file; where both leave that open, that of
+    the scene's own camera. Raises InputError for what cannot be read, EngineError where nothing can render.
+    """
+    loaded = load_scene(scene)
+    recipe, whose = by_itself(loaded.recipe, loaded.base)
+    if recipe is None:
+        named = load_camera(loaded.recipe.camera, loaded.base)
+        recipe = loaded.recipe.seen_at(Camera.from_recipe(named.recipe, named.base).pixel_angle)
+    view = render(as_looked_at(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
+    return replace(view, metadata={**view.metadata, "assumed": told(view, whose)})
 
 
 def psfs(

@@ -50,8 +50,8 @@ def save_image(path: str | Path, image: Tensor) -> Path:
 
 
 def read_image(path: str | Path) -> Tensor:
-    """Any image as linear [3, y, x] float32: OpenEXR, PFM, Radiance and floats as they are; PNG, JPEG, TIFF and
-    their like are sRGB unless they say otherwise, and are decoded; all are upright.
+    """Any image as linear [3, y, x] float32: OpenEXR, PFM, Radiance and floats as they are; PNG, JPEG, TIFF
+    and their like are sRGB unless they say otherwise, and are decoded; all are upright.
 
     Raises InputError for a file that is missing or no image.
     """

@@ -17,7 +17,9 @@ from .cache import cache_app
 from .cost import cost
 from .evaluate import evaluate_app
 from .expose import expose
-from .lists import list_, new
+from .lists import list_
+from .look import look
+from .new import new
 from .plan import plan
 from .psf import psf
 from .render import render
@@ -40,7 +42,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     result_callback=show,
 )
-for command in (run, render, expose, plan, cost, restore, train, psf):
+for command in (run, look, render, expose, plan, cost, restore, train, psf):
     app.command()(command)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(cache_app, name="cache")

@@ -1,8 +1,7 @@
-"""`edofsim list` and `edofsim new`."""
+"""`edofsim list`."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Mapping
 from enum import StrEnum
@@ -14,9 +13,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..core.registry import Registry
-from ..errors import EdofsimError, InputError
+from ..errors import EdofsimError
 from .shared import Done
-from .tools import RecipeKind
 
 if TYPE_CHECKING:
     from ..recipe.base import RecipeModel
@@ -53,52 +51,6 @@ def list_(
     """
     shown = USUAL if things is None else (things,)
     return Done([_table(each) for each in shown])
-
-
-def new(
-    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
-    name: Annotated[Path, typer.Argument(metavar="NAME", help="Of the recipe; it becomes NAME.toml.")],
-    image: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture that the scene is, with --depth.")
-    ] = None,
-    depth: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Its depth map, in metres, or in millimetres as whole numbers."),
-    ] = None,
-) -> Done:
-    """A commented recipe to start from, in the working folder."""
-    from ..recipe.new import new_recipe
-
-    if image is None and depth is None:
-        path = new_recipe(kind.value, name)
-    elif image is None or depth is None or kind is not RecipeKind.scene:
-        raise InputError("--image and --depth go together, and with `new scene`: a picture and its depth map")
-    else:
-        path = new_recipe("picture", name, _picture(image, depth, name.parent))
-    use = {"scene": "edofsim run", "camera": "edofsim psf", "train": "edofsim train"}[kind.value]
-    return Done([f"edit it, then: {use} {path}"], {"recipe": path})
-
-
-def _picture(image: Path, depth: Path, folder: Path) -> dict[str, str]:
-    """What a recipe of a picture with a depth map says of these files. Raises InputError for files that
-    cannot be read or do not fit each other."""
-    from ..core.images import unit_rgb
-    from ..scene.depth_maps import read_numbers, usual_unit
-
-    rows, columns = unit_rgb(read_numbers(str(image), None, Path(), "picture")).shape[:2]
-    depths = read_numbers(str(depth), None, Path(), "depth map")
-    if depths.shape != (rows, columns):
-        raise InputError(
-            f"{depth}: the depth map has the shape {list(depths.shape)}, the picture {[rows, columns]}; "
-            "give one of the same size"
-        )
-    return {
-        "WIDTH": str(columns),
-        "HEIGHT": str(rows),
-        "IMAGE": Path(os.path.relpath(image, folder)).as_posix(),
-        "DEPTH": Path(os.path.relpath(depth, folder)).as_posix(),
-        "UNIT": str(usual_unit(depths)),
-    }
 
 
 def _table(things: Things) -> Table:

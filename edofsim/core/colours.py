@@ -19,8 +19,8 @@ REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 @dataclass(frozen=True)
 class Picture:
-    """linear: float64 [y, x, 3], linear light of sRGB's primaries, 1 is white; row 0 the top. Files of floats may
-    hold values below 0. assumed: what the file was taken for, a phrase each."""
+    """linear: float64 [y, x, 3], linear light of sRGB's primaries, 1 is white; row 0 the top. Files of floats
+    may hold values below 0. assumed: what the file was taken for, a phrase each."""
 
     linear: np.ndarray
     assumed: tuple[str, ...]

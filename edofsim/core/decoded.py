@@ -7,10 +7,12 @@ are relative to (ICC profile, gamma), what is transparent. What is obeyed is sai
 from __future__ import annotations
 
 import io
+import logging
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
@@ -18,8 +20,9 @@ from PIL import Image, ImageCms, ImageOps
 from ..errors import InputError, first_line
 from .limits import check_numbers, check_pixels, existing
 
-FORMATS = ("PNG", "JPEG", "MPO", "TIFF", "BMP", "GIF", "WEBP", "PPM", "TGA", "JPEG2000")
+FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM", "TGA", "JPEG2000")
 """What is opened, by Pillow's names; others run programs of their own, as EPS does."""
+TIFF_BEGINS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 ORIENTATION, GDAL_NODATA = 274, 42113
 SRGB_GAMMA = 0.45455
 PHOTOMETRIC_WHITE_IS_ZERO, PHOTOMETRIC_PLAIN = 0, (0, 1, 2)
@@ -68,6 +71,8 @@ def decoded(path: Path, what: str, *, measured: bool = False) -> Decoded:
             found = _opened(path, what, measured)
         except InputError:
             raise
+        except Image.DecompressionBombError:
+            raise InputError(f"{what}: {str(path)!r} has too many pixels to read; scale it down") from None
         except Exception as error:  # the readers raise nearly anything
             raise InputError(_unreadable(path, what, error)) from error
     values = found.values
@@ -89,15 +94,17 @@ def _unreadable(path: Path, what: str, error: Exception) -> str:
 
 
 def _opened(path: Path, what: str, measured: bool) -> Decoded:
+    with path.open("rb") as file:
+        tiff = file.read(4) in TIFF_BEGINS
+    if tiff:
+        found = _tiff(path, what, measured)
+        if found is not None:
+            return found
     Image.init()  # else Pillow knows the most usual kinds alone
     with Image.open(path, formats=FORMATS) as image:
         columns, rows = image.size
         check_pixels(rows, columns, path, what)
         frames = getattr(image, "n_frames", 1)
-        if image.format == "TIFF":
-            found = _tiff(path, what, measured)
-            if found is not None:
-                return found
         if frames > 1 and image.format != "MPO":
             raise InputError(f"{what}: {str(path)!r} holds {frames} pictures; save the one that you mean")
         return _by_pillow(image, path, measured)
@@ -107,11 +114,11 @@ def _by_pillow(image: Image.Image, path: Path, measured: bool) -> Decoded:
     said: list[str] = []
     if image.format == "MPO":
         said.append("the first of its pictures")
-    info = dict(image.info)
+    info: Mapping[object, object] = {**image.info}
     orientation = image.getexif().get(ORIENTATION, 1)
     if image.format == "PNG" and _png_bits(path) == 16 and image.mode in ("RGB", "RGBA"):
         said.append("8 of its 16 bits")
-    icc = info.get("icc_profile")
+    icc = image.info.get("icc_profile")
     image.load()
     upright = ImageOps.exif_transpose(image)
     if orientation in TURNS:
@@ -128,7 +135,7 @@ def _png_bits(path: Path) -> int:
 
 
 def _in_known_colours(
-    image: Image.Image, icc: bytes | None, info: dict[object, object], measured: bool, said: list[str]
+    image: Image.Image, icc: bytes | None, info: Mapping[object, object], measured: bool, said: list[str]
 ) -> tuple[Image.Image, float | None]:
     """The picture in grey or sRGB, with opacity last; and the exponent that a PNG states."""
     mode = image.mode
@@ -156,7 +163,8 @@ def _in_known_colours(
 
 
 def _by_profile(image: Image.Image, icc: bytes, said: list[str]) -> Image.Image:
-    """The picture in sRGB, by its own colour profile; CMYK that has none that can be used by Pillow's rule."""
+    """The picture in sRGB, by its own colour profile; CMYK that has none that can be used by Pillow's
+    rule."""
     opacity = image.getchannel("A") if image.mode in ("LA", "RGBA") else None
     plain = image.convert(image.mode.removesuffix("A")) if opacity is not None else image
     try:
@@ -176,14 +184,21 @@ def _by_profile(image: Image.Image, icc: bytes, said: list[str]) -> Image.Image:
     return turned
 
 
+def quiet_tifffile() -> ModuleType:
+    """The package tifffile, which says what it thinks of a file to nobody."""
+    import tifffile
+
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL + 1)
+    return tifffile
+
+
 def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
     """A TIFF of grey or RGB with its own type; None for one that Pillow reads better: palettes, CMYK, and
     ways to compress that need more than tifffile has."""
-    import tifffile
-
+    tifffile = quiet_tifffile()
     with tifffile.TiffFile(path) as file:
         pages = [page for page in file.pages if not _is_thumbnail(page)]
-        page = pages[0] if pages else file.pages[0]
+        page = (pages[0] if pages else file.pages[0]).aspage()
         check_numbers(page.shape, path, what)
         if len(pages) > 1:
             raise InputError(f"{what}: {str(path)!r} holds {len(pages)} pages; save the one that you mean")

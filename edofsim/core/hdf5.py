@@ -30,8 +30,9 @@ def is_hdf5(path: Path) -> bool:
 
 
 def read_hdf5(path: Path, key: str | None, what: str) -> dict[str, np.ndarray]:
-    """Numeric arrays of an HDF5 file by name, such as `scene/depth`: the one that `key` names, dots or slashes
-    between its parts, with all lists of numbers beside it; or, without a key, all that are small or alone.
+    """Numeric arrays of an HDF5 file by name, such as `scene/depth`: the one that `key` names, dots or
+    slashes between its parts, with all lists of numbers beside it; or, without a key, all that are small or
+    alone.
 
     Arrays of MATLAB 7.3 have their axes as in MATLAB. Raises InputError for a file that is no HDF5, that
     points to another file, or that lacks `key`, and where h5py is not installed.
@@ -41,7 +42,8 @@ def read_hdf5(path: Path, key: str | None, what: str) -> dict[str, np.ndarray]:
         import h5py
     except ImportError:
         raise InputError(
-            f"{what}: {str(path)!r} is HDF5 (as MATLAB 7.3 is), which needs h5py: pip install 'edofsim[cubes]'"
+            f"{what}: {str(path)!r} is HDF5 (as MATLAB 7.3 is), which needs h5py: pip install "
+            "'edofsim[cubes]'"
         ) from None
     try:
         with h5py.File(path, "r") as file:
@@ -86,7 +88,8 @@ def _datasets(
         link = group.get(name, getlink=True)
         if isinstance(link, h5py.ExternalLink):
             raise InputError(
-                f"{what}: {str(path)!r} links to another file ({link.filename!r}), which is not followed; put "
+                f"{what}: {str(path)!r} links to another file ({link.filename!r}), which is not followed; "
+                "put "
                 "the array into the file"
             )
         if not isinstance(link, h5py.HardLink) or name.startswith(MATLAB_OWN):

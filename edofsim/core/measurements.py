@@ -31,8 +31,8 @@ DEPTH_CHANNELS = ("z", "depth", "distance", "disparity", "v")
 
 
 def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarray:
-    """The array of a file, by its suffix: NPY, NPZ, MAT, HDF5, EXR, PFM, DPT, CSV and text, TIFF, PNG and other
-    pictures; or `skimage:NAME`.
+    """The array of a file, by its suffix: NPY, NPZ, MAT, HDF5, EXR, PFM, DPT, CSV and text, TIFF, PNG and
+    other pictures; or `skimage:NAME`.
 
     key: array of an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR. Raises InputError.
     """
@@ -213,9 +213,9 @@ def _exr(path: Path, key: str | None, what: str) -> np.ndarray:
         return channels["Z"]
     if len(names) == 1 or len(depths) == 1:
         return channels[(depths or names)[0]]
-    if len(colours) == 3 and set(names) <= set("RGBA"):
-        if all(np.array_equal(colours[0], plane, equal_nan=True) for plane in colours[1:]):
-            return colours[0]
+    grey = len(colours) == 3 and set(names) <= set("RGBA")
+    if grey and all(np.array_equal(colours[0], plane, equal_nan=True) for plane in colours[1:]):
+        return colours[0]
     raise InputError(
         f"{what}: {str(path)!r} has no channel 'Z'; it has {', '.join(names[:24])}; say which with "
         f'key = "{(depths or names)[0]}"'

@@ -72,6 +72,31 @@ def _file(source: str | Path, folder: Path, noun: str) -> Path:
     return path
 
 
+FOREIGN = {
+    ".zmx": "a lens of Zemax", ".zar": "a lens of Zemax", ".zos": "a lens of Zemax", ".agf": "glasses of "
+    "Zemax",
+    ".seq": "a lens of CODE V", ".len": "a lens of OSLO or CODE V", ".roa": "a lens of ray-optics",
+    ".json": "JSON, as optiland writes lenses", ".xml": "XML, as Mitsuba writes scenes",
+    ".yaml": "YAML", ".yml": "YAML", ".blend": "a scene of Blender",
+}  # fmt: skip
+"""What files are that are taken for recipes, by their suffix."""
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Raises InputError for a file of another program."""
+    found = FOREIGN.get(path.suffix.lower())
+    if found is None or not path.is_file():
+        return
+    if path.suffix.lower() == ".xml":
+        way = 'name it in a scene recipe: [source] kind = "mitsuba", path'
+    elif path.suffix.lower() == ".blend":
+        way = "export it as meshes, or as a Mitsuba scene"
+    else:
+        way = "`edofsim new camera` begins a camera, `edofsim list lenses` has the lenses that it can hold"
+    raise InputError(f"{path}: is {found}, no recipe of edofsim; {way}")
+
+
 def _read(model: type[Recipe], path: Path) -> Loaded[Recipe]:
+    _refuse_foreign(path)
     data, text = read_toml(path)
     return Loaded(validate(model, data, text, path), path, text)

@@ -21,12 +21,21 @@ def new_recipe(kind: str, path: Path, values: Mapping[str, str] | None = None) -
     Raises InputError for a name that no recipe can have and for a file that is there already, and what
     `core.files.whole` raises.
     """
-    path = path if path.suffix == ".toml" else path.with_name(path.name + ".toml")
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", path.stem):
-        raise InputError(f"{path.stem!r} cannot name a recipe: use letters, digits, _ and -, at most 64")
-    if path.exists():
-        raise InputError(f"{path}: is there already; choose another name, or remove it")
+    path = check_name(path)
     text = (TEMPLATES / f"{kind}.toml").read_text(encoding="utf-8")
     for key, value in {"NAME": path.stem, **(values or {})}.items():
         text = text.replace(f"@{key}@", value)
     return write_text(path, text)
+
+
+def check_name(path: Path) -> Path:
+    """The file of a new recipe, with its suffix. Raises InputError for a name that none can have, and for a
+    file that is there already."""
+    name = path.name.removesuffix(".toml")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
+        raise InputError(f"{name!r} cannot name a recipe: use letters, digits, _ and -, at most 64")
+    path = path.with_name(name + ".toml")
+    if path.exists():
+        other = f"{name}-2"
+        raise InputError(f"{path}: is there already; choose another name, such as {other}, or remove it")
+    return path

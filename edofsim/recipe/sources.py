@@ -16,8 +16,8 @@ Pixels = Annotated[int, Field(ge=0)]
 
 
 class DepthMap(RecipeModel):
-    """A file of depths (PNG, TIFF, PFM, NPY, NPZ, MAT, HDF5, EXR, CSV or Sintel's DPT), or of disparities with
-    their stereo calibration.
+    """A file of depths (PNG, TIFF, PFM, NPY, NPZ, MAT, HDF5, EXR, CSV or Sintel's DPT), or of disparities
+    with their stereo calibration.
 
     `holds` says what the numbers are, after they are multiplied by `unit` and `offset` is added: depth along
     the axis in metres, its inverse in 1/m, or disparity in pixels, of which depth = baseline focal /
@@ -31,11 +31,11 @@ class DepthMap(RecipeModel):
     path: str
     """file of the depths, relative to the recipe's folder"""
     key: str | None = None
-    """array in an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR; None: the only one, or
-    Z"""
+    """array in an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR; None: the only one,
+    or Z"""
     holds: Literal["depth", "inverse_depth", "relative_inverse_depth", "disparity"] = "depth"
-    """what the numbers are after `unit` and `offset`: depth in m, inverse depth in 1/m or up to a factor and an
-    offset, or disparity in pixels"""
+    """what the numbers are after `unit` and `offset`: depth in m, inverse depth in 1/m or up to a factor and
+    an offset, or disparity in pixels"""
     unit: Positive = 1.0
     """factor on the file's numbers"""
     offset: float = 0.0
@@ -82,8 +82,8 @@ class CubeFile(RecipeModel):
     """A spectral cube: a folder with one picture a band (in the order of the numbers in the names), ENVI (its
     .hdr), a MAT or HDF5 file, NPY, a TIFF with a page a band, or an EXR of the spectral layout.
 
-    Wavelengths come from `wavelengths_nm`, from `start_nm` and `step_nm`, or from the file: its header, a list
-    that is called so, or names such as 415nm.png. Bands may be in any order, evenly spaced or not."""
+    Wavelengths come from `wavelengths_nm`, from `start_nm` and `step_nm`, or from the file: its header, a
+    list that is called so, or names such as 415nm.png. Bands may be in any order, evenly spaced or not."""
 
     path: str
     """folder with a picture a band, or file, relative to the recipe's folder"""
@@ -96,10 +96,11 @@ class CubeFile(RecipeModel):
     wavelengths_nm: tuple[Positive, ...] | None = None
     """wavelength of each band, nm, in the file's order, where the file does not say"""
     wavelength_unit: Literal["nm", "um", "angstrom", "m"] | None = None
-    """of the wavelengths in the file; None: as the file says, else by their size where that leaves no doubt"""
+    """of the wavelengths in the file; None: as the file says, else by their size where that leaves no
+    doubt"""
     bands: Literal["first", "last"] | None = None
-    """which axis of an array they are; None: the last, but in NPY and HDF5 the first where it alone has as many
-    as there are wavelengths, or is less than half of both others"""
+    """which axis of an array they are; None: the last, but in NPY and HDF5 the first where it alone has as
+    many as there are wavelengths, or is less than half of both others"""
     illuminant: str | None = None
     """None: the cube holds radiance; else it holds reflectances that are seen under this light"""
     scale: Positive | Literal["auto"] = "auto"

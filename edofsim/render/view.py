@@ -149,11 +149,11 @@ class View:
     ) -> View:
         """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
 
-        rgb: a picture file (PNG, JPEG, TIFF, OpenEXR, PFM), or [y, x, 3], uint8 or floats from 0 to 1, as such
-        files hold them; its colours become smooth reflectances under `illuminant`. depth: a file (PNG, TIFF,
-        PFM, NPY, NPZ, MAT, EXR, CSV) in metres along the axis, or in millimetres where it holds whole numbers,
-        as `edofsim new scene` takes it; or [y, x], floats in metres, or one number for all; `inf` is background; NaN, 0 and negative
-        values are holes, filled with the farther neighbour in the row.
+        rgb: a picture file (PNG, JPEG, TIFF, OpenEXR, PFM), or [y, x, 3], uint8 or floats from 0 to 1, as
+        such files hold them; its colours become smooth reflectances under `illuminant`. depth: a file (PNG,
+        TIFF, PFM, NPY, NPZ, MAT, EXR, CSV) in metres along the axis, or in millimetres where it holds whole
+        numbers, as `edofsim new scene` takes it; or [y, x], floats in metres, or one number for all; `inf` is
+        background; NaN, 0 and negative values are holes, filled with the farther neighbour in the row.
         pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
         the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
         from 420 to 720 nm. margin: pixels around the frame that light comes from, the picture's mirror image;
@@ -291,9 +291,9 @@ class View:
 
     def show(self, axes: Axes | None = None) -> Axes:
         """Draw it, all in focus, with Matplotlib; returns the axes."""
-        return show(self.picture(), self._caption(), axes)
+        return show(self.picture(), self.caption(), axes)
 
-    def _caption(self) -> str:
+    def caption(self) -> str:
         inverse = self.inverse_depth
         far, near = (f"{1 / float(end):.3g}" if end > 0 else "infinity" for end in inverse.aminmax())
         depths = f"at {near} m" if near == far else f"{near} to {far} m"
@@ -307,4 +307,4 @@ class View:
         return picture_png(self.picture())
 
     def _repr_html_(self) -> str:
-        return picture_html(self.picture(), self._caption())
+        return picture_html(self.picture(), self.caption())

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from ..core import hdf5
+from ..core.decoded import quiet_tifffile, read_picture
 from ..core.images import read_exr
 from ..core.limits import check_numbers, existing
 from ..core.measurements import load_mat, mat_value, read_numbers
-from ..core.decoded import read_picture
 from ..errors import InputError, first_line
 from ..recipe.sources import CubeFile
 from .wavelengths import natural, of_names, unit_of
@@ -26,13 +26,16 @@ ENVI_DATA = (".raw", ".img", ".dat", ".bil", ".bip", ".bsq", ".bin", "")
 FILES = (".mat", ".exr", ".hdr", ".npy", ".npz", ".tif", ".tiff", *hdf5.SUFFIXES, *ENVI_DATA[:-1])
 """Suffixes of cubes that are one file."""
 LISTS = ("wave", "waves", "wavelength", "wavelengths", "lambda", "wl", "bands", "centers", "band_centers")
-KINDS = "a folder of PNG or TIFF pictures, ENVI (.hdr), MAT, HDF5, NPY, a TIFF with a page a band, or a spectral EXR"
+KINDS = (
+    "a folder of PNG or TIFF pictures, ENVI (.hdr), MAT, HDF5, NPY, a TIFF with a page a band, or a spectral "
+    "EXR"
+)
 
 
 @dataclass(frozen=True)
 class StoredCube:
-    """values: float64 [band, y, x]; waves: [band] as the file lists them, in `unit`, or None; said: phrases of
-    what was taken for granted."""
+    """values: float64 [band, y, x]; waves: [band] as the file lists them, in `unit`, or None; said: phrases
+    of what was taken for granted."""
 
     values: np.ndarray
     waves: np.ndarray | None = None
@@ -127,7 +130,8 @@ def _alike(files: list[Path], what: str) -> tuple[list[Path], list[Path]]:
         return files, []
     if counts[0][1] == counts[1][1]:
         raise InputError(
-            f"{what}: the folder holds as many pictures called {counts[0][0]!r} as {counts[1][0]!r}; keep only "
+            f"{what}: the folder holds as many pictures called {counts[0][0]!r} as {counts[1][0]!r}; keep "
+            "only "
             "the bands in it"
         )
     usual = counts[0][0]
@@ -207,11 +211,9 @@ def _exr(path: Path, what: str) -> StoredCube:
 
 def _tiff(path: Path, what: str) -> StoredCube:
     """A TIFF with a page a band, or a channel a band; whole numbers have full scale 1."""
-    import tifffile
-
     existing(path, what)
     try:
-        with tifffile.TiffFile(path) as file:
+        with quiet_tifffile().TiffFile(path) as file:
             series = file.series[0]
             check_numbers(series.shape, path, what)
             axes = "".join(
@@ -227,7 +229,8 @@ def _tiff(path: Path, what: str) -> StoredCube:
         raise InputError(f"{what}: {str(path)!r} cannot be read as TIFF: {first_line(error)}") from error
     if values.ndim != 3 or parts > 1 or not {"Y", "X"} <= set(axes):
         raise InputError(
-            f"{what}: {str(path)!r} holds {parts} arrays, the first of shape {values.shape}; it needs one page, or "
+            f"{what}: {str(path)!r} holds {parts} arrays, the first of shape {values.shape}; it needs one "
+            "page, or "
             "one channel, a band, all of one size"
         )
     at = next(i for i, a in enumerate(axes) if a not in "YX")
@@ -278,7 +281,8 @@ def _envi(path: Path, what: str) -> StoredCube:
 def _of_envi(values: np.ndarray, header: dict[str, object], path: Path, what: str) -> StoredCube:
     """What an ENVI header says of its bands: wavelengths, their unit, and which are bad."""
     cube = np.moveaxis(values, 2, 0)
-    words, said = str(header.get("wavelength units", "")), []
+    words = str(header.get("wavelength units", ""))
+    said: list[str] = []
     listed = header.get("wavelength")
     waves = None if not isinstance(listed, list) else np.array([float(w) for w in listed])
     unit = unit_of(words)

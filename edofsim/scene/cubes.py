@@ -14,8 +14,8 @@ from .wavelengths import chosen_nm
 
 
 def read_cube(source: CubeFile, base: Path, wavelengths: np.ndarray) -> tuple[np.ndarray, str]:
-    """Radiance (or reflectance under the recipe's illuminant) at `wavelengths`, float32 [band, y, x], and what
-    the file was taken for.
+    """Radiance (or reflectance under the recipe's illuminant) at `wavelengths`, float32 [band, y, x], and
+    what the file was taken for.
 
     wavelengths: [band] m. Bands between those of the file are interpolated linearly. Raises InputError for
     files that cannot be read, for bands outside the file's, and for values that are not finite.
@@ -34,8 +34,8 @@ def read_cube(source: CubeFile, base: Path, wavelengths: np.ndarray) -> tuple[np
 
 
 def stored_cube(source: CubeFile, base: Path) -> tuple[np.ndarray, np.ndarray, str]:
-    """The numbers of a cube's file, cropped, [band, y, x], the wavelengths of its bands in nm, ascending, and a
-    sentence that says what was taken for granted.
+    """The numbers of a cube's file, cropped, [band, y, x], the wavelengths of its bands in nm, ascending, and
+    a sentence that says what was taken for granted.
 
     Raises InputError for files that cannot be read and for values that are not finite.
     """

@@ -12,7 +12,8 @@ __all__ = ["read_hdr", "read_pfm", "read_radiance", "source_picture"]
 
 
 def source_picture(name: str, layer: str | None, base: Path, what: str = "picture") -> Picture:
-    """A picture file, or `skimage:NAME` for one inside scikit-image, as linear light, and what it was taken for.
+    """A picture file, or `skimage:NAME` for one inside scikit-image, as linear light, and what it was taken
+    for.
 
     An array of NumPy's counts as `View.from_image` takes it: sRGB, floats from 0 to 1. layer: of an OpenEXR
     file. Raises InputError.

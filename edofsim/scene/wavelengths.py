@@ -1,4 +1,5 @@
-"""Which wavelengths the bands of a spectral cube have: what the recipe says, what the file says, and units."""
+"""Which wavelengths the bands of a spectral cube have: what the recipe says, what the file says, and
+units."""
 
 from __future__ import annotations
 
@@ -72,9 +73,9 @@ def in_nm(values: np.ndarray, unit: str | None, what: str) -> tuple[np.ndarray, 
         low, high = values.min(), values.max()
         if high < 1e-3:
             unit = "m"
-        elif 0.1 <= low and high < 100:
+        elif low >= 0.1 and high < 100:
             unit = "um"
-        elif 100 <= low and high <= 2600:
+        elif low >= 100 and high <= 2600:
             unit = "nm"
         else:
             raise InputError(
@@ -90,7 +91,7 @@ def chosen_nm(
 
     found, unit: what the file says. Raises InputError where nobody says, and for two bands of one wavelength.
     """
-    stored = None
+    stored, taken = None, ""
     if found is not None and len(found) == count:
         try:
             stored, taken = in_nm(found, source.wavelength_unit or unit, what)
@@ -110,7 +111,8 @@ def chosen_nm(
     else:
         other = "" if found is None else f" (it lists {len(found)})"
         raise InputError(
-            f"{what} does not say which wavelengths its {count} bands have{other}; give start_nm and step_nm, "
+            f"{what} does not say which wavelengths its {count} bands have{other}; give start_nm and "
+            "step_nm, "
             "or wavelengths_nm"
         )
     if len(np.unique(nm)) < count:

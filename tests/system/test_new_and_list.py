@@ -72,7 +72,7 @@ def test_a_picture_without_its_depths_makes_no_scene(edofsim: Run, tmp_path: Pat
     assert status == 2 and "go together" in said
     given = ("--image", tmp_path / "photo.png", "--depth", tmp_path / "depth.npy")
     status, said = edofsim("new", "scene", tmp_path / "mine", *given)
-    assert status == 2 and "[3, 4]" in said and not (tmp_path / "mine.toml").exists()
+    assert status == 2 and "4 x 3 pixels" in said and not (tmp_path / "mine.toml").exists()
 
 
 def test_a_recipe_that_is_there_is_not_written_over(edofsim: Run, tmp_path: Path):

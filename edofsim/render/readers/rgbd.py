@@ -20,9 +20,9 @@ class RgbdSource(ViewReader):
     """A picture with a depth map. Its colours become smooth reflectances under `illuminant`.
 
     `image` is a file (PNG, JPEG, TIFF, OpenEXR, PFM, Radiance; of an OpenEXR with several layers,
-    `image_layer` says which), or `skimage:NAME` for a picture that comes with scikit-image (and so is the depth's
-    `path`). One pixel of the picture becomes one pixel of the frame, whatever angle it saw when it was
-    taken; the middle of the picture is the middle of the frame."""
+    `image_layer` says which), or `skimage:NAME` for a picture that comes with scikit-image (and so is the
+    depth's `path`). One pixel of the picture becomes one pixel of the frame, whatever angle it saw when it
+    was taken; the middle of the picture is the middle of the frame."""
 
     kind: Literal["rgbd"]
     image: str

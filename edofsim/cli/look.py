@@ -1,0 +1,72 @@
+"""`edofsim look`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .. import completion
+from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
+from ..record import peak_memory_mib, writable_folder
+from .shared import Done, begun, finish
+
+LOOK_SAMPLES = 16
+
+
+def look(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE", help="Scene recipe or shipped name.", autocompletion=completion.scenes
+        ),
+    ],
+    samples: Annotated[
+        int, typer.Option("--samples", min=1, help="Light paths a pixel, where the scene is rendered.")
+    ] = LOOK_SAMPLES,
+    out: OutOption = None,
+    json: JsonOption = None,
+    cache: CacheOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """A scene as it is, all sharp: picture, depths, and what was assumed to read it. It needs no camera: its
+    pixels see the angle that its recipe gives, or its file; where both leave that open, the scene's own
+    camera's.
+
+    Figures: depth_m.nearest, depth_m.farthest, pixel_angle_mrad, peak_memory_mib.
+    """
+    from ..recipe import load_scene
+
+    loaded = load_scene(scene)
+    folder = writable_folder(out or Path("out") / f"{loaded.recipe.name}-look")
+    with begun("look", json, quiet=quiet) as progress:
+        from ..render.seen import as_looked_at, by_itself, told
+        from .angles import pixel_angle
+
+        recipe, whose = by_itself(loaded.recipe, loaded.base)
+        if recipe is None:
+            recipe = loaded.recipe.seen_at(pixel_angle(loaded.recipe.camera, loaded.base))
+        from ..capture import save_image
+        from ..render import render
+        from ..report import depth_plot
+
+        view = render(
+            as_looked_at(recipe, samples), loaded.base, cache=cache, device=device.value, progress=progress
+        )
+        inverse = view.crop_margin(view.mean_inverse_depth())
+        numbers = {
+            "depth_m.nearest": 1 / float(inverse.max()) if float(inverse.max()) else float("inf"),
+            "depth_m.farthest": 1 / float(inverse.min()) if float(inverse.min()) else float("inf"),
+            "pixel_angle_mrad": view.pixel_angle * 1e3,
+            "peak_memory_mib": peak_memory_mib(),
+        }
+        outputs = {
+            "picture": save_image(folder / "picture.png", view.picture()),
+            "depth": depth_plot(inverse).save(folder / "depth.png"),
+        }
+        lines = told(view, whose)
+        if recipe.source is None or recipe.source.rendered:
+            lines.append(f"rendered with {samples} samples a pixel; --samples for less noise")
+        return finish("look", lines, numbers, outputs, json, inputs={"scene": str(loaded.path)})

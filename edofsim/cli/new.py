@@ -1,0 +1,151 @@
+"""`edofsim new`."""
+
+from __future__ import annotations
+
+import json
+import os
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from .shared import Done
+from .tools import RecipeKind
+
+if TYPE_CHECKING:
+    from ..recipe.sources import DepthMap
+
+
+class Holds(StrEnum):
+    depth = "depth"
+    inverse_depth = "inverse_depth"
+    relative_inverse_depth = "relative_inverse_depth"
+    disparity = "disparity"
+
+
+def new(
+    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Of the recipe; it becomes NAME.toml.")],
+    image: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="A picture that the scene is, with --depth.")
+    ] = None,
+    depth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Its depth map; without --unit in metres, or millimetres if whole numbers."
+        ),
+    ] = None,
+    key: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Array or channel of the depth map's file.")
+    ] = None,
+    holds: Annotated[Holds, typer.Option(help="What its numbers are.")] = Holds.depth,
+    unit: Annotated[
+        float | None, typer.Option(metavar="FACTOR", help="On its numbers: 0.001 for millimetres.")
+    ] = None,
+    offset: Annotated[float, typer.Option(metavar="NUMBER", help="Added to them after that.")] = 0.0,
+    near: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Where the largest relative inverse depth lies.")
+    ] = None,
+    far: Annotated[
+        float | None, typer.Option(metavar="METRES", help="Where the smallest relative inverse depth lies.")
+    ] = None,
+    focal_length_px: Annotated[
+        float | None, typer.Option("--focal-px", metavar="PIXELS", help="Focal length, of disparities.")
+    ] = None,
+    baseline_mm: Annotated[
+        float | None, typer.Option("--baseline-mm", metavar="MM", help="Distance of the two cameras.")
+    ] = None,
+    resize: Annotated[
+        bool, typer.Option("--resize", help="Bring a smaller map to the picture's size.")
+    ] = False,
+    layer: Annotated[
+        str | None, typer.Option("--layer", metavar="NAME", help="Layer of the picture, an OpenEXR file.")
+    ] = None,
+) -> Done:
+    """A commented recipe to start from, in the working folder."""
+    from ..recipe.new import check_name, new_recipe
+
+    check_name(name)
+    lines: list[str] = []
+    given = {"key": key, "unit": unit, "offset": offset or None, "near_m": near, "far_m": far}
+    given |= {"focal_length_px": focal_length_px, "baseline_mm": baseline_mm, "resize": resize or None}
+    given |= {"holds": holds.value}
+    if image is None and depth is None:
+        if layer is not None or {k for k, v in given.items() if v is not None} != {"holds"}:
+            raise InputError("these options are for a picture with a depth map: give --image and --depth")
+        path = new_recipe(kind.value, name)
+    elif image is None or depth is None or kind is not RecipeKind.scene:
+        raise InputError("--image and --depth go together, and with `new scene`: a picture and its depth map")
+    else:
+        values, lines = _picture(image, depth, name.parent, layer, given)
+        path = new_recipe("picture", name, values)
+    use = {"scene": "edofsim look", "camera": "edofsim psf", "train": "edofsim train"}[kind.value]
+    return Done([*lines, f"edit it, then: {use} {path}"], {"recipe": path})
+
+
+def _picture(
+    image: Path, depth: Path, folder: Path, layer: str | None, given: dict[str, object]
+) -> tuple[dict[str, str], list[str]]:
+    """What a recipe of a picture with a depth map says of these files, and what to say of them. Raises
+    InputError for files that cannot be read or do not fit each other."""
+    import numpy as np
+
+    from ..core.measurements import read_numbers
+    from ..render.readers import depths
+    from ..scene.depth_maps import usual_unit
+    from ..scene.pictures import source_picture
+
+    picture = source_picture(str(image), layer, Path())
+    rows, columns = picture.linear.shape[:2]
+    said = {name: value for name, value in given.items() if value is not None}
+    if "unit" not in said:
+        key = given["key"]
+        stored = read_numbers(str(depth), key if isinstance(key, str) else None, Path(), "depth map")
+        said["unit"] = usual_unit(stored) if said["holds"] == "depth" else 1.0
+    source = _checked({"path": str(depth), **said})
+    inverse, facts = depths(source, Path(), (rows, columns))
+    with np.errstate(divide="ignore"):
+        far, near = (1 / inverse.min(), 1 / inverse.max())
+    lines = [
+        f"picture: {'; '.join(picture.assumed)}",
+        f"depths: {near:.4g} to {far:.4g} m ({facts['depths']}), {facts['holes']:.1%} holes",
+    ]
+    more = {name: value for name, value in said.items() if name not in ("holds", "unit")}
+    values = {
+        "WIDTH": str(columns),
+        "HEIGHT": str(rows),
+        "IMAGE": _quoted(image, folder) + ("" if layer is None else f"\nimage_layer = {json.dumps(layer)}"),
+        "DEPTH": _quoted(depth, folder),
+        "HOLDS": str(said["holds"]),
+        "UNIT": str(said["unit"]),
+        "MORE": "".join(f"{name} = {json.dumps(value)}\n" for name, value in more.items()),
+    }
+    return values, lines
+
+
+def _quoted(path: Path, folder: Path) -> str:
+    """A file relative to the recipe's folder, as TOML writes text: as JSON does."""
+    return json.dumps(Path(os.path.relpath(path, folder)).as_posix(), ensure_ascii=False)
+
+
+def _checked(table: dict[str, object]) -> DepthMap:
+    """The depth map of these keys. Raises InputError, by the names of the options."""
+    from pydantic import ValidationError
+
+    from ..recipe.sources import DepthMap
+
+    options = {"focal_length_px": "--focal-px", "baseline_mm": "--baseline-mm", "near_m": "--near"}
+    options |= {"far_m": "--far"}
+    try:
+        return DepthMap.model_validate(table)
+    except ValidationError as error:
+        problems = []
+        for each in error.errors():
+            place = "--" + str(each["loc"][0]) if each["loc"] else ""
+            text = f"{place} {each['msg'].removeprefix('Value error, ')}".strip()
+            for key, option in options.items():
+                text = text.replace(f"--{key}", option).replace(key, option)
+            problems.append(text)
+        raise InputError(problems) from None
