@@ -69,7 +69,13 @@ def new(
 
     check_name(name)
     lines: list[str] = []
-    given = {"key": key, "unit": unit, "offset": offset or None, "near_m": near, "far_m": far}
+    given: dict[str, object] = {
+        "key": key,
+        "unit": unit,
+        "offset": offset or None,
+        "near_m": near,
+        "far_m": far,
+    }
     given |= {"focal_length_px": focal_length_px, "baseline_mm": baseline_mm, "resize": resize or None}
     given |= {"holds": holds.value}
     if image is None and depth is None:
