@@ -38,7 +38,9 @@ PSIS = (0.0, 20.0, 40.0)
 MASKS = {"clear": ClearMask(), "levin": CodedMask(), "cubic": CubicMask()}
 COLOURS_NM = (611, 543, 482)
 DEPTHS_M = (0.5, 1.3, math.inf)
-FREQUENCIES_PER_MM = torch.arange(0.0, 121.0, dtype=torch.float64)
+LEAST_AXIS_PER_MM = 120
+DISTANT_M = 100.0
+"""A focus beyond is at infinity, as far as the depths that are shown are concerned."""
 
 
 TITLES = {"clear": "clear aperture", "levin": "coded aperture (Levin et al.)", "cubic": "cubic mask"}
@@ -71,7 +73,24 @@ class Curve:
         return float(self.values[: nyquist // 2 + 1].min())
 
 
-def classic_curves() -> list[Curve]:
+def frequencies_of(camera: Camera) -> Tensor:
+    """Whole cycles per mm up to the sensor's Nyquist frequency and at least `LEAST_AXIS_PER_MM`, float64."""
+    last = max(LEAST_AXIS_PER_MM, math.ceil(nyquist_per_mm(camera) - 1e-9))
+    return torch.arange(last + 1, dtype=torch.float64)
+
+
+def nyquist_per_mm(camera: Camera) -> float:
+    """The sensor's Nyquist frequency, cycles per mm."""
+    return 0.5e-3 / camera.pixel
+
+
+def depths_of(camera: Camera) -> tuple[float, ...]:
+    """Distances in metres: half of the camera's focus, the focus, and infinity."""
+    focus = camera.recipe.focus.distance_m
+    return (1.0, 10.0, math.inf) if focus > DISTANT_M else (focus / 2, focus, math.inf)
+
+
+def classic_curves(per_mm: Tensor) -> list[Curve]:
     """Clear, coded and cubic pupil for three values of Psi at 543 nm, with the paper's lens as a parabola."""
     curves: list[Curve] = []
     for name, mask in MASKS.items():
@@ -79,18 +98,18 @@ def classic_curves() -> list[Curve]:
         at_infinity = float(defocus(camera, GREEN, 0.0))
         per_dioptre = math.pi / GREEN * camera.aperture_radius**2
         depths = [(psi - at_infinity) / per_dioptre for psi in PSIS]
-        values = mtf(camera, GREEN, depths, FREQUENCIES_PER_MM * 1e3)
+        values = mtf(camera, GREEN, depths, per_mm * 1e3)
         curves += [Curve(name, f"psi_{psi:g}", row) for psi, row in zip(PSIS, values, strict=True)]
     return curves
 
 
-def camera_curves(camera: Camera) -> list[Curve]:
-    """The camera's own mask and lens at three depths for its three colours."""
-    inverse_depths = [1 / depth for depth in DEPTHS_M]
+def camera_curves(camera: Camera, per_mm: Tensor, depths_m: Sequence[float]) -> list[Curve]:
+    """The camera's own mask and lens at depths for its three colours."""
+    inverse_depths = [1 / depth for depth in depths_m]
     curves: list[Curve] = []
     for nm in COLOURS_NM:
-        values = mtf(camera, nm * 1e-9, inverse_depths, FREQUENCIES_PER_MM * 1e3)
-        labels = ("infinity" if math.isinf(depth) else f"{depth:g}_m" for depth in DEPTHS_M)
+        values = mtf(camera, nm * 1e-9, inverse_depths, per_mm * 1e3)
+        labels = ("infinity" if math.isinf(depth) else f"{depth:g}_m" for depth in depths_m)
         curves += [Curve(f"{nm}_nm", label, row) for label, row in zip(labels, values, strict=True)]
     return curves
 
@@ -99,7 +118,8 @@ def camera_curves(camera: Camera) -> list[Curve]:
 def run(folder: Path, progress: Progress, camera: CameraOption = None) -> Findings:
     """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7).
 
-    The camera is paper-learned unless another one is named.
+    The camera is paper-learned at 0.5 m, 1.3 m and infinity, as in the paper; another one is shown at half of
+    its focus, its focus and infinity. Frequencies go up to the sensor's Nyquist frequency at least.
 
     Figures: mean_mtf.PANEL.CURVE up to the sensor's Nyquist frequency; least_mtf.PANEL up to half of it,
     the smallest of its curves (0 is what no deconvolution brings back).
@@ -107,14 +127,15 @@ def run(folder: Path, progress: Progress, camera: CameraOption = None) -> Findin
     loaded = load_camera(camera or "paper-learned")
     optics = Camera.from_recipe(loaded.recipe, loaded.base)
     progress(0.0, "classic apertures")
-    classic = classic_curves()
+    per_mm = frequencies_of(optics)
+    classic = classic_curves(per_mm)
     progress(0.5, loaded.recipe.name)
-    own = camera_curves(optics)
-    curves, frequencies = [*classic, *own], FREQUENCIES_PER_MM.tolist()
+    own = camera_curves(optics, per_mm, depths_of(optics) if camera else DEPTHS_M)
+    curves, frequencies = [*classic, *own], per_mm.tolist()
     rows = (
         (c.panel, c.label, f, v) for c in curves for f, v in zip(frequencies, c.values.tolist(), strict=True)
     )
-    nyquist = int(0.5e-3 / optics.pixel)
+    nyquist = int(nyquist_per_mm(optics))
     figures = {f"mean_mtf.{c.panel}.{c.label}": c.mean(nyquist) for c in curves}
     for panel in dict.fromkeys(curve.panel for curve in curves):
         figures[f"least_mtf.{panel}"] = min(c.least(nyquist) for c in curves if c.panel == panel)
@@ -138,7 +159,7 @@ def _parabolic(mask: Mask) -> Camera:
 
 def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: Sequence[Plot]) -> Page:
     """Transfer functions of the classic masks and of a camera's own; plots: of both."""
-    nyquist = 0.5e-3 / camera.pixel
+    nyquist = nyquist_per_mm(camera)
     flat = min(curve.least(int(nyquist)) for curve in own)
     keys = (
         Key("least transfer", number(flat, 3), "", f"of {camera.recipe.name}, up to half of Nyquist", True),
@@ -166,7 +187,7 @@ def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: 
 def _panels(curves: Sequence[Curve], camera: Camera, what: str) -> Plot:
     """One panel beside another."""
     titles = list(dict.fromkeys(curve.title for curve in curves))
-    frequencies, nyquist = FREQUENCIES_PER_MM.tolist(), 0.5e-3 / camera.pixel
+    frequencies, nyquist = frequencies_of(camera).tolist(), nyquist_per_mm(camera)
 
     def paint(narrow: bool = False) -> Figure:
         count = len(titles)

@@ -50,7 +50,7 @@ HEIGHT_ERROR_M = 30e-9
 SAME_HEIGHT_M = 1e-12
 """Masks that differ by less are one: checkpoints hold one mask to different roundings."""
 LENS_ALONE = "lens_alone"
-LAYERS_DB = 50.0
+LAYERS_DB = 60.0
 """Depth layers keep this PSNR by the rule of `capture.kernels.depth_nodes`, which is on the safe side."""
 
 
