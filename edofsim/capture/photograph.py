@@ -85,7 +85,7 @@ def capture(
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal, noisy=any(view.noise > 0 for view in given))
     given = [as_composited(view, camera, fidelity) for view in given]
-    axes = _axes(given, camera, fidelity, weights, nodes, spectrum)
+    axes = axes_of(given, camera, fidelity, weights, nodes, spectrum)
     between = axes.between
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
@@ -141,7 +141,7 @@ def sub_aperture_change(
     """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
     [channel, y, x]; 0 for a fidelity that simulates none."""
     view = as_composited(view, camera, fidelity)
-    axes = _axes([view], camera, fidelity, channel_weights(camera, view.wavelengths))
+    axes = axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
     return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
 
 
@@ -151,7 +151,7 @@ def _change(imaging: Imaging | None, view: View, layout: Layout | None) -> Tenso
     return imaging.change_by_sub_apertures(imaging.light(view), layout)
 
 
-def _axes(
+def axes_of(
     views: Sequence[View],
     camera: Camera,
     fidelity: Fidelity,

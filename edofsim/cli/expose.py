@@ -64,7 +64,11 @@ def expose(
     without: WithoutOption = None,
     bands: Annotated[
         int | None,
-        typer.Option("--bands", min=1, help="Merge the view's bands into so many; default: all of them."),
+        typer.Option(
+            "--bands",
+            min=1,
+            help="Groups that each channel's bands are blurred in; default: as planned.",
+        ),
     ] = None,
     reference: Annotated[
         str | None,
@@ -93,7 +97,8 @@ def expose(
     in folders of their own in --out.
 
     The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
-    is geometric and for a clear aperture.
+    is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,
+    weighted by its response: its light stays, and the groups are blurred.
 
     Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference},
     seconds.{plan,render,expose,reference}, truncated_energy.{r,g,b}, peak_memory_mib, plan.share_of_saved
@@ -159,7 +164,6 @@ def photographed(
 ) -> OfScene:
     """One scene through its camera, into the folder that is given with them."""
     from ..capture import capture, save_image, write_image, write_photo
-    from ..capture.bands import merged_bands
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
     from ..optics import Camera
@@ -187,8 +191,11 @@ def photographed(
     )
     fidelity = plan.fidelity
     if bands is not None:  # in place of what the plan gathers them in
-        view = merged_bands(view, bands)
-        fidelity = fidelity.changed({"band_groups": 0, "group_wavelengths": 0})
+        if bands > view.bands:
+            raise InputError(f"--bands {bands}: the view has {view.bands} bands; give 1 to {view.bands}")
+        # the reference has one wavelength a group, and so has the photo beside it
+        wavelengths = 1 if reference == "pupil" else 0
+        fidelity = fidelity.changed({"band_groups": bands, "group_wavelengths": wavelengths})
     if where is not None:
         check_crop(view, where)
     with watch.stage("expose", 0.7, 0.8):
@@ -217,7 +224,15 @@ def photographed(
     if reference is not None and where is not None:
         with watch.stage("reference", 0.8, 1.0) as tell:
             true = photo.exposure * reference_photo(
-                reference, view, scene.recipe, scene.base, optics, where, device=device, progress=tell
+                reference,
+                view,
+                scene.recipe,
+                scene.base,
+                optics,
+                where,
+                groups=bands,
+                device=device,
+                progress=tell,
             )
         numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
         outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)

@@ -63,6 +63,7 @@ def clipped_pupil(
     camera: Camera,
     where: Crop,
     *,
+    response: Tensor | None = None,
     window_px: int | None = None,
     rays: int = RAYS,
     cache: Path | None = None,
@@ -72,12 +73,14 @@ def clipped_pupil(
     """Noise-free, unexposed photo of a part of the frame: [channel, y, x], float64.
 
     view: of the scene `model`, through a pinhole; where: small, for each fragment within a PSF's reach that
-    is seen in part costs a transform a band. rays: across a square of twice the pupil's diameter. The light
+    is seen in part costs a transform a band. response: of the channels to the view's bands [channel, band];
+    None for the camera's. rays: across a square of twice the pupil's diameter. The light
     is the view's own: its noise is in this image too, and what differs in `expose` is blur and occlusion.
     Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
     """
     settings = dict(window_px=window_px, rays=rays, cache=cache, device=device, progress=progress)
-    return clipped_pupils(view, model, [camera], where, **settings)[0]
+    responses = None if response is None else [response]
+    return clipped_pupils(view, model, [camera], where, responses=responses, **settings)[0]
 
 
 def clipped_pupils(
@@ -86,6 +89,7 @@ def clipped_pupils(
     cameras: Sequence[Camera],
     where: Crop,
     *,
+    responses: Sequence[Tensor] | None = None,
     window_px: int | None = None,
     rays: int = RAYS,
     cache: Path | None = None,
@@ -111,8 +115,10 @@ def clipped_pupils(
     some = torch.nonzero(~whole & ~none).squeeze(1)
     say(0.2, "fragments that the whole pupil sees")
     every = torch.nonzero(whole).squeeze(1)
-    photos = [_unclipped(part, every, camera, window, cache) for camera in cameras]
-    clipped = _clipped(part, some, seen, nearer, cameras, window, say)
+    weights = responses or [channel_weights(camera, part.wavelengths) for camera in cameras]
+    pairs = list(zip(cameras, weights, strict=True))
+    photos = [_unclipped(part, every, *pair, window, cache) for pair in pairs]
+    clipped = _clipped(part, some, seen, nearer, cameras, weights, window, say)
     say(1.0, "done")
     return [part.crop_margin(photo + more) for photo, more in zip(photos, clipped, strict=True)]
 
@@ -230,9 +236,10 @@ def _somewhere(places: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return (row + 0.5) / PLACES - 0.5, (column + 0.5) / PLACES - 0.5
 
 
-def _unclipped(part: View, which: Tensor, camera: Camera, window: int, cache: Path | None) -> Tensor:
+def _unclipped(
+    part: View, which: Tensor, camera: Camera, weights: Tensor, window: int, cache: Path | None
+) -> Tensor:
     """Photo of the fragments that the whole pupil sees: linear, with PSFs at close depth nodes."""
-    weights = channel_weights(camera, part.wavelengths)
     depth = part.inverse_depth[which]
     if not depth.numel():
         return torch.zeros(len(weights), *part.padded_shape, dtype=torch.float64)
@@ -251,13 +258,13 @@ def _clipped(
     seen: np.ndarray,
     nearer: np.ndarray,
     cameras: Sequence[Camera],
+    weights: Sequence[Tensor],
     window: int,
     say: Progress,
 ) -> list[Tensor]:
     """Photos of the fragments that only a part of the pupil sees, one PSF for each fragment and band."""
     rows, columns = part.padded_shape
     reach = window // 2
-    weights = [channel_weights(camera, part.wavelengths) for camera in cameras]
     size = (rows + 2 * reach, columns + 2 * reach)
     canvases = [torch.zeros(len(each), *size, dtype=torch.float64) for each in weights]
     inside = (slice(None), slice(reach, reach + rows), slice(reach, reach + columns))

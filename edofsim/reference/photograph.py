@@ -7,7 +7,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..capture.band_groups import gathered_view
 from ..capture.checks import check_pixel_angle
+from ..capture.fidelity import Fidelity
+from ..capture.imaging import gathering_of
+from ..capture.photograph import axes_of
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress
 from ..errors import InputError
@@ -55,6 +59,7 @@ def reference_photo(
     camera: Camera,
     where: Crop,
     *,
+    groups: int | None = None,
     samples: int = 1024,
     cache: Path | None = None,
     device: str = "auto",
@@ -62,9 +67,9 @@ def reference_photo(
 ) -> Tensor:
     """Noise-free, unexposed photo of a part of the frame: [channel, y, x], float64.
 
-    name: one of `REFERENCES`; view: of the recipe's scene; its bands may be those of the scene merged in
-    neighbouring groups (`merged_bands`). The pupil takes the light of the view; the thin lens renders, with
-    `samples` a pixel, all of a group's bands focused where the group's mean wavelength is.
+    name: one of `REFERENCES`; view: of the recipe's scene. The pupil takes the light of the view; the thin
+    lens renders, with `samples` a pixel. groups: that the pupil gathers each channel's bands in, as photos
+    do, each with the PSFs of its mean wavelength; None for every band. The thin lens always has every band.
     Raises InputError for a crop outside the frame, and for what the reference cannot show.
     """
     check_reference(name, camera)
@@ -72,20 +77,24 @@ def reference_photo(
     check_pixel_angle(view, camera.pixel_angle)
     model = build_scene(recipe, base)
     if name == PUPIL:
-        return clipped_pupil(view, model, camera, where, cache=cache, device=device, progress=progress)
-    groups = torch.tensor_split(torch.arange(len(model.wavelengths)), view.bands)
-    sharp = focus_distance(camera, view.wavelengths).tolist()
+        how = {"cache": cache, "device": device, "progress": progress}
+        if groups is None:
+            return clipped_pupil(view, model, camera, where, **how)
+        weights = channel_weights(camera, view.wavelengths)
+        fidelity = Fidelity(band_groups=groups, group_wavelengths=1)
+        gathering = gathering_of(camera, fidelity, axes_of([view], camera, fidelity, weights))
+        light, response = gathered_view(view, gathering), gathering.response
+        return clipped_pupil(light, model, camera, where, response=response, **how)
     image = thin_lens(
         model,
         view,
         where,
         aperture_radius=camera.aperture_radius,
-        focus_distances=[d for d, group in zip(sharp, groups, strict=True) for _ in group],
+        focus_distances=focus_distance(camera, view.wavelengths).tolist(),
         samples=samples,
         max_depth=recipe.render.max_depth,
         seed=recipe.seed,
         device=device,
         progress=progress,
     )
-    merged = torch.stack([image[group].mean(0) for group in groups])
-    return torch.einsum("cb,byx->cyx", channel_weights(camera, view.wavelengths), merged)
+    return torch.einsum("cb,byx->cyx", channel_weights(camera, view.wavelengths), image)

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from ..capture import Fidelity, capture
-from ..capture.bands import merged_bands
 from ..capture.fidelity_file import values_of
 from ..capture.noise import NoiseState
 from ..core.shipped import typed_as
@@ -36,8 +35,14 @@ SHOWN = 5
 """Distances whose PSFs are shown."""
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
-QUICK = Fidelity(occlusion="normalised", layers=6, oversampling=1, read_noise=False, shot_noise=False)
-"""How its pictures are simulated."""
+QUICK = Fidelity(
+    band_groups=2,
+    group_wavelengths=1,
+    layers_db=40.0,
+    read_noise=False,
+    shot_noise=False,
+)
+"""How its pictures are simulated: with as many depth layers as the lens asks for, wherever it is focused."""
 LEAST_DIOPTRES = 0.01
 PICTURE = 250  # samples across the picture of the DOE
 
@@ -102,16 +107,17 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
 def _focused(result: Run) -> dict[float, Tensor]:
     """What the lens alone sees focused from near to far, [3, y, x] by distance, as exposed for the photo.
 
-    Quickly: three bands, few layers, nothing that is hidden. Without distances that cannot be focused at, or
-    whose PSFs would take more samples than are allowed.
+    Quickly: few groups of bands and layers. Without distances that cannot be focused at, or whose PSFs would
+    take more samples than are allowed.
     """
-    view = merged_bands(result.view, min(3, result.view.bands))
+    view = result.view
+    how = QUICK.changed({"occlusion": "hidden" if bool(view.hidden.any()) else "normalised"})
     alone = result.optics.without_mask()
 
     def seen(dioptres: float) -> tuple[float, Tensor] | None:
         metres = 1 / max(dioptres, LEAST_DIOPTRES)
         try:
-            photo = capture(view, refocused(alone, metres), QUICK, exposure=result.photo.exposure)
+            photo = capture(view, refocused(alone, metres), how, exposure=result.photo.exposure)
         except InputError:
             return None
         return metres, photo.clean

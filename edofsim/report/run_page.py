@@ -188,7 +188,7 @@ def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     pictures = tuple(in_threads(one, list(report.focused.items()), torch.device("cpu")))
     caption = (
         f"What {report.camera} sees without its mask when it is focused at another distance, without "
-        "noise, in three bands and few depth layers."
+        "noise, in two groups of bands a channel and few depth layers."
     )
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 

@@ -179,7 +179,7 @@ def test_a_reference_that_cannot_be_made(edofsim: Run, tmp_path: Path):
     refused(
         edofsim(*base, "--reference", "pupil", "--crop", "20,0,8,8"), "frame of 24 x 16", "X,Y,WIDTH,HEIGHT"
     )
-    refused(edofsim(*base, "--bands", "9"), "9 bands", "1 to 4")
+    refused(edofsim(*base, "--bands", "9"), "--bands 9", "1 to 4")
 
 
 JOBS = {
