@@ -5,7 +5,7 @@ from .camera import Camera, best_focus_distance, defocus, focal_length, focus_di
 from .materials import MATERIALS, Material, material
 from .psf import mean_psfs, psf_bank
 from .sampling import Sampling, plan_sampling, sampling_bound
-from .sensor import PAPER_COLOURS, add_noise, response, response_curves
+from .sensor import PAPER_COLOURS, response, response_curves
 from .sub_apertures import share_told, sub_aperture_psfs
 
 __all__ = [
@@ -15,7 +15,6 @@ __all__ = [
     "Material",
     "PsfBank",
     "Sampling",
-    "add_noise",
     "defocus",
     "focal_length",
     "best_focus_distance",

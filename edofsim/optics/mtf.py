@@ -12,7 +12,7 @@ from scipy.fft import dct, next_fast_len
 from torch import Tensor
 
 from .camera import Camera, defocus
-from .grid import PupilGrid, disc_coverage
+from .grid import PupilGrid
 from .pupil import aperture, chirp, pupil_function
 from .sampling import plan_sampling
 
@@ -102,18 +102,6 @@ def strehl(
         ]
         ratios.append(torch.tensor(peaks, dtype=torch.float64))
     return torch.stack(ratios, dim=1)
-
-
-def encircled_energy(psfs: Tensor, radii_px: Tensor | Sequence[float]) -> Tensor:
-    """Energy of each PSF within circles around its centre pixel's middle, [..., radius].
-
-    psfs: [..., y, x] as `PsfBank.values`, so that what lies outside the window counts as light too; radii in
-    pixels. Pixels that a circle crosses count with the part that is inside.
-    """
-    size = psfs.shape[-1]
-    grid = PupilGrid(size + 1 - size % 2, 1.0, 1.0)
-    inside = torch.stack([disc_coverage(grid, float(radius))[:size, :size] for radius in radii_px])
-    return torch.einsum("...yx,ryx->...r", psfs, inside.to(psfs))
 
 
 @dataclass(frozen=True)

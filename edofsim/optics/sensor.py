@@ -68,16 +68,6 @@ def response_curves(camera: Camera) -> tuple[Tensor, Tensor] | None:
     return torch.from_numpy(table_nm * 1e-9), torch.from_numpy(np.array(curves, dtype=np.float64))
 
 
-def add_noise(image: Tensor, sigma: float, seed: int) -> Tensor:
-    """The image with Gaussian noise of standard deviation `sigma`, the same for a seed on every device.
-
-    Akpinar et al., Eq. `SensorImage`: eta_s ~ N(0, sigma^2) in every pixel and channel.
-    """
-    generator = torch.Generator().manual_seed(seed)
-    noise = torch.randn(image.shape, generator=generator, dtype=torch.float32)
-    return image + sigma * noise.to(image)
-
-
 def _lines(wavelengths: Tensor) -> Tensor:
     if wavelengths.numel() != 3:
         raise InputError(

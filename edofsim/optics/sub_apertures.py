@@ -195,13 +195,6 @@ def partition(along: Tensor, intensity: Tensor) -> tuple[Part, ...]:
     )
 
 
-def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
-    """The windows of all parts of a `partition` over the pupil, float64 [part, samples, samples]."""
-    along = windows_along(grid, across)
-    parts = partition(along, intensity)
-    return torch.stack([_window(along, part) for part in parts])
-
-
 def _window(along: Tensor, part: Part) -> Tensor:
     return reduce(torch.add, (torch.outer(along[y], along[x]) for y, x in part))
 

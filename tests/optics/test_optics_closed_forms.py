@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 
 import pytest
 import torch
 from scipy.special import j1, jv
+from torch import Tensor
 
 from edofsim.optics import Camera, defocus, focus_distance, psf_bank
-from edofsim.optics.mtf import _focal_planes, cutoff_frequency, encircled_energy, mtf, otf, strehl
+from edofsim.optics.grid import PupilGrid, disc_coverage
+from edofsim.optics.mtf import _focal_planes, cutoff_frequency, mtf, otf, strehl
 from edofsim.recipe.camera import CameraRecipe
 
 GREEN = 543e-9
@@ -152,6 +155,18 @@ def test_strehl_ratio_of_weak_aberration_follows_its_variance():
     camera = ideal({"kind": "zernike", "terms": terms, "design_wavelength_nm": GREEN * 1e9})
     found = strehl(camera, [GREEN], [in_focus(camera)])
     assert float(found) == pytest.approx(math.exp(-(0.2**2) - 0.1**2), abs=2e-3)
+
+
+def encircled_energy(psfs: Tensor, radii_px: Tensor | Sequence[float]) -> Tensor:
+    """Energy of each PSF within circles around its centre pixel's middle, [..., radius].
+
+    psfs: [..., y, x] as `PsfBank.values`, so that what lies outside the window counts as light too; radii in
+    pixels. Pixels that a circle crosses count with the part that is inside.
+    """
+    size = psfs.shape[-1]
+    grid = PupilGrid(size + 1 - size % 2, 1.0, 1.0)
+    inside = torch.stack([disc_coverage(grid, float(radius))[:size, :size] for radius in radii_px])
+    return torch.einsum("...yx,ryx->...r", psfs, inside.to(psfs))
 
 
 def test_encircled_energy_of_the_airy_pattern():

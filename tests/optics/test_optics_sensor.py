@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, add_noise, response
+from edofsim.optics import Camera, response
 from edofsim.recipe.camera import CameraRecipe
 
 BANDS = torch.linspace(420e-9, 720e-9, 31, dtype=torch.float64)
@@ -82,13 +82,3 @@ def test_bad_tables_are_refused(tmp_path, text, word):
 def test_an_unknown_response_names_the_nearest():
     with pytest.raises(InputError, match="nikon-5100"):
         response(camera("nikon-5200"), BANDS)
-
-
-def test_noise_has_its_spread_and_follows_its_seed():
-    image = torch.full((3, 200, 200), 0.5)
-    noisy = add_noise(image, 0.01, 3)
-    assert float((noisy - image).mean()) == pytest.approx(0, abs=1e-4)
-    assert float((noisy - image).std()) == pytest.approx(0.01, rel=0.02)
-    assert torch.equal(noisy, add_noise(image, 0.01, 3))
-    assert not torch.equal(noisy, add_noise(image, 0.01, 4))
-    assert torch.allclose(add_noise(image.double(), 0.01, 3).float(), noisy)

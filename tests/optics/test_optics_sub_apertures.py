@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from edofsim.capture.blurring import opaque_kernels
 from edofsim.capture.convolution import Grid
@@ -19,12 +20,19 @@ from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.sampling import sampled_alike
-from edofsim.optics.sub_apertures import pupil_windows, windows_along
+from edofsim.optics.sub_apertures import _window, partition, windows_along
 from edofsim.recipe import CameraRecipe, load_camera
 from edofsim.recipe.camera import PsfSettings
 
 WAVELENGTHS = [482e-9, 611e-9]
 DEPTHS = [0.0, 1.0, 1.9]
+
+
+def pupil_windows(grid: PupilGrid, across: int, intensity: Tensor) -> Tensor:
+    """The windows of all parts of a `partition` over the pupil, float64 [part, samples, samples]."""
+    along = windows_along(grid, across)
+    parts = partition(along, intensity)
+    return torch.stack([_window(along, part) for part in parts])
 
 
 @pytest.mark.parametrize("mask", [ClearMask(), CubicMask(alpha_rad=30.0)])
