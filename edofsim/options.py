@@ -103,8 +103,8 @@ MethodOption = Annotated[
     str | None,
     typer.Option(
         "--method",
-        help="brute, layered or constant; default: layered.",
-        autocompletion=completion.one_of("brute", "layered", "constant"),
+        help="Gone: photos are made in layers, `constant` is --layers 1.",
+        hidden=True,
     ),
 ]
 FidelityOption = Annotated[

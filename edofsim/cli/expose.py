@@ -118,7 +118,7 @@ def expose(
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
         check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time, "bands": bands})
-        checked_overrule(overrule)
+        overrule = dict(checked_overrule(overrule))
         torch_device(device.value)
         for _, taker in pairs if reference is not None else ():
             check_reference(reference or "", Camera.from_recipe(taker.recipe, taker.base))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from typing import Any
 
 from ..capture.fidelity import Fidelity
-from ..capture.methods import METHODS, unknown_method
+from ..capture.methods import unknown_method
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
 from .effect import Values
@@ -30,14 +31,30 @@ def checked_overrule(overrule: Values | None) -> Values:
     problems += [f"--with and --without {name!r}: ask for one of them" for name in sorted({*added} & {*left})]
     if given.get("occlusion", "hidden") not in OCCLUSIONS:
         problems.append(_unknown("occlusion", given["occlusion"], OCCLUSIONS))
-    if given.get("method", "layered") not in METHODS:
-        problems.append(unknown_method(given["method"]))
+    if "method" in given:
+        problems += _without_method(given)
     way = given.get("occlusion", "hidden")
     if given.get("sub_apertures", 1) != 1 and way in OCCLUSIONS and way != "hidden":
         problems.append(f"sub-apertures belong to the occlusion `hidden` alone, not to {way!r}")
     if problems:
         raise InputError(problems)
     return given
+
+
+def _without_method(given: dict[str, Any]) -> list[str]:  # pyrefly: ignore[explicit-any]
+    """Take out `method`, which photos had a choice of, and say in one line what stands in its place; problems
+    where nothing does."""
+    match given.pop("method"):
+        case "layered":
+            LOG.warning("--method layered: all photos are made so; leave it out")
+        case "constant":
+            LOG.warning("--method constant is --layers 1 now")
+            given["layers"] = 1
+        case "brute":
+            return ["there is no --method brute any more: it is for tests; leave it out"]
+        case unknown:
+            return [unknown_method(unknown)]
+    return []
 
 
 def insisted_rendering(overrule: Values) -> Fidelity:

@@ -277,10 +277,7 @@ def plan_photo(
     ask = estimate if target.kind == "score" else remembered
     found = ask(facts, effects, more, asked, progress)
     planner = Planner(facts, costs, found, disk_mib, restore)
-    plan = planner.plan(target, fixed_levels(found, given, more))
-    # how light becomes images errs by nothing of its own: no effect weighs it
-    method = given.get("method", plan.fidelity.method)
-    return replace(plan, fidelity=replace(plan.fidelity, method=method))
+    return planner.plan(target, fixed_levels(found, given, more))
 
 
 def _levels_of(insisted: Values) -> dict[str, Level]:

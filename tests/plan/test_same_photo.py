@@ -16,8 +16,9 @@ import pytest
 import torch
 
 from edofsim.capture import Fidelity
+from edofsim.errors import InputError
 from edofsim.optics import Camera
-from edofsim.plan import Planner, Rendering, Target, all_effects, choose, planner_of, rates
+from edofsim.plan import Planner, Rendering, Target, all_effects, checked_overrule, choose, planner_of, rates
 from edofsim.plan.costs import Costs
 from edofsim.plan.effect import Effect, Level
 from edofsim.plan.estimate import Estimate, Estimates
@@ -230,3 +231,11 @@ def test_shipped_scenes_have_the_same_plan_at_any_rates():
         first = chosen(planner)
         for _ in range(3):
             assert chosen(at_other_rates(planner, draw)) == first, (scene, mask)
+
+
+def test_methods_that_there_were_are_understood_or_refused(caplog: pytest.LogCaptureFixture):
+    assert checked_overrule({"method": "constant"}) == {"layers": 1}
+    assert checked_overrule({"method": "layered"}) == {}
+    assert "--layers 1" in caplog.text
+    with pytest.raises(InputError, match="for tests"):
+        checked_overrule({"method": "brute"})
