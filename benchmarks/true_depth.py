@@ -27,7 +27,7 @@ from edofsim.render import render
 from edofsim.render.view import View
 from edofsim.restore.conditioning import conditioned_on
 from edofsim.restore.dcnn import DCnn
-from edofsim.restore.scores import psnr, within_scale
+from edofsim.restore.scores import image_psnr
 
 WAY = next(way for way in WAYS if way.name == OURS)
 
@@ -56,7 +56,8 @@ def as_plane(view: View) -> View:
 
 def score(view: View, system: System) -> float:
     taken = take(view, WAY, system)
-    return psnr(within_scale(taken.images["restored"]), taken.truth)
+    image, truth, noise = taken.compared("restored")
+    return image_psnr(image, truth, noise=noise)
 
 
 def told_truth(view: View, system: System) -> float:

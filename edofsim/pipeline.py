@@ -18,7 +18,7 @@ from .capture.device import torch_device
 from .capture.fidelity import simpler_camera
 from .capture.fidelity_file import WHERE, read_fidelity
 from .capture.framing import framed, seen_through
-from .capture.noise import NoiseState, photographed_noise
+from .capture.noise import PhotoNoise, photographed_noise
 from .capture.presets import PRESETS, preset
 from .core.progress import Progress
 from .optics import Camera
@@ -48,7 +48,7 @@ from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network, restoring
 from .restore.gains import gain_figures, gains
 from .restore.scores import DepthScore, Score, score_by_depth
-from .restore.truth import Truth, samples_for
+from .restore.truth import Truth, noise_figures, samples_for
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Run:
     restored_by: str
     wiener: Tensor | None
     lens_alone: Photo
-    noise_state: NoiseState
+    noise: PhotoNoise
     scores: Mapping[str, Score]
     by_depth: Mapping[str, tuple[DepthScore, ...]]
     gains: Mapping[str, float]
@@ -226,7 +226,7 @@ def run(
         restored_by=by,
         wiener=wiener,
         lens_alone=lens_alone,
-        noise_state=truth.noise.state,
+        noise=truth.noise,
         scores=scores,
         by_depth=by_depth,
         gains=gains({name: whole.psnr_db for name, whole in scores.items()}),
@@ -361,6 +361,7 @@ def figures(result: Run) -> dict[str, float]:
     found["peak_memory_mib"] = result.peak_memory_mib
     found["render_noise"] = result.view.noise
     found |= gain_figures(result.gains)
+    found |= noise_figures(result.noise)
     if (wanted := samples_for(result.scores["restored"], result.view.metadata.get("samples", 0))) is not None:
         found["samples_for_0.05_db"] = wanted
     found |= plan_figures(result.plan, result.seconds["plan"])

@@ -100,9 +100,10 @@ def expose(
     is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,
     weighted by its response: its light stays, and the groups are blurred.
 
-    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference},
-    seconds.{plan,render,expose,reference}, truncated_energy.{r,g,b}, peak_memory_mib, plan.share_of_saved
-    (planning against the seconds that it saves), and what `edofsim plan` says.
+    Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo
+    (standard error by the noise of the rendering), seconds.{plan,render,expose,reference},
+    truncated_energy.{r,g,b}, peak_memory_mib, plan.share_of_saved (planning against the seconds that it
+    saves), and what `edofsim plan` says.
     """
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
@@ -166,13 +167,15 @@ def photographed(
     from ..capture import capture, save_image, write_image, write_photo
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
+    from ..capture.noise import photographed_noise
     from ..optics import Camera
     from ..pipeline import Stopwatch, planned_view
     from ..plan import learn_rates, plan_figures
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
     from ..restore.choice import usual_network
-    from ..restore.scores import image_psnr, psnr
+    from ..restore.scores import level_and_error, psnr
+    from ..restore.truth import SAID, Truth
 
     scene, taker, folder = part
     compute, optics = torch_device(device), Camera.from_recipe(taker.recipe, taker.base)
@@ -202,8 +205,11 @@ def photographed(
         photo = capture(view, optics, fidelity, seed=seed, device=compute)
     if compute == "cpu" and bands is None:
         learn_rates(plan.seconds, photo.seconds)
+    noise = photographed_noise(view, optics, fidelity, photo, compute)
+    level, error = level_and_error(*Truth(photo.ideal, noise).compared(photo.image, noise.image))
     numbers = {
-        "psnr_db.photo": image_psnr(photo.image, photo.ideal),
+        "psnr_db.photo": level,
+        "psnr_db_se.photo": error,
         **plan_figures(plan, watch.seconds["plan"]),
         **{
             f"truncated_energy.{name}": float(value)
@@ -220,6 +226,7 @@ def photographed(
     lines = [
         *plan_lines(plan, watch.seconds["plan"]),
         f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
+        *([SAID[noise.state]] if noise.state == "included" else []),
     ]
     if reference is not None and where is not None:
         with watch.stage("reference", 0.8, 1.0) as tell:

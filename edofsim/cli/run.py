@@ -85,6 +85,7 @@ def run(
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike, without the noise of
     the rendering; psnr_db_se.*, ssim_se.*: their standard errors by it (nan: it is in the score);
     samples_for_0.05_db (that the restored image's whole PSNR takes to be so certain),
+    noise_db.{truth,photo} (of the rendering, in the ideal image and in the photo),
     gain_db.over_{photo,lens_alone,wiener} of the restored image,
     seconds.{render,plan,plan_lens_alone,expose,lens_alone,psfs,restore,wiener,score,report,total},
     seconds.processor (of all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved
@@ -149,7 +150,7 @@ def run(
             f"the lens alone has a plan of its own: {result.plan_lens_alone.summary()}",
             _score_table(result),
             *([gained] if (gained := gains_in_words(result.gains)) else []),
-            noise_said(result.noise_state, numbers),
+            noise_said(result.noise.state, numbers),
             *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
             f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
             f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",

@@ -17,7 +17,6 @@ from typing import Annotated
 
 import torch
 import typer
-from torch import Tensor
 
 from .. import completion
 from ..capture.framing import framed
@@ -33,7 +32,7 @@ from ..report import Column, Page, Section, Table, Text
 from ..report.page import Cell
 from ..restore.checkpoint import ANY_CAMERA, camera_with_mask, network_of
 from ..restore.gains import RIVALS, gain_figures, gains
-from ..restore.scores import psnr, within_scale
+from ..restore.scores import image_psnr
 from .experiment import Findings
 from .failures import Failures
 from .kept import Kept, key_of
@@ -341,20 +340,21 @@ class Judge:
         way = next(way for way in WAYS if way.name == OURS)
         found: dict[str, float] = {}
 
-        def judged(what: str, image: Tensor, taken: Taken) -> None:
-            found[what] = psnr(within_scale(image), taken.truth)
+        def judged(what: str, image: str, taken: Taken) -> None:
+            compared, truth, noise = taken.compared(image)
+            found[what] = image_psnr(compared, truth, noise=noise)
 
         failed = len(self.failures.found)
         with torch.inference_mode():
             alone = take(view, way, System(LENS_ALONE, camera.without_mask()), self.seed)
             taken = take(view, way, System(WIENER, camera, ByWiener()), self.seed)
             for what, each in ((PHOTO, taken), (LENS_ALONE, alone)):
-                judged(what, each.images["photo"], each)
-            judged(WIENER, taken.images["wiener"], taken)
+                judged(what, "photo", each)
+            judged(WIENER, "wiener", taken)
             for what, by in self.restorers.items():
                 with self.failures.of(f"{self.taker.name}, {name}, {what}"):
                     own = take(view, way, System(what, camera, by), self.seed, like=taken)
-                    judged(what, own.images["restored"], own)
+                    judged(what, "restored", own)
         if len(self.failures.found) == failed:
             kept.put(key, found)
         return found

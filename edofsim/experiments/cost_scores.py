@@ -4,15 +4,19 @@ whose cost is measured."""
 from __future__ import annotations
 
 import statistics
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from torch import Tensor
+
 from ..capture import Fidelity, Photo, capture
+from ..capture.noise import photographed_noise
 from ..capture.sensor import record, sensor_effects
 from ..optics import Camera
 from ..plan import Restore
 from ..render.view import View
 from ..restore.scores import image_psnr
+from ..restore.truth import Truth
 
 Scores = Mapping[str, list[float]]
 """PSNR against the all-in-focus image in dB, by what was restored with: one for each seed."""
@@ -40,18 +44,33 @@ class Judge:
     def scores(self, view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: str) -> Scores:
         """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds."""
         effects = sensor_effects(camera, fidelity)
+        truth = Truth(photo.ideal, photographed_noise(view, camera, fidelity, photo, device))
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]
         found = {
-            name: [image_psnr(restore(image, photo.truncated), photo.ideal) for image in images]
+            name: _levels(truth, images, lambda image, by=restore: by(image, photo.truncated))
             for name, restore in self.restorers.items()
         }
         if self.alone is not None:
-            plain = capture(view, self.alone, fidelity, exposure=photo.exposure, device=device).clean
-            rivals = [record(plain, effects, seed) for seed in range(self.seeds)]
+            plain = capture(view, self.alone, fidelity, exposure=photo.exposure, device=device)
+            rivals = [record(plain.clean, effects, seed) for seed in range(self.seeds)]
             best = next(iter(found.values()))
-            without = [image_psnr(image, photo.ideal) for image in rivals]
+            left = photographed_noise(view, self.alone, fidelity, plain, device).image
+            without = [_level(truth, image, left) for image in rivals]
             found[GAIN] = [mine - other for mine, other in zip(best, without, strict=True)]
         return found
+
+
+def _levels(truth: Truth, images: Sequence[Tensor], restores: Callable[[Tensor], Tensor]) -> list[float]:
+    """PSNR in dB of what is made of photos that differ by the sensor's noise alone, which hardly changes what
+    is left of the rendering's."""
+    restored = [restores(image) for image in images]
+    left = truth.restored_noise(images[0], restored[0], restores)
+    return [_level(truth, image, left) for image in restored]
+
+
+def _level(truth: Truth, image: Tensor, left: Tensor | None) -> float:
+    image, ideal, noise = truth.compared(image, left)
+    return image_psnr(image, ideal, noise=noise)
 
 
 def shifts(scores: Scores, of_full: Scores) -> Mapping[str, Shift]:

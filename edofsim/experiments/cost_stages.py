@@ -10,7 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from torch import Tensor
+
 from ..capture import Photo, capture
+from ..capture.noise import PhotoNoise, photographed_noise
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
@@ -34,6 +37,7 @@ from ..restore.checkpoint import (
 from ..restore.choice import usual_network
 from ..restore.conditioning import forget as forget_conditioned
 from ..restore.scores import image_psnr
+from ..restore.truth import Truth
 from .kept import Kept, key_of
 
 FEWEST_SAMPLES = 4
@@ -123,7 +127,7 @@ def restore_points(
         if checkpoint.height is not None and _place(checkpoint) != default:
             rivals.append((f"Wiener, mask of {name}", checkpoint, None))
     scores: dict[str, float] = {}
-    photos: dict[Path | None, tuple[Camera, Photo]] = {}
+    photos: dict[Path | None, tuple[Camera, Photo, PhotoNoise]] = {}
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
     for turn in range(repeats):
         for number, (name, mask, network) in enumerate(rivals):
@@ -163,26 +167,34 @@ def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) ->
 
 def _photo(
     view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None, device: str
-) -> tuple[Camera, Photo]:
+) -> tuple[Camera, Photo, PhotoNoise]:
     if mask is None:
         optics = Camera.from_recipe(camera.recipe, camera.base)
     else:
         optics = camera_with_mask(camera.recipe, mask, camera.base)
     plan = plan_photo(view, optics, target=parse_target(None, None))
-    return optics, capture(view, optics, plan.fidelity, device=device)
+    photo = capture(view, optics, plan.fidelity, device=device)
+    return optics, photo, photographed_noise(view, optics, plan.fidelity, photo, device)
 
 
-def _restored(view: View, optics: Camera, photo: Photo, network: Checkpoint | None) -> dict[str, float]:
+def _restored(
+    view: View, optics: Camera, photo: Photo, noise: PhotoNoise, network: Checkpoint | None
+) -> dict[str, float]:
     low, high = (float(end) for end in view.inverse_depth.aminmax())
     depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
     psf_memory.forget()
     forget_conditioned()
+    truth = Truth(photo.ideal, noise)
+
+    def restores(image: Tensor) -> Tensor:
+        return restore(image, optics, view.wavelengths, depths, checkpoint=network)[0]
+
     started = time.perf_counter()
-    image, _ = restore(photo.image, optics, view.wavelengths, depths, checkpoint=network)
-    return {
-        "seconds": time.perf_counter() - started,
-        "psnr_db": image_psnr(image, photo.ideal),
-    }
+    restored = restores(photo.image)
+    seconds = time.perf_counter() - started
+    left = truth.restored_noise(photo.image, restored, restores)
+    image, ideal, known = truth.compared(restored, left)
+    return {"seconds": seconds, "psnr_db": image_psnr(image, ideal, noise=known)}
 
 
 def front(points: Sequence[Point]) -> list[Point]:

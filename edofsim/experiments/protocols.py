@@ -22,13 +22,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import torch
 from torch import Tensor
 
 from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
 from ..capture.fidelity import MOST_LAYERS
+from ..capture.noise import PhotoNoise, photographed_noise
 from ..capture.prepare import channel_weights, choose_nodes
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode
@@ -37,7 +38,8 @@ from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import unscattered_fraction
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
-from ..restore.scores import psnr, within_scale
+from ..restore.scores import TruthNoise, psnr, within_scale
+from ..restore.truth import Truth
 from .failures import Failures
 from .restorations import ByNetwork, ByWiener, Known, Restoration, known_of
 from .sources import Source, systems_of_all
@@ -98,10 +100,16 @@ class System:
 @dataclass(frozen=True)
 class Taken:
     """A photo, and the images to be judged against its ideal one, all [3, y, x]: `photo`, and of a system
-    that restores `restored` and `wiener`."""
+    that restores `restored` and `wiener`. noise: the photo's; left: what is left of it in each image."""
 
     photo: Photo
     images: dict[str, Tensor]
+    noise: PhotoNoise = PhotoNoise()
+    left: Mapping[str, Tensor | None] = field(default_factory=dict)
+
+    def compared(self, image: str) -> tuple[Tensor, Tensor, TruthNoise]:
+        """An image, the truth and their noise, as `score_parts` takes them."""
+        return Truth(self.photo.ideal, self.noise).compared(self.images[image], self.left.get(image))
 
     @property
     def truth(self) -> Tensor:
@@ -193,24 +201,36 @@ def take(
     """
     camera = of_three_lines(system.camera) if way.flat else system.camera
     unscattered = unscattered_light(system.camera, view.wavelengths)
-    photo = _photo(view, way, camera, unscattered, seed, device) if like is None else like.photo
-    images = {"photo": photo.image}
+    if like is None:
+        photo, noise = _photo(view, way, camera, unscattered, seed, device)
+    else:
+        photo, noise = like.photo, like.noise
+    images, left = {"photo": photo.image}, {"photo": noise.image}
     if system.restoration is None:
-        return Taken(photo, images)
+        return Taken(photo, images, noise, left)
+    truth = Truth(photo.ideal, noise)
+
+    def restored(name: str, by: Restoration, known: Known) -> None:
+        def work(image: Tensor) -> Tensor:
+            return by(image, known).to(image)
+
+        images[name] = work(photo.image)
+        left[name] = truth.restored_noise(photo.image, images[name], work)
+
     # how finely the mask is made, and so the glare that its making leaves, is known of a camera
     glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
     taker = system.designed or system.camera
     taker = of_three_lines(taker) if way.flat else taker
     by_network = isinstance(system.restoration, ByNetwork)
     known = _known(view, camera if by_network else taker, glare)
-    images["restored"] = system.restoration(photo.image, known).to(photo.image)
+    restored("restored", system.restoration, known)
     if isinstance(system.restoration, ByWiener):
-        images["wiener"] = images["restored"]
+        images["wiener"], left["wiener"] = images["restored"], left["restored"]
     elif like is not None and "wiener" in like.images:
-        images["wiener"] = like.images["wiener"]
+        images["wiener"], left["wiener"] = like.images["wiener"], like.left.get("wiener")
     else:
-        images["wiener"] = ByWiener()(photo.image, _known(view, taker, glare) if by_network else known)
-    return Taken(photo, images)
+        restored("wiener", ByWiener(), _known(view, taker, glare) if by_network else known)
+    return Taken(photo, images, noise, left)
 
 
 def _known(view: View, camera: Camera, glare: Tensor) -> Known:
@@ -249,13 +269,19 @@ def same_photo(first: System, second: System) -> bool:
     return same_shape and torch.allclose(one.height_map, other.height_map, rtol=0, atol=SAME_HEIGHT_M)
 
 
-def _photo(view: View, way: Way, camera: Camera, unscattered: Tensor, seed: int, device: str) -> Photo:
+def _photo(
+    view: View, way: Way, camera: Camera, unscattered: Tensor, seed: int, device: str
+) -> tuple[Photo, PhotoNoise]:
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     wanted = 1.0 if way.flat else camera.recipe.sensor.exposure
     exposure = automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted)
     fidelity, hazy = _fidelity(view, way, camera), with_glare(view, unscattered)
     photo = capture(hazy, camera, fidelity, exposure=exposure, seed=seed, device=device)
-    return replace(photo, ideal=ideal * exposure)
+    noise = photographed_noise(hazy, camera, fidelity, photo, device)
+    if view.half_difference is not None:  # the truth has the light that the mask scatters
+        off = ideal_image(view.with_light(view.half_difference), camera, exposure)
+        noise = replace(noise, ideal=view.crop_margin(off))
+    return replace(photo, ideal=ideal * exposure), noise
 
 
 def _fidelity(view: View, way: Way, camera: Camera) -> Fidelity:
@@ -294,22 +320,36 @@ def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
     The picture is exposed as the camera would, and clipped at full scale. A pixel has the depth of the
     surface that covers most of it. encoded: the picture's 8-bit sRGB values take the place of its light.
     """
-    exposure = camera.recipe.sensor.exposure
-    picture = ideal_image(view, camera, None if exposure == "auto" else float(exposure)).clamp(0, 1)
-    if encoded:
-        picture = (srgb_encode(picture) * 255).round() / 255
-    pixels = picture[0].numel()
+    wanted, order = camera.recipe.sensor.exposure, torch.argsort(PAPER_COLOURS)  # bands ascend
+    exposure = (
+        float(wanted)
+        if wanted != "auto"
+        else automatic_exposure(view.crop_margin(ideal_image(view, camera, 1.0)), noisy=view.noise > 0)
+    )
+
+    def pictured(light: View) -> Tensor:
+        values = ideal_image(light, camera, exposure).clamp(0, 1)
+        if encoded:
+            values = (srgb_encode(values) * 255).round() / 255
+        return values.reshape(3, -1)[order].to(torch.float32)
+
+    half = None
+    if view.half_difference is not None:
+        ends = (view.with_light(view.radiance + s * view.half_difference) for s in (1, -1))
+        one, other = (pictured(each) for each in ends)
+        half = (one - other) / 2
+    picture = pictured(view)
+    pixels = len(picture[0])
     depth = quantised(_depth_of_most(view))
-    order = torch.argsort(PAPER_COLOURS)  # bands ascend
     return replace(
         view,
         pixel=torch.arange(pixels),
         coverage=torch.ones(pixels),
         inverse_depth=depth.to(torch.float32),
-        radiance=picture.reshape(3, -1)[order].to(torch.float32),
+        radiance=picture,
         hidden=torch.zeros(pixels, dtype=torch.bool),
         wavelengths=PAPER_COLOURS[order],
-        half_difference=None,
+        half_difference=half,
     )
 
 

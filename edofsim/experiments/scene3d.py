@@ -83,9 +83,9 @@ from .systems import camera_digest
 
 SHOWN = (PAPER, OURS)
 """Ways whose images are kept for a page."""
-TRUTH_SAMPLES = 512
-"""The fewest that a scene is rendered with. A rendering's noise is in the truth, but a blurred photo hardly
-holds it: it counts as an error of every restoration, and cost up to 1.1 dB at 16 samples."""
+TRUTH_SAMPLES = 64
+"""The fewest that a scene is rendered with. Scores are without the rendering's noise, but not without what it
+leaves uncertain: see their standard errors."""
 
 
 def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
@@ -138,10 +138,11 @@ def run(
     Fig. 13).
 
     Interrupt it at any time: scenes that are finished are kept in --out. What cannot be used, a scene or a
-    system, is named at the end, and the others are finished. Scenes are rendered with at least 512 samples a
-    pixel, as the noise of the truth counts against every restoration, and in the pixels of each lens.
+    system, is named at the end, and the others are finished. Scores are without the noise of the rendering;
+    scenes are rendered in the pixels of each lens.
 
-    Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE with IMAGE one of
+    Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE, {psnr_db,ssim}_se.* (standard
+    errors by the noise of the rendering), with IMAGE one of
     {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, and NETWORK.lens_alone where there are several lenses;
     gain_db.SCENE.WAY.NETWORK (over the lens alone), and with .over_{photo,lens_alone,wiener};
     converged_db.{SCENE,least}.WAY.{lens_alone,NETWORK.photo}: PSNR between the photo and that of twice as
@@ -352,9 +353,9 @@ def measure(
                 if about_layers not in far:
                     far[about_layers] = converged_db(shown, way, system)
                 photo = int(str(taken.photo.how["layers"])), far[about_layers]
-                for image, values in taken.images.items():
+                for image in taken.images:
                     about = (name, way.name, system.name, image)
-                    scores = scores_of(values, taken.truth, regions)
+                    scores = scores_of(taken, image, regions)
                     rows += [SceneScore(*about, *place, *each, *photo) for place, each in scores]
         if way.name in SHOWN:
             kept |= {(way.name, system): taken for system, taken in of_way.items()}

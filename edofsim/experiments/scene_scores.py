@@ -24,7 +24,8 @@ FACTS = ("edges", "mean", "clipped", "noise_db", "bands", "nearest_m", "farthest
 class SceneScore:
     """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
     with near_m <= depth < far_m, or another part by its name. light_error: see `restore.scores`; layers: of
-    depth, of its photo, and converged_db: how far from convergence that is (`protocols.converged_db`)."""
+    depth, of its photo, and converged_db: how far from convergence that is (`protocols.converged_db`);
+    psnr_db_se, ssim_se: standard errors by the noise of the rendering (see `restore.scores.Score`)."""
 
     scene: str
     way: str
@@ -37,6 +38,8 @@ class SceneScore:
     ssim: float
     pixels: int
     light_error: float
+    psnr_db_se: float = math.nan
+    ssim_se: float = math.nan
     layers: int = 0
     converged_db: float = math.nan
 
@@ -95,10 +98,11 @@ class SceneScores:
 
 
 def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
-    """Flat: psnr_db, ssim and light_error .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK (over the lens alone),
-    also with .over_photo, .over_lens_alone and .over_wiener, converged_db.SCENE.WAY.IMAGE of photos; SCENE
-    also `mean`, and `least` of converged_db. IMAGE is lens_alone (of the first lens), NETWORK, NETWORK.photo,
-    NETWORK.wiener, and where there are several lenses NETWORK.lens_alone. networks: names of the systems."""
+    """Flat: psnr_db, ssim, light_error, psnr_db_se and ssim_se .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK
+    (over the lens alone), also with .over_photo, .over_lens_alone and .over_wiener,
+    converged_db.SCENE.WAY.IMAGE of photos; SCENE also `mean`, and `least` of converged_db. IMAGE is
+    lens_alone (of the first lens), NETWORK, NETWORK.photo, NETWORK.wiener, and where there are several lenses
+    NETWORK.lens_alone. networks: names of the systems."""
     found: dict[str, float] = {}
     several = len({lens for m in outcome.measured for lens in m.lenses.values()}) > 1
     for way in WAYS:
@@ -109,10 +113,11 @@ def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
             images |= {f"{network}.{LENS_ALONE}": (network, LENS_ALONE)} if several else {}
         for label, (system, image) in images.items():
             rows = {m.scene: m.score(way.name, system, image) for m in outcome.measured}
-            for measure in ("psnr_db", "ssim", "light_error"):
+            for measure in ("psnr_db", "ssim", "light_error", "psnr_db_se", "ssim_se"):
                 values = {scene: getattr(row, measure) for scene, row in rows.items() if row is not None}
+                of_mean = mean_error if measure.endswith("_se") else mean
                 found |= _with_mean(
-                    values, lambda scene, m=measure, w=way, i=label: f"{m}.{scene}.{w.name}.{i}"
+                    values, lambda scene, m=measure, w=way, i=label: f"{m}.{scene}.{w.name}.{i}", of_mean
                 )
             if image == "photo":
                 far = {scene: row.converged_db for scene, row in rows.items() if row is not None}
@@ -146,13 +151,16 @@ def regions_of(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 
 
 def scores_of(
-    image: Tensor, truth: Tensor, regions: Mapping[Region, Tensor]
-) -> Iterable[tuple[Region, tuple[float, float, int, float]]]:
-    image, truth = within_scale(image).cpu(), truth.cpu()
+    taken: Taken, name: str, regions: Mapping[Region, Tensor]
+) -> Iterable[tuple[Region, tuple[float, float, int, float, float, float]]]:
+    """Of an image of what was taken: the fields of a `SceneScore` from psnr_db on, by region."""
+    image, truth, noise = taken.compared(name)
     masks = [None, *regions.values()]
-    parts = score_parts(image, truth, masks)
+    parts = score_parts(image, truth, masks, noise)
+    clipped = within_scale(image).cpu(), within_scale(truth).cpu()
     for place, mask, each in zip(((WHOLE, 0.0, math.inf), *regions), masks, parts, strict=True):
-        yield place, (each.psnr_db, each.ssim, each.pixels, light_error(image, truth, mask))
+        off = light_error(*clipped, mask)
+        yield place, (each.psnr_db, each.ssim, each.pixels, off, each.psnr_db_se, each.ssim_se)
 
 
 def facts_of(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:
@@ -213,5 +221,15 @@ def _gains_of(measured: Measured, row: SceneScore) -> dict[str, float]:
     return gains({**known, "restored": row.psnr_db})
 
 
-def _with_mean(values: Mapping[str, float], name: Callable[[str], str]) -> dict[str, float]:
-    return {name(scene): value for scene, value in {**values, "mean": mean(values.values())}.items()}
+def mean_error(values: Iterable[float]) -> float:
+    """Standard error of the mean of what has these errors; NaN where one of them is not known."""
+    known = list(values)
+    return math.sqrt(sum(value**2 for value in known)) / len(known) if known else math.nan
+
+
+def _with_mean(
+    values: Mapping[str, float],
+    name: Callable[[str], str],
+    of_mean: Callable[[Iterable[float]], float] = mean,
+) -> dict[str, float]:
+    return {name(scene): value for scene, value in {**values, "mean": of_mean(values.values())}.items()}

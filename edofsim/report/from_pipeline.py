@@ -98,7 +98,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         facts=_facts(result),
         versions=versions(),
         machine=machine(),
-        notes=_notes(result.view.metadata, result.noise_state),
+        notes=_notes(result.view.metadata, result.noise.state),
         restored_label=f"Restored ({result.restored_by.partition(',')[0]})",
     )
     return write_report(path, report)

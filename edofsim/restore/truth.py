@@ -55,9 +55,21 @@ def noise_said(state: NoiseState, figures: Mapping[str, float]) -> str:
     if state != "taken out":
         return SAID[state]
     error = figures["psnr_db_se.restored"]
-    said = f"{SAID[state]}; standard error of the restored image's {error:.2g} dB"
+    said = (
+        f"{SAID[state]}, {figures['noise_db.truth']:.1f} dB in the ideal image and "
+        f"{figures['noise_db.photo']:.1f} dB in the photo; standard error of the restored image's PSNR "
+        f"{error:.2g} dB"
+    )
     wanted = figures.get("samples_for_0.05_db")
     return said if wanted is None or error <= 0.05 else f"{said}, 0.05 dB with {wanted:.0f} samples a pixel"
+
+
+def noise_figures(noise: PhotoNoise) -> dict[str, float]:
+    """How far the noise of the rendering is below full scale, in dB: root mean square over ideal image and
+    photo. Empty where it is not known."""
+    parts = {"noise_db.truth": noise.ideal, "noise_db.photo": noise.image}
+    levels = {name: float(part.double().square().mean()) for name, part in parts.items() if part is not None}
+    return {name: -10 * math.log10(level) if level else math.inf for name, level in levels.items()}
 
 
 def samples_for(score: Score, samples: int, wanted_db: float = 0.05) -> int | None:

@@ -13,7 +13,7 @@ from skimage.metrics import structural_similarity
 
 from edofsim.capture.noise import PhotoNoise
 from edofsim.restore.scores import Noise, Score, score, score_parts
-from edofsim.restore.truth import Truth, samples_for
+from edofsim.restore.truth import Truth, noise_figures, samples_for
 
 SIDE = 96
 SHARE = 0.6
@@ -143,6 +143,15 @@ def test_without_known_noise_scores_say_what_they_hold():
     unknown = Truth(truth, PhotoNoise("included")).compared(restored, None)
     one, other = score(*exact), score(*unknown)
     assert one.psnr_db == other.psnr_db and one.psnr_db_se == 0 and math.isnan(other.psnr_db_se)
+
+
+def test_noise_below_full_scale_has_its_closed_form():
+    """A hundredth of full scale is 40 dB."""
+    one = torch.full((3, 4, 4), 0.01)
+    assert noise_figures(PhotoNoise("taken out", one, -one / 10)) == pytest.approx(
+        {"noise_db.truth": 40.0, "noise_db.photo": 60.0}, abs=1e-4
+    )
+    assert noise_figures(PhotoNoise("none")) == {}
 
 
 def test_samples_that_a_score_takes():
