@@ -19,6 +19,7 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from .photo import Photo
 
+
 def write_photo(path: Path, photo: Photo) -> Path:
     """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it.
 

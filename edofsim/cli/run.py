@@ -205,8 +205,13 @@ def _score_table(result: Run) -> Table:
     table = Table("PSNR / dB (SSIM)", "whole", *(_range(near, far) for near, far in ranges), box=None)
     for name, label in names.items():
         cells = [result.scores[name], *(part.score for part in result.by_depth[name])]
-        table.add_row(label, *(f"{cell.psnr_db:.2f} ({cell.ssim:.3f})" for cell in cells))
+        table.add_row(label, *(_cell(cell.psnr_db, cell.ssim) for cell in cells))
     return table
+
+
+def _cell(psnr_db: float, ssim: float) -> str:
+    """A score; in words where the noise of the rendering leaves the PSNR unknown."""
+    return f"{'too noisy' if math.isnan(psnr_db) else f'{psnr_db:.2f}'} ({ssim:.3f})"
 
 
 def _range(near: float, far: float) -> str:
