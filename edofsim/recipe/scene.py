@@ -73,7 +73,7 @@ class Render(RecipeModel):
     samples: Annotated[int, Field(ge=1, le=1 << 16)] = 64
     """light paths a pixel; the noise falls with their number"""
     max_depth: Annotated[int, Field(ge=1, le=64)] = 5
-    """longest light path, in segments: 1 shows lamps alone, 2 direct light"""
+    """longest light path, in segments: 1 shows lamps alone, 2 direct light; a Mitsuba scene has its own"""
     fragments: Annotated[int, Field(ge=1, le=8)] = 3
     """most surfaces that a pixel keeps apart"""
     depth_gap_dpt: Positive = 0.03

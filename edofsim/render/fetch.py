@@ -8,7 +8,7 @@ import platform
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ from ..record import writable_folder
 from . import cache as store
 from .engine import find_engines
 from .fragments import Fragments
-from .keys import canonical, view_key
+from .keys import canonical, says_path_length, view_key
 from .settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -114,6 +114,8 @@ def _rendered(
         )
         view = render_foreign(recipe, base, settings, reasons.problems, **how)
     else:
+        if model.path_length is not None and not says_path_length(recipe):
+            settings = replace(settings, max_depth=model.path_length)
         view = render_model(model, settings, **how)
     run = {**view.metadata["run"], "host": platform.node(), "total_seconds": time.perf_counter() - start}
     rows, columns = settings.padded_shape

@@ -8,6 +8,7 @@ be random is chosen, and every band is seen by every sample. So 31 bands take ei
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +20,13 @@ import numpy as np
 from ..errors import InputError
 from ..recipe.scene import SceneRecipe
 from ..scene.foreign import MitsubaSource
-from ..scene.foreign.nodes import Node, read_nodes
+from ..scene.foreign.nodes import Node
 from ..scene.foreign.parts import resolved
+from ..scene.foreign.read import read_nodes
 from ..scene.model import TriangleMesh
 from .closed import is_closed
 from .engine import reading_files
+from .keys import says_path_length
 from .meshes import registry_table
 from .translate import CLOSED, FIELDS
 
@@ -32,8 +35,11 @@ if TYPE_CHECKING:
 
     from .rays import Lens, Samples
 
+LOG = logging.getLogger(__name__)
+
 WAVELENGTHS_A_PATH = 4
-INTEGRATORS = ("PathIntegrator", "VolumetricPathIntegrator", "VolpathMisIntegratorImpl", "DirectIntegrator")
+VOLUMES = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
+INTEGRATORS = ("PathIntegrator", *VOLUMES, "DirectIntegrator")
 """Integrators that a scene may choose; any other is replaced by Mitsuba's `path`."""
 
 
@@ -91,7 +97,7 @@ def load_foreign(mi: ModuleType, recipe: SceneRecipe, base: Path) -> ForeignStag
             "into the scene's file"
         )
     path = Path(base) / source.path
-    _check_files(read_nodes(path), path, source)
+    _check_files(read_nodes(path, source.allow_outside), path, source)
     try:
         with reading_files():
             if path.suffix.lower() == ".json":
@@ -109,7 +115,12 @@ def load_foreign(mi: ModuleType, recipe: SceneRecipe, base: Path) -> ForeignStag
     to_camera = np.diag([-unit, unit, unit, 1.0]) @ np.linalg.inv(pose)
     integrator = scene.integrator()
     if integrator is None or integrator.class_name() not in INTEGRATORS:
-        integrator = mi.load_dict({"type": "path", "max_depth": recipe.render.max_depth})
+        kind = "none" if integrator is None else integrator.class_name()
+        LOG.warning("%s: its integrator (%s) gives no radiance of paths; `path` takes its place", path, kind)
+        integrator = mi.load_dict({"type": "path", "max_depth": -1})
+    if says_path_length(recipe):
+        kind = "volpath" if integrator.class_name() in VOLUMES else "path"
+        integrator = mi.load_dict({"type": kind, "max_depth": recipe.render.max_depth})
     shapes = list(scene.shapes())
     table = np.zeros((max(1, len(shapes)), FIELDS), np.uint32)
     for number, shape in enumerate(shapes):
@@ -130,9 +141,10 @@ def _closed(shape: mi.Shape) -> bool:
 def _check_files(root: Node, path: Path, source: MitsubaSource) -> None:
     """Every file that the scene names must lie in its folder, unless the recipe trusts it."""
     for node in _all_nodes(root):
-        if "filename" in node.values:
-            what = f"{path.name}: {node.type}"
-            resolved(path.parent, str(node.values["filename"]), source.allow_outside, what)
+        for key in node.values:
+            if key.endswith("filename"):
+                what = f"{path.name}: {node.type}"
+                resolved(path.parent, str(node.values[key]), source.allow_outside, what)
 
 
 def _all_nodes(node: Node) -> Iterator[Node]:

@@ -38,9 +38,16 @@ def view_key(recipe: SceneRecipe, base: Path, noise: float | None = None) -> str
         "integrator": INTEGRATOR,
         "scenes": scene_code(),
         **_code_of_others(recipe),
+        **({} if says_path_length(recipe) else {"path length": "the file's"}),
         "versions": {name: version(name) for name in LIBRARIES},
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def says_path_length(recipe: SceneRecipe) -> bool:
+    """Whether the recipe says how long light paths are; where it does not, a scene's own file may."""
+    of_file = recipe.source is not None and recipe.source.kind == "mitsuba"
+    return not of_file or "max_depth" in recipe.render.model_fields_set
 
 
 def _code_of_others(recipe: SceneRecipe) -> dict[str, dict[str, str]]:

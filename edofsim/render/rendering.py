@@ -14,6 +14,7 @@ import numpy as np
 from ..core.interrupts import interruptible
 from ..core.json_values import Json
 from ..core.progress import Progress, part, silent
+from ..errors import InputError
 from ..recipe.scene import SceneRecipe
 from ..scene.model import SceneModel
 from .depths import NOWHERE, DepthSurvey, survey, unparted
@@ -83,7 +84,13 @@ def render_foreign(
         stage = load_foreign(mi, recipe, base)
         route = "four bands a path, by Mitsuba's spectral variant: " + "; ".join(reasons)
         about = {"scene": recipe.name, "route": route}
-        return render_stage(mi, stage, stage.wavelengths, settings, about, say, partial, begun)
+        try:
+            return render_stage(mi, stage, stage.wavelengths, settings, about, say, partial, begun)
+        except RuntimeError as error:
+            if "out of memory" in str(error):
+                raise
+            said = " ".join(str(error).split())[:300]
+            raise InputError(f"{recipe.name}: Mitsuba cannot render this scene: {said}") from error
 
 
 def render_stage(

@@ -80,13 +80,15 @@ class Environment:
 
 @dataclass(frozen=True)
 class SceneModel:
-    """A whole scene. wavelengths: float64 [band] in metres."""
+    """A whole scene. wavelengths: float64 [band] in metres; path_length: what the scene's own file asks for,
+    as `render.max_depth` counts, None where it asks for none."""
 
     name: str
     wavelengths: np.ndarray
     objects: tuple[SceneObject, ...]
     environment: Environment | None = None
     notes: Mapping[str, str] = field(default_factory=dict)
+    path_length: int | None = None
 
     @property
     def dispersive(self) -> tuple[str, ...]:

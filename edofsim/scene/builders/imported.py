@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import logging
+import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -19,6 +22,8 @@ from .context import Builder, Context, Part
 
 if TYPE_CHECKING:
     import trimesh
+
+LOG = logging.getLogger(__name__)
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off")
 
@@ -66,6 +71,8 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
         raise InputError(f"{what}: {str(path)!r} is not of a known kind; known: {', '.join(SUFFIXES)}")
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what it says is for its own users
+
     class _Beside(trimesh.resolvers.FilePathResolver):
         """Files that the mesh names."""
 
@@ -80,7 +87,7 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
             warnings.simplefilter("ignore")
             near = _Beside(str(path), allow_anywhere=allow_outside)
             loaded = trimesh.load(
-                io.BytesIO(_as_utf8(path, path.read_bytes())),
+                io.BytesIO(_absolute_indices(path, _as_utf8(path, path.read_bytes()))),
                 file_type=path.suffix[1:].lower(),
                 force="mesh",
                 process=False,
@@ -130,7 +137,58 @@ def _as_utf8(path: Path, content: bytes) -> bytes:
     return content
 
 
+def _absolute_indices(path: Path, content: bytes) -> bytes:
+    """An OBJ file whose faces count their corners from the front. A negative number counts back from the last
+    corner so far (Wavefront's specification of OBJ), where trimesh counts from the end of the file."""
+    if path.suffix.lower() != ".obj" or not re.search(rb"(?m)^\s*f\s.*-\d", content):
+        return content
+    counts = {b"v": 0, b"vt": 0, b"vn": 0}
+    lines = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ").splitlines()
+    for number, line in enumerate(lines):
+        words = line.split()
+        if words and words[0] in counts:
+            counts[words[0]] += 1
+        elif words and words[0] == b"f":
+            lines[number] = b" ".join(
+                [b"f", *(_absolute(corner, list(counts.values())) for corner in words[1:])]
+            )
+    return b"\n".join(lines) + b"\n"
+
+
+def _absolute(corner: bytes, counts: Sequence[int]) -> bytes:
+    """A corner of a face (vertex/texture/normal); counts: of each so far."""
+    parts = corner.split(b"/")
+    for place, (part, count) in enumerate(zip(parts, counts, strict=False)):
+        if part.startswith(b"-") and part[1:].isdigit():
+            parts[place] = b"%d" % (count + 1 + int(part))
+    return b"/".join(parts)
+
+
+def _say_what_is_left(loaded: trimesh.Trimesh, path: Path, what: str) -> None:
+    """A line each for what of the file is not used."""
+    dropped = len(loaded.faces) - int((loaded.nondegenerate_faces() & loaded.unique_faces()).sum())
+    if dropped:
+        LOG.warning(
+            "%s: %d of the %d faces of %s are duplicates or have no area: they are left out",
+            *(what, dropped, len(loaded.faces), path.name),
+        )
+    visual = loaded.visual
+    material = getattr(visual, "material", None)
+    names = ("baseColorTexture", "image")
+    pictured = any(getattr(material, name, None) is not None for name in names)
+    if visual.kind in ("vertex", "face") or pictured:
+        found = (
+            "a picture" if pictured else f"colours of its {'corners' if visual.kind == 'vertex' else 'faces'}"
+        )
+        LOG.warning(
+            "%s: %s brings %s, which %s not used: the object's `surface` is; for a picture give it "
+            'texture = { kind = "file", path = ... }',
+            *(what, path.name, found, "is" if pictured else "are"),
+        )
+
+
 def _mended(loaded: trimesh.Trimesh, path: Path, what: str, smooth: bool) -> TriangleMesh:
+    _say_what_is_left(loaded, path, what)
     loaded.update_faces(loaded.nondegenerate_faces())
     loaded.update_faces(loaded.unique_faces())
     loaded.remove_unreferenced_vertices()

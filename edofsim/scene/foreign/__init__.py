@@ -19,8 +19,13 @@ from ..pictures import read_hdr
 from ..reader import SceneReader
 from ..surfaces import matt
 from ..textures import flat
-from .nodes import Colour, Node, read_nodes
+from .nodes import Colour, Node
 from .parts import NotCarried, Reader, emission, shape_mesh, spectrum, surface
+from .read import read_nodes
+
+LONGEST = 64
+"""Segments of a path; `render.max_depth` allows no more."""
+PATHS = ("path", "volpath", "volpathmis")
 
 
 class MitsubaSource(SceneReader):
@@ -50,7 +55,7 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
     folder, and NotCarried for surfaces, lights and shapes that only Mitsuba itself can render.
     """
     path = Path(base) / source.path
-    root = read_nodes(path)
+    root = read_nodes(path, source.allow_outside)
     white = spectra.illuminant(source.illuminant, wavelengths)
     reader = Reader(path.parent, source.allow_outside, wavelengths, white)
     to_camera = _to_camera(root, source.units_m)
@@ -61,23 +66,50 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
         what = f"{path.name}, shape {number} ({shape.type})"
         try:
             objects.append(_object(shape, reader, to_camera, what))
+            too_much += [f"{what}: {each} is Mitsuba's own" for each in dict.fromkeys(shape.unread())]
         except NotCarried as error:
             too_much += error.problems
         except InputError as error:
             problems += error.problems
     environment = None
-    for light in root.of_kind("emitter"):
+    for number, light in enumerate(root.of_kind("emitter")):
+        what = f"{path.name}, light ({light.type})"
         try:
-            environment = _environment(light, reader, to_camera, f"{path.name}, light ({light.type})")
+            if number > 0:
+                raise NotCarried(f"{what}: more than one light without a shape")
+            environment = _environment(light, reader, to_camera, what)
+            too_much += [f"{what}: {each} is Mitsuba's own" for each in dict.fromkeys(light.unread())]
+        except NotCarried as error:
+            too_much += error.problems
         except InputError as error:
             problems += error.problems
+    length, reasons = path_length(root)
+    too_much += [f"{path.name}: {reason}" for reason in reasons]
     if problems:
         raise InputError(problems)
     if too_much:
         raise NotCarried(too_much)
     if not objects:
         raise InputError(f"{path}: the scene has no shapes")
-    return SceneModel(name, wavelengths, tuple(objects), environment, {"read from": str(source.path)})
+    about = {"read from": str(source.path)}
+    return SceneModel(name, wavelengths, tuple(objects), environment, about, path_length=length)
+
+
+def path_length(root: Node) -> tuple[int, list[str]]:
+    """The longest path that a scene asks for, as `render.max_depth` counts, and what of its integrator only
+    Mitsuba itself does. Without an integrator, and where it says -1, Mitsuba's paths have no limit; here it
+    is `LONGEST`, which roulette leaves next to no light beyond."""
+    found = root.of_kind("integrator")
+    if not found:
+        return LONGEST, []
+    integrator = found[0]
+    length = int(integrator.values.get("max_depth", -1))
+    length = LONGEST if length < 0 else min(max(length, 1), LONGEST)
+    if integrator.type == "direct":
+        return 2, []
+    if integrator.type not in PATHS:
+        return LONGEST, []
+    return length, [f"{each} is Mitsuba's own" for each in integrator.unread()]
 
 
 def _object(shape: Node, reader: Reader, to_camera: np.ndarray, what: str) -> SceneObject:
@@ -86,11 +118,14 @@ def _object(shape: Node, reader: Reader, to_camera: np.ndarray, what: str) -> Sc
         mesh = solids.inside_out(mesh)
     lights = shape.of_kind("emitter")
     surfaces = shape.of_kind("bsdf")
-    skin = surface(surfaces[0], reader, what) if surfaces else matt(flat(0.5, reader.wavelengths))
+    if len(lights) > 1 or len(surfaces) > 1:
+        raise NotCarried(f"{what}: more than one light or surface")
+    bare = matt(
+        flat(0.0 if lights else 0.5, reader.wavelengths)
+    )  # Mitsuba's lamps reflect nothing by default
+    skin = surface(surfaces[0], reader, what) if surfaces else bare
     if skin.reflectance.image is not None and mesh.uv is None:
-        raise InputError(
-            f"{what}: it has a texture, but no texture coordinates that can be read; use an OBJ file"
-        )
+        raise NotCarried(f"{what}: a texture on a shape whose texture coordinates are Mitsuba's own")
     return SceneObject(what, mesh, skin, emission(lights[0], reader, what) if lights else None)
 
 
@@ -109,12 +144,14 @@ def _environment(light: Node, reader: Reader, to_camera: np.ndarray, what: str) 
         colour = value if isinstance(value, Colour) else Colour(rgb=(float(value),) * 3)
         return Environment(BandTexture(spectrum(colour, reader, True, what)[None].astype(np.float32)))
     if light.type == "envmap":
+        if reader.file(light, what).suffix.lower() not in (".exr", ".hdr", ".pfm"):
+            raise NotCarried(f"{what}: a picture of 8 or 16 bits as surroundings")
         image = np.clip(read_hdr(reader.file(light, what), what), 0, None)
         pose = np.asarray(light.values.get("to_world", np.eye(4)))
         turned = _resampled(image, to_camera[:3, :3] @ pose[:3, :3])
         basis = float(light.values.get("scale", 1.0)) * reader.white * spectra.srgb_basis(reader.wavelengths)
         return Environment(BandTexture(basis.astype(np.float32), turned))
-    raise InputError(f"{what}: lights of type {light.type!r} cannot be read: use area lights or an envmap")
+    raise NotCarried(f"{what}: lights of type {light.type!r} are Mitsuba's own")
 
 
 def _resampled(image: np.ndarray, to_camera: np.ndarray) -> np.ndarray:

@@ -66,7 +66,7 @@ def shape_mesh(node: Node, reader: Reader, what: str) -> TriangleMesh:
     elif node.type in _SHAPES:
         local = _SHAPES[node.type](node)
     else:
-        raise InputError(f"{what}: shapes of type {node.type!r} cannot be read; export them as OBJ or PLY")
+        raise NotCarried(f"{what}: shapes of type {node.type!r} are Mitsuba's own")
     matrix = np.asarray(node.values.get("to_world", np.eye(4)))
     if not abs(np.linalg.det(matrix[:3, :3])) > 0:
         raise InputError(f"{what}: its to_world squeezes it flat")
@@ -75,7 +75,8 @@ def shape_mesh(node: Node, reader: Reader, what: str) -> TriangleMesh:
 
 def _upright(mesh: TriangleMesh, node: Node) -> TriangleMesh:
     """v = 0 is the foot of a picture here, its head in Mitsuba, whose OBJ reader alone turns the file's v."""
-    if mesh.uv is None or node.values.get("flip_tex_coords", node.type == "obj"):
+    turned = node.values.get("flip_tex_coords", node.type == "obj")
+    if mesh.uv is None or turned:
         return mesh
     return _turned_over(mesh)
 
@@ -174,6 +175,8 @@ def spectrum(colour: Colour, reader: Reader, light: bool, what: str) -> np.ndarr
 def carrier(node: Node, key: str, default: float, reader: Reader, what: str) -> BandTexture:
     """A reflectance: a number, colour or texture of the node."""
     texture = node.part(key)
+    if texture is not None and texture.kind != "texture":
+        raise NotCarried(f"{what}: its {key} is a {texture.type!r}")
     if texture is not None:
         return _texture(texture, reader, f"{what}, {key}")
     value = node.values.get(key, default)
@@ -185,11 +188,12 @@ def carrier(node: Node, key: str, default: float, reader: Reader, what: str) -> 
 
 
 def _texture(node: Node, reader: Reader, what: str) -> BandTexture:
-    if "to_uv" in node.values:
-        raise InputError(
-            f"{what}: a texture with to_uv cannot be read; put the scale into the mesh's coordinates"
-        )
     if node.type == "bitmap":
+        usual = (("filter_type", "bilinear"), ("wrap_mode", "repeat"))
+        if other := [
+            f"{key} = {node.values[key]}" for key, value in usual if node.values.get(key, value) != value
+        ]:
+            raise NotCarried(f"{what}: a bitmap with {', '.join(other)}")
         path = reader.file(node, what)
         if path.suffix.lower() in (".exr", ".hdr", ".pfm"):
             image = np.clip(read_hdr(path, what), 0, 1)
@@ -204,8 +208,9 @@ def _texture(node: Node, reader: Reader, what: str) -> BandTexture:
             value = node.values.get(key, default)
             colour = value if isinstance(value, Colour) else Colour(value=float(value))
             pair.append(spectrum(colour, reader, False, what))
-        return mixture(np.kron([[1, 0], [0, 1]], np.ones((64, 64))), *pair)
-    raise InputError(f"{what}: textures of type {node.type!r} cannot be read")
+        # v = 0, which Mitsuba begins with, is a picture's head
+        return mixture(np.kron([[0, 1], [1, 0]], np.ones((64, 64))), *pair)
+    raise NotCarried(f"{what}: textures of type {node.type!r} are Mitsuba's own")
 
 
 def _encoded(picture: np.ndarray) -> np.ndarray:
@@ -217,9 +222,9 @@ def _encoded(picture: np.ndarray) -> np.ndarray:
 def surface(node: Node, reader: Reader, what: str) -> Surface:
     """A BSDF. Raises InputError for what no single path can carry for all bands."""
     if node.type == "twosided":
-        inner = [part for _, part in node.parts if part.kind == "bsdf"]
+        inner = node.of_kind("bsdf")
         if len(inner) != 1:
-            raise InputError(f"{what}: twosided needs exactly one surface inside")
+            raise NotCarried(f"{what}: twosided with {len(inner)} surfaces inside")
         return replace(surface(inner[0], reader, what), two_sided=True)
     if node.type not in _SURFACES:
         raise NotCarried(f"{what}: surfaces of type {node.type!r} need the spectral renderer")
@@ -323,6 +328,6 @@ def emission(node: Node, reader: Reader, what: str) -> np.ndarray:
     """Radiance of an area light, float32 [band]."""
     value = node.values.get("radiance", Colour(rgb=(1.0, 1.0, 1.0)))
     if node.part("radiance") is not None:
-        raise InputError(f"{what}: lights with a texture cannot be read")
+        raise NotCarried(f"{what}: a light with a picture or a spectrum of Mitsuba's own")
     colour = value if isinstance(value, Colour) else Colour(rgb=(float(value),) * 3)
     return spectrum(colour, reader, True, what).astype(np.float32)
