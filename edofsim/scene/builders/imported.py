@@ -176,10 +176,9 @@ def _say_what_is_left(loaded: trimesh.Trimesh, path: Path, what: str) -> None:
     material = getattr(visual, "material", None)
     names = ("baseColorTexture", "image")
     pictured = any(getattr(material, name, None) is not None for name in names)
-    if visual.kind in ("vertex", "face") or pictured:
-        found = (
-            "a picture" if pictured else f"colours of its {'corners' if visual.kind == 'vertex' else 'faces'}"
-        )
+    kind = None if visual is None else visual.kind
+    if kind in ("vertex", "face") or pictured:
+        found = "a picture" if pictured else f"colours of its {'corners' if kind == 'vertex' else 'faces'}"
         LOG.warning(
             "%s: %s brings %s, which %s not used: the object's `surface` is; for a picture give it "
             'texture = { kind = "file", path = ... }',

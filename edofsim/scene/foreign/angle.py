@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...errors import InputError
 from . import MitsubaSource
-from .nodes import read_nodes
+from .read import read_nodes
 
 
 def pixel_angle(source: MitsubaSource, base: Path, width: int, height: int) -> float | None:
