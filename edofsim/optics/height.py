@@ -14,7 +14,9 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from ..core.files import whole
-from ..errors import InputError
+from ..core.limits import existing
+from ..core.measurements import read_numbers
+from ..errors import InputError, first_line
 from .camera import Camera, check_thin
 from .fabrication import height_error, makes_squares, relief_of, wave_height
 from .grid import PupilGrid, resample
@@ -36,39 +38,91 @@ def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
     return path
 
 
-def load_height_map(path: Path) -> tuple[Tensor, float | None]:
-    """A height map [n, n] in metres, float64, and its pitch [m] where the file states it.
+UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+RIM = 0.75
+"""Samples inside the pupil's rim from which a cell without a height may lie: it takes the nearest one's."""
 
-    Reads .npy and .safetensors (key `height_m`, or the map in the checkpoint of a training). Raises
-    InputError for a file that is missing or no such map.
+
+def load_height_map(
+    path: Path, *, unit: str | float | None = None, key: str | None = None
+) -> tuple[Tensor, float | None]:
+    """A height map [n, n] in metres, float64, NaN where the file has no height, and its pitch [m] where the
+    file states it.
+
+    Reads .safetensors (key `height_m`, or the map in the checkpoint of a training) and .npy in metres, and
+    what `core.measurements` reads. unit: of the numbers, by name or in metres; key: array in the file. Raises
+    InputError for a file that is missing, no such map, or in no stated unit.
     """
-    if not path.is_file():
-        raise InputError(
-            f"mask.file: {path} does not exist; give a height map (.npy or .safetensors, metres)"
-        )
+    what = "mask.file"
+    existing(path, what)
     pitch = None
-    try:
-        if path.suffix == ".safetensors":
-            with safe_open(str(path), "pt") as file:
-                if TRAINED in file.keys():  # noqa: SIM118 - no mapping
-                    height, pitch = file.get_tensor(TRAINED), float(file.get_tensor(TRAINED_SAMPLING))
-                else:
-                    height = file.get_tensor(KEY)
-                    stated = json.loads((file.metadata() or {}).get("edofsim", "{}")).get("pitch_um")
-                    pitch = None if stated is None else float(stated) * 1e-6
-        else:
-            height = torch.from_numpy(np.load(path, allow_pickle=False))
-    except (OSError, EOFError, ValueError, SafetensorError, TypeError) as error:
-        raise InputError(f"mask.file: {path} is not a height map (.npy or .safetensors): {error}") from error
+    if path.suffix.lower() == ".safetensors":
+        if unit not in (None, "m", 1.0):
+            raise InputError(f"{what}: {path} is in metres, as .safetensors are; leave out mask.unit")
+        height, pitch = _saved(path)
+    else:
+        if unit is None and path.suffix.lower() != ".npy":
+            raise InputError(f'{what}: {path} does not say its unit; set mask.unit = "m", "mm", "um" or "nm"')
+        height = torch.from_numpy(read_numbers(str(path), key, Path(), what).astype(float))
     if height.ndim != 2 or height.shape[0] != height.shape[1] or height.is_complex():
         raise InputError(
             f"mask.file: {path} has shape {tuple(height.shape)}; a height map is square, [n, n], real"
         )
-    height = height.double()
-    if not bool(torch.isfinite(height).all()):
+    height = height.double() * (UNITS.get(unit, 1.0) if isinstance(unit, str) else unit or 1.0)
+    if bool(torch.isinf(height).any()) or bool(torch.isnan(height).all()):
         raise InputError(f"mask.file: {path} holds values that are not finite")
-    check_thin(height, f"mask.file: {path}")
+    check_thin(height.nan_to_num(0), f"mask.file: {path}")
     return height, pitch
+
+
+def _saved(path: Path) -> tuple[Tensor, float | None]:
+    """The map of a safetensors file, and its pitch [m] where the file states it."""
+    try:
+        with safe_open(str(path), "pt") as file:
+            if TRAINED in file.keys():  # noqa: SIM118 - no mapping
+                return file.get_tensor(TRAINED), float(file.get_tensor(TRAINED_SAMPLING))
+            height = file.get_tensor(KEY)
+            stated = json.loads((file.metadata() or {}).get("edofsim", "{}")).get("pitch_um")
+            return height, None if stated is None else float(stated) * 1e-6
+    except (OSError, EOFError, ValueError, SafetensorError, TypeError) as error:
+        raise InputError(f"mask.file: {path} is not a height map: {first_line(error)}") from error
+
+
+def _without_border(height: Tensor, pitch: float, radius: float, name: str) -> Tensor:
+    """Heights without NaN: outside the pupil, where no light passes, each takes the nearest known one.
+
+    Raises InputError for NaN within."""
+    missing = torch.isnan(height)
+    if not bool(missing.any()):
+        return height
+    apart = PupilGrid(height.shape[0], pitch, radius).radius_squared().sqrt()
+    within = missing & (apart < radius - RIM * pitch)
+    if bool(within.any()):
+        row, column = (int(index[0]) for index in torch.nonzero(within, as_tuple=True))
+        raise InputError(
+            f"mask.file: {name} has no finite height in {int(within.sum())} samples within the pupil, the "
+            "first in "
+            f"row {row}, column {column}; fill them"
+        )
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(missing.numpy(), return_distances=False, return_indices=True)
+    return torch.from_numpy(height.numpy()[tuple(np.asarray(nearest))])
+
+
+def _check_unit(height: Tensor, camera: Camera, mask: HeightMapMask) -> None:
+    """Raises InputError for a .npy of no stated unit whose neighbouring samples lie waves apart: no surface
+    is sampled so, and numbers of another unit look so."""
+    if mask.unit is not None or height.shape[0] < 3:
+        return
+    steps = torch.cat([height.diff(dim=0).flatten(), height.diff(dim=1).flatten()]).abs()
+    waves = float(steps[torch.isfinite(steps)].median()) / _wave(camera)
+    if waves > 1:
+        raise InputError(
+            f"mask.file: {mask.file} has steps of {waves:.3g} waves between its samples, if its numbers "
+            "are metres: "
+            'set mask.unit = "mm", "um" or "nm" if they are those, or "m" if they are metres'
+        )
 
 
 def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
@@ -86,13 +140,15 @@ def designed_map(camera: Camera) -> tuple[Tensor, float] | None:
     if mask.file is None:
         samples = natural_samples(camera, pitch)
         return torch.zeros(samples, samples, dtype=torch.float64), pitch
-    height, stated = load_height_map(camera.base / mask.file)
+    height, stated = load_height_map(camera.base / mask.file, unit=mask.unit, key=mask.key)
     if stated is not None and abs(stated / pitch - 1) > 1e-6:
         raise InputError(
             f"mask.pitch_um = {mask.pitch_um:g}, but {mask.file} was sampled at {stated * 1e6:g} um"
         )
     check_size(camera, height.shape[-1], pitch)
-    return height, pitch
+    if stated is None:
+        _check_unit(height, camera, mask)
+    return _without_border(height, pitch, camera.aperture_radius, mask.file), pitch
 
 
 def natural_samples(camera: Camera, pitch: float) -> int:

@@ -18,7 +18,12 @@ class HeightMapMask(PhaseMask):
 
     kind: Literal["height-map"] = "height-map"
     file: str | None = None
-    """heights [n, n] in metres (.npy, .safetensors), relative to the recipe; without it a flat map"""
+    """heights [n, n], relative to the recipe: .safetensors and .npy in metres, others (NPZ, MAT, HDF5, TIFF,
+    PNG, CSV) in `unit`; NaN outside the pupil is legal. Without it a flat map"""
+    key: str | None = None
+    """array in an NPZ, MAT or HDF5 file; dots go into its structures"""
+    unit: Literal["m", "mm", "um", "nm"] | Positive | None = None
+    """of the file's numbers, by name or in metres; None: metres, in .npy and .safetensors alone"""
     pitch_um: Positive = 21.0
     """pitch of the samples, um"""
 
