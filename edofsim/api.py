@@ -7,7 +7,7 @@ radians, images linear torch tensors [channel, y, x] with full scale 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from torch import Tensor
 
 from .capture import Fidelity, Photo, capture, full_fidelity
 from .capture.checks import check_pixel_angle, check_pixels, check_view
+from .capture.device import torch_device
 from .capture.framing import framed, seen_through
 from .capture.guessed import lacks_hidden
 from .core.progress import Progress
@@ -45,7 +46,12 @@ def camera(
     focus: float | None = None,
     pixel: float | None = None,
     read_noise: float | None = None,
+    full_well: float | None = None,
+    bits: int | None = None,
+    bayer: str | None = None,
     window: int | None = None,
+    mask: Mapping[str, object] | None = None,
+    name: str | None = None,
     height: Tensor | np.ndarray | None = None,
     pitch: float | None = None,
     material: str | None = None,
@@ -56,7 +62,10 @@ def camera(
     source: name such as `paper-learned`, or a TOML file; None for the paper's lens without a mask.
     focal_length: of an ideal lens in place of that one's [m], which takes an f_number too. f_number: focal
     length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
-    [m]. read_noise: standard deviation, full scale 1. window: width of the PSFs in pixels. height: height map
+    [m]. read_noise: standard deviation, full scale 1. full_well: electrons at full scale, for shot noise;
+    bits: of the quantisation; bayer: the mosaic's first four pixels, such as `RGGB`. window: width of the
+    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha": 60}`; `file` in it
+    is relative to the working folder. name: of the camera, in tables and reports. height: height map
     of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
     [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
     network: checkpoint whose mask the camera has.
@@ -65,6 +74,9 @@ def camera(
     given = CameraRecipe(name="paper-clear") if source is None else None
     loaded = Loaded(given, Path.cwd() / "camera.toml", "") if given else load_camera(source or "")
     recipe, base = loaded.recipe, loaded.base
+    _check_lengths(focal_length=focal_length, pixel=pixel, pitch=pitch)
+    if mask is not None and not (height is None and network is None):
+        raise InputError("the mask is that of mask, of height or of network: give one of them")
     if (focal_length is None) != (f_number is None):
         raise InputError("focal_length and f_number belong together: give both, or neither")
     if height is None and not (pitch is None and material is None):
@@ -81,26 +93,68 @@ def camera(
         ("focus", "distance_m", focus),
         ("sensor", "pixel_um", None if pixel is None else pixel * 1e6),
         ("sensor", "read_noise", read_noise),
+        ("sensor", "full_well_electrons", full_well),
+        ("sensor", "bits", bits),
+        ("sensor", "bayer", bayer),
         ("psf", "window_px", window),
     ):
         if value is not None:
             tables.setdefault(table, dict(told.get(table, {})))[key] = value
-    if pitch is not None or material is not None:
-        mask: dict[str, object] = {"kind": "height-map"}
-        mask |= {} if pitch is None else {"pitch_um": pitch * 1e6}
-        mask |= {} if material is None else {"material": material}
-        tables["mask"] = mask
+    relief = None if height is None else _heights(height)
+    if mask is not None:
+        tables["mask"] = dict(mask)
+    if relief is not None and (pitch is not None or material is not None):
+        clear = CameraRecipe.model_validate(_told(told, tables) | {"mask": {"kind": "clear"}})
+        across = 2 * Camera.from_recipe(clear, base).aperture_radius * (1 + 1e-12) / relief.shape[0]
+        made_of: dict[str, object] = {} if material is None else {"material": material}
+        pitch_um = (across if pitch is None else pitch) * 1e6
+        tables["mask"] = {"kind": "height-map", "pitch_um": pitch_um, **made_of}
     try:
-        recipe = CameraRecipe.model_validate({**told, **tables}) if tables else recipe
+        recipe = CameraRecipe.model_validate(_told(told, tables, name)) if tables or name else recipe
     except ValidationError as error:
         problems = (f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors())
         raise InputError(dict.fromkeys(problems)) from None
     if network is not None:
         return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
     made = Camera.from_recipe(recipe, base)
-    if height is None:
-        return made
-    return made.with_height(height if isinstance(height, Tensor) else torch.tensor(np.array(height, float)))
+    return made if relief is None else made.with_height(relief)
+
+
+def _told(
+    told: Mapping[str, object], tables: Mapping[str, object], name: str | None = None
+) -> dict[str, object]:
+    """What a recipe says with other tables, and under another name."""
+    return {**told, **tables, **({} if name is None else {"name": name})}
+
+
+def _check_lengths(**lengths: float | None) -> None:
+    """Raises InputError for lengths of small things that are metres: numbers of another unit look so."""
+    small = {"focal_length": (10.0, "mm", 1e-3), "pixel": (1e-3, "um", 1e-6), "pitch": (1e-2, "um", 1e-6)}
+    for name, value in lengths.items():
+        most, unit, metres = small[name]
+        if value is not None and value >= most:
+            raise InputError(
+                f"{name} = {value:g} m: lengths are in metres; {value:g} {unit} is {value * metres:.6g}"
+            )
+
+
+def _heights(height: object) -> Tensor:
+    """A height map [n, n] as a tensor. Raises InputError for what is none."""
+    if isinstance(height, str | Path):
+        raise InputError(
+            f"height = {str(height)!r}: give an array [n, n] in metres; a file goes into "
+            'mask={"kind": "height-map", "file": ..., "pitch_um": ...}'
+        )
+    if isinstance(height, Tensor):
+        found = height
+    else:
+        values = np.asarray(height)
+        if values.dtype.kind not in "buif":
+            raise InputError(f"height holds {values.dtype}, not real numbers: give an array [n, n] in metres")
+        found = torch.tensor(np.array(values, float))
+    if found.ndim != 2 or found.shape[0] != found.shape[1]:
+        raise InputError(f"height has the shape {list(found.shape)}; a height map is square, [n, n]")
+    return found
 
 
 def view(
@@ -240,6 +294,11 @@ def photograph(
     """
     if plan is not None and (accuracy or time):
         raise InputError("photograph: give a plan, or an accuracy or time to make one for")
+    if not isinstance(view, View):
+        raise InputError(
+            f"photograph takes one View, not a {type(view).__name__}: photograph several one by one"
+        )
+    device = torch_device(device) if isinstance(device, str) else device
     check_pixels(view)  # before a plan takes its time
     check_view(view)
     check_pixel_angle(view, camera.pixel_angle)
@@ -274,13 +333,35 @@ def restored(
     near, far = depths
     if not 0 < near <= far:
         raise InputError(f"depths {depths}: give (nearest, farthest) in metres, 0 < nearest <= farthest")
-    image = photo.image if isinstance(photo, Photo) else photo
+    image = photo.image if isinstance(photo, Photo) else _image(photo)
+    if not (network is None or isinstance(network, str | Path)):
+        raise InputError(
+            f"network is a {type(network).__name__}: name a checkpoint, by a file or a shipped name, or "
+            "wiener"
+        )
     bands = torch.as_tensor(Bands().wavelengths() if wavelengths is None else wavelengths)
     checkpoint = _checkpoint(camera, network)
     truncated = photo.truncated if isinstance(photo, Photo) else None
     between = torch.tensor([1 / far, 1 / near], dtype=torch.float64)
     sharp, _ = restore(image, camera, bands.double(), between, checkpoint=checkpoint, truncated=truncated)
     return sharp
+
+
+def _image(photo: object) -> Tensor:
+    """A linear image [channel, y, x]. Raises InputError for what is none."""
+    if isinstance(photo, str | Path):
+        raise InputError(f"{photo}: give the image itself, edofsim.read_image({str(photo)!r})")
+    if isinstance(photo, np.ndarray) and photo.dtype.kind in "fiub":
+        photo = torch.from_numpy(np.array(photo, np.float32))
+    if not isinstance(photo, Tensor):
+        raise InputError(f"a photo is a Photo or a tensor [channel, y, x], not a {type(photo).__name__}")
+    if photo.ndim != 3 or not photo.is_floating_point():
+        raise InputError(
+            f"a photo is one image [channel, y, x] of floats, not {list(photo.shape)}, {photo.dtype}: "
+            "restore "
+            "several one by one"
+        )
+    return photo
 
 
 def _checkpoint(camera: Camera, network: str | Path | None) -> Checkpoint | None:

@@ -107,7 +107,9 @@ def check_pixel_angle(view: View, pixel_angle: float) -> None:
         raise InputError(
             f"a pixel of the view sees {view.pixel_angle * 1e3:.6g} mrad and one of the camera's "
             f"{pixel_angle * 1e3:.6g} mrad: render with frame.pixel_angle_mrad = {pixel_angle * 1e3:.7g}, "
-            "choose another camera, or resample the view (--resample, `capture.resample.resampled`)"
+            "choose another camera, or resample the view (--resample, `edofsim.view(..., resample=True)`); "
+            "a picture "
+            "takes the camera's: `View.from_image(..., pixel_angle=camera.pixel_angle)`"
         )
 
 
@@ -128,3 +130,24 @@ def _where(view: View, bad: Tensor) -> str:
     named = ", ".join(f"({p // columns - view.margin}, {p % columns - view.margin})" for p in pixels[:5])
     more = f" and {len(pixels) - 5} more" if len(pixels) > 5 else ""
     return f"at (row, column) {named}{more}"
+
+
+NEAR_SHARE = 1e-3
+"""Of the pixels of a picture that may lie within the focal length of a lens, as a few wrong depths do."""
+
+
+def check_near(view: View, camera: Camera) -> None:
+    """Refuse a picture whose depths lie within the lens's focal length, as those in another unit do."""
+    seen = ~view.hidden
+    focal = float(camera.lens.focal_length(float(view.wavelengths.mean())))
+    near = view.inverse_depth[seen] > 1 / focal
+    share = float(near.double().mean()) if near.numel() else 0.0
+    if share >= NEAR_SHARE:
+        nearest = 1 / float(view.inverse_depth[seen].max())
+        raise InputError(
+            f"the depth map puts {share:.1%} of the picture nearer than the focal length of the lens "
+            f"({focal * 1e3:.3g} mm), the nearest at {nearest:.3g} m: is its unit another? In "
+            "[source.depth], "
+            'unit = 0.001 is for millimetres, and holds = "relative_inverse_depth" with near_m and far_m for '
+            "what a network estimates"
+        )

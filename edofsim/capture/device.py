@@ -9,6 +9,6 @@ from ..errors import InputError
 
 def torch_device(device: str) -> str:
     """The torch device for `auto`, `cpu` or `cuda`. Raises InputError for CUDA where there is none."""
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("--device cuda: PyTorch finds no CUDA device here; use --device cpu or auto")
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        raise InputError("device cuda: PyTorch finds no CUDA device here; use --device cpu or auto")
     return ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else str(device)

@@ -6,7 +6,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..recipe.scene import MOST_PIXELS, SceneRecipe
 from ..render.view import View
-from .checks import PIXEL_ANGLE_SLACK
+from .checks import PIXEL_ANGLE_SLACK, check_near
 from .resample import resampled, resampled_sides
 
 
@@ -50,7 +50,11 @@ def as_resampled(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
 
 
 def seen_through(camera: Camera, recipe: SceneRecipe, view: View) -> tuple[SceneRecipe, View]:
-    """A scene and its view with the camera's pixels: resampled where theirs see another angle."""
+    """A scene and its view with the camera's pixels: resampled where theirs see another angle.
+
+    Raises InputError for a picture whose depths lie within the lens's focal length."""
+    if recipe.source is not None and not recipe.source.rendered:
+        check_near(view, camera)
     if abs(view.pixel_angle / camera.pixel_angle - 1) <= PIXEL_ANGLE_SLACK:
         return recipe, view
     gap = recipe.render.depth_gap_dpt

@@ -17,6 +17,7 @@ from .cache import cache_app
 from .cost import cost
 from .evaluate import evaluate_app
 from .expose import expose
+from .fabricate import fabricate
 from .lists import list_
 from .look import look
 from .new import new
@@ -42,7 +43,7 @@ app = typer.Typer(
     rich_markup_mode=None,
     result_callback=show,
 )
-for command in (run, look, render, expose, plan, cost, restore, train, psf):
+for command in (run, look, render, expose, plan, cost, restore, train, psf, fabricate):
     app.command()(command)
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(cache_app, name="cache")
@@ -99,6 +100,12 @@ def invoke(arguments: list[str] | None = None) -> None:
         usage = getattr(error, "format_message", None)  # click's own exceptions: a wrong option or argument
         if usage is None:
             raise
-        raise InputError(f"{usage()}; see `edofsim --help`") from None
+        context = getattr(error, "ctx", None)
+        names: list[str] = []
+        while context is not None and context.parent is not None:
+            names.insert(0, context.info_name)
+            context = context.parent
+        command = " ".join(["edofsim", *names])
+        raise InputError(f"{usage().rstrip('.')}; see `{command} --help`") from None
     if ended == console.INTERRUPTED:  # Typer takes an interrupt for a way to end, with this status
         raise KeyboardInterrupt

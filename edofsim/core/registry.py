@@ -70,7 +70,7 @@ class Registry(Mapping[str, T], Generic[T]):
             module, _, attribute = self._places[name].partition(":")
             try:
                 self._loaded[name] = getattr(import_module(module), attribute)
-            except Exception as error:  # what another package does when it is imported can end in any way
+            except (Exception, SystemExit) as error:  # another package's import can end in any way
                 if name in self._own:
                     raise
                 raise InputError(
@@ -89,6 +89,10 @@ class Registry(Mapping[str, T], Generic[T]):
         """Forget what other packages add: who asks next finds those that are there by then."""
         self.__dict__.pop("_places", None)
         self._loaded = {name: thing for name, thing in self._loaded.items() if name in self._own}
+
+    def of_another(self, name: str) -> bool:
+        """Whether another package adds what is called so."""
+        return name in self._places and name not in self._own
 
     def code_of(self, name: str) -> str:
         """SHA-256 of the file that another package defines a thing in, for keys of what is kept of it; empty

@@ -1,4 +1,4 @@
-"""A learned height map as files for a maskless lithography tool.
+"""A mask's relief as files for a maskless lithography tool.
 
 The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, but for wraps,
 which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um in 98 levels of a relief of
@@ -8,7 +8,7 @@ which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from ..core.files import whole, write_bytes, write_text
 from ..core.images import png_bytes
 from ..errors import InputError
+from ..optics import Camera
 from ..optics.fabrication import make
 from ..optics.grid import PupilGrid
 from ..optics.height import natural_samples, surface
@@ -38,21 +39,33 @@ class Device:
 
 
 def device(
-    checkpoint: Checkpoint, *, pitch_um: float = PITCH_UM, levels: int = LEVELS, limit_um: float = LIMIT_UM
+    checkpoint: Checkpoint | Camera,
+    *,
+    pitch_um: float = PITCH_UM,
+    levels: int = LEVELS,
+    limit_um: float = LIMIT_UM,
+    wrap_nm: float | None = None,
 ) -> Device:
-    """The made relief of a checkpoint's mask, without the errors of making it. Samples outside the pupil's
-    square bounds do not occur; those in its corners are written like the rest.
+    """The made relief of a camera's mask, or of a checkpoint's, without the errors of making it. Samples
+    outside the pupil's square bounds do not occur; those in its corners are written like the rest. wrap_nm:
+    wavelength [nm] by whose whole waves a relief deeper than the limit is wrapped.
 
-    Raises InputError for a checkpoint without a height map, and a relief deeper than the limit.
+    Raises InputError for a mask without a relief, and a relief deeper than the limit.
     """
-    if checkpoint.height is None:
-        raise InputError(f"{checkpoint.name}: this checkpoint's mask has no relief to be made")
-    camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
-    camera = camera.with_height(checkpoint.height.double())
+    if isinstance(checkpoint, Checkpoint):
+        if checkpoint.height is None:
+            raise InputError(f"{checkpoint.name}: this checkpoint's mask has no relief to be made")
+        camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
+        camera = camera.with_height(checkpoint.height.double())
+    else:
+        camera = replace(checkpoint, recipe=checkpoint.recipe.model_copy(update={"fabrication": None}))
     grid = PupilGrid(natural_samples(camera, pitch_um * 1e-6), pitch_um * 1e-6, camera.aperture_radius)
-    fabrication = Fabrication(pitch_um=pitch_um, height_limit_um=limit_um, levels=levels)
+    fabrication = Fabrication(
+        pitch_um=pitch_um, height_limit_um=limit_um, levels=levels, wrap_wavelength_nm=wrap_nm
+    )
     upsampled = surface(camera, grid)
-    assert upsampled is not None
+    if upsampled is None:
+        raise InputError(f"{camera.recipe.name}: its mask ({camera.mask.kind}) has no relief to be made")
     height = make(upsampled.detach(), fabrication, camera.mask_material, 0)
     level_height = limit_um * 1e-6 / (levels - 1)
     return Device((height / level_height).round().numpy().astype(np.uint16), grid.pitch, level_height)

@@ -15,9 +15,10 @@ from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid
 from ..optics.height import designed_map, natural_samples
-from ..optics.masks import Mask, PhaseMask
+from ..optics.masks import Mask, PhaseMask, asked
 from ..optics.masks.height_map import HeightMapMask
 from ..recipe.camera import CameraRecipe
+from ..recipe.kinds import MASKS
 from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import history_of, load_checkpoint
@@ -150,7 +151,13 @@ def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, r
     learner = mask.learner(grid, radian) if doe.learn else None
     if learner is not None:
         return learner
-    phase = mask.phase(grid)
+    if doe.learn and MASKS.of_another(mask.kind):
+        raise InputError(
+            f"the mask {mask.kind!r} of another package has no `learner`, so its parameters cannot learn: "
+            "set "
+            "doe.learn = false to keep it, or give its class a `learner`"
+        )
+    phase = asked(mask, "phase", lambda: mask.phase(grid))
     if phase is None:
         raise InputError(f"mask.kind = {mask.kind!r} has no phase to train with; choose another mask")
     return FixedHeight((phase - phase.min()) * radian)

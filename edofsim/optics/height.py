@@ -20,7 +20,7 @@ from ..errors import InputError, first_line
 from .camera import Camera, check_thin
 from .fabrication import height_error, makes_squares, relief_of, wave_height
 from .grid import PupilGrid, resample
-from .masks import PhaseMask
+from .masks import PhaseMask, asked
 from .masks.height_map import HeightMapMask
 
 KEY = "height_m"
@@ -208,7 +208,8 @@ def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor 
         pitch = fabrication.pitch_um * 1e-6 if fabrication.pitch_um else (given[1] if given else grid.pitch)
         stage = PupilGrid(natural_samples(camera, pitch), pitch, grid.radius)
     if given is None:
-        phase = camera.mask.phase(stage)
+        mask = camera.mask
+        phase = asked(mask, "phase", lambda: mask.phase(stage))
         if phase is None:
             return None
         designed = design_phase_to_height(camera, phase)

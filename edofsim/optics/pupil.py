@@ -18,7 +18,7 @@ from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
-from .masks import Mask, mask_amplitude
+from .masks import Mask, asked, mask_amplitude
 
 TRANSMISSION_SAMPLES = 514
 """Across the pupil, for the light that a mask lets through."""
@@ -48,7 +48,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     amplitude, light = mask_amplitude(mask, grid)
     regions: list[tuple[Tensor, Tensor | float | None]] = []
     if camera.height_map is None and camera.recipe.fabrication is None:
-        regions = [(part, design_phase_to_height(camera, phase)) for part, phase in mask.regions(grid)]
+        levels = asked(mask, "regions", lambda: mask.regions(grid))
+        regions = [(part, design_phase_to_height(camera, phase)) for part, phase in levels]
     if not regions:
         regions = [(amplitude, surface(camera, grid, seed))]
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())

@@ -12,7 +12,7 @@ from ..errors import InputError
 from .camera import Camera, defocus
 from .grid import PupilGrid
 from .height import given_pitch, natural_samples
-from .masks import PhaseMask
+from .masks import PhaseMask, asked
 from .masks.height_map import HeightMapMask
 
 FEWEST_SAMPLES = 128
@@ -81,12 +81,26 @@ def plan_sampling(
         _check_fixed(camera, wavelengths, inverse_depths, psi, pitch, window)
         samples = natural_samples(camera, pitch)
     if samples > LARGEST_PUPIL:
+        _check_near(camera, wavelengths, inverse_depths)
         raise InputError(
             f"PSFs at Psi = {largest:.4g} need {samples:.6g} samples across the pupil"
             f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; {_what_helps(camera, wavelengths, psi)}"
         )
     grid = PupilGrid(samples, pitch, camera.aperture_radius)
     return Sampling(grid, largest, bound, reach / pitch, window)
+
+
+def _check_near(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> None:
+    """Raises InputError where the cause of a pupil that is too fine is a depth within the focal length."""
+    nearest = 1 / float(inverse_depths.max()) if float(inverse_depths.max()) > 0 else math.inf
+    focal = float(camera.lens.focal_length(float(wavelengths.double().mean())))
+    if nearest < focal:
+        raise InputError(
+            f"the nearest depth is {nearest:.3g} m, within the focal length of the lens ({focal:.3g} m), "
+            "where "
+            "nothing can be photographed; is it in another unit? A depth map has its unit in [source.depth]: "
+            'unit = 0.001 for millimetres, holds = "relative_inverse_depth" for what a network estimates'
+        )
 
 
 def _what_helps(camera: Camera, wavelengths: Tensor, psi: Tensor) -> str:
@@ -186,7 +200,7 @@ def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool)
     bowl = (2 * psi[:, :, None] * radii / radius**2 + lens).abs().amax((0, 2))
     mask = camera.mask
     design = mask.design_wavelength_nm * 1e-9 if isinstance(mask, PhaseMask) else 0.0
-    steepest = mask.slope() / radius if with_mask else 0.0
+    steepest = asked(mask, "slope", mask.slope) / radius if with_mask else 0.0
     return (bowl + steepest * design / wavelengths).clamp_min(math.pi / (2 * radius))
 
 

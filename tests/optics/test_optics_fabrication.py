@@ -192,7 +192,7 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
         "oblong.npy": "square",
         "broken.npy": "not finite",
         "micrometres.npy": "0.5 m, more than 1 mm.*divide micrometres",
-        "text.npy": "not a height map",
+        "text.npy": "no file of NumPy's",
         "missing.npy": "does not exist",
         "other.safetensors": "sampled at 30 um",
     }

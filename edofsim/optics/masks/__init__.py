@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
+import torch
 from pydantic import ValidationError
 from torch import Tensor
 
+from ...errors import InputError, first_line
 from ...recipe.kinds import MASKS
 from ..grid import PupilGrid, disc_amplitude, disc_coverage
 from .base import Finite, Mask, PhaseMask, SmoothMask
 
-__all__ = ["Finite", "Mask", "MaskEntry", "PhaseMask", "SmoothMask", "catalogue", "mask_amplitude"]
+__all__ = ["Finite", "Mask", "MaskEntry", "PhaseMask", "SmoothMask", "asked", "catalogue", "mask_amplitude"]
+
+Answer = TypeVar("Answer")
 
 
 def mask_amplitude(mask: Mask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
@@ -21,8 +27,30 @@ def mask_amplitude(mask: Mask, grid: PupilGrid) -> tuple[Tensor, Tensor]:
     sample: the difference is what the edge scatters beyond the replica period of the sampled pupil.
     """
     amplitude, light = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
-    own = mask.transmission(grid)
+    own = asked(mask, "transmission", lambda: mask.transmission(grid))
     return (amplitude, light) if own is None else (amplitude * own[0], light * own[1])
+
+
+def asked(mask: Mask, what: str, answer: Callable[[], Answer]) -> Answer:
+    """What a mask says of itself. Raises InputError, by its name, where a mask of another package fails, ends
+    the program, or gives numbers that are not finite."""
+    if not MASKS.of_another(mask.kind):
+        return answer()
+    place = f"the mask {mask.kind!r} of another package"
+    try:
+        found = answer()
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        said = f"{type(error).__name__}: {first_line(error) if isinstance(error, Exception) else error}"
+        raise InputError(f"{place} fails in {what} ({said}): mend or remove that package") from error
+    if isinstance(found, tuple):
+        bad = any(isinstance(part, Tensor) and not bool(torch.isfinite(part).all()) for part in found)  # pyrefly: ignore
+    else:
+        bad = isinstance(found, Tensor) and not bool(torch.isfinite(found).all())
+    if bad:
+        raise InputError(f"{place} gives values in {what} that are NaN or infinite: mend that package")
+    return found
 
 
 @dataclass(frozen=True)
