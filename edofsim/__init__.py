@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .api import camera, look, photograph, plan_for, psfs, restored, view
+    from .api import camera, look, photograph, plan_for, psfs, restored, view, views
     from .capture import Fidelity, Photo
     from .capture.files import read_image, save_image
     from .core.notebook import show
@@ -40,6 +40,7 @@ __all__ = [
     "save_image",
     "show",
     "view",
+    "views",
 ]
 
 _FROM = {
@@ -61,6 +62,7 @@ _FROM = {
     "save_image": "capture.files",
     "show": "core.notebook",
     "view": "api",
+    "views": "api",
 }
 """Where each public name is defined."""
 

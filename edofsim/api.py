@@ -7,7 +7,7 @@ radians, images linear torch tensors [channel, y, x] with full scale 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
 from .restore.choice import any_camera_network, choose_network, restoring
+from .scene.family import members as family_members
 
 NEAREST = 0.5
 """Metres: depths of a photo that is restored without being told any, from here to infinity."""
@@ -185,6 +186,33 @@ def view(
         recipe = recipe.model_copy(update={"render": finer})
     found = render(recipe, loaded.base, cache=cache, device=device, progress=progress)
     return seen_through(seen_by, recipe, found)[1]
+
+
+def views(
+    scene: str | Path,
+    seen_by: Camera | None = None,
+    *,
+    members: int,
+    samples: int | None = None,
+    cache: Path | None = None,
+    device: str = "auto",
+) -> Iterator[View]:
+    """Views of different members of a scene's family, one after another, as `view` gives them.
+
+    scene, seen_by, samples, cache, device: as for `view`; members: how many. Raises InputError for a scene
+    without a family, and what `view` raises.
+    """
+    loaded = load_scene(scene)
+    if seen_by is None:
+        named = load_camera(loaded.recipe.camera, loaded.base)
+        seen_by = Camera.from_recipe(named.recipe, named.base)
+    for recipe in family_members(loaded.recipe, members):
+        framed_member = framed(recipe, seen_by)
+        if samples is not None:
+            finer = framed_member.render.model_copy(update={"samples": samples})
+            framed_member = framed_member.model_copy(update={"render": finer})
+        found = render(framed_member, loaded.base, cache=cache, device=device)
+        yield seen_through(seen_by, framed_member, found)[1]
 
 
 def look(

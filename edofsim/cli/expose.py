@@ -83,6 +83,9 @@ def expose(
         str | None,
         typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
     ] = None,
+    members: Annotated[
+        int | None, typer.Option("--members", min=1, help="In place of each scene, members of its family.")
+    ] = None,
     seed: SeedOption = 0,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
@@ -94,7 +97,8 @@ def expose(
     quiet: QuietOption = False,
 ) -> Done:
     """A photo of each scene through one camera, or through its own: EXR (linear) and PNG, of several scenes
-    in folders of their own in --out.
+    in folders of their own in --out. What is there already, of the same recipes and options, stays: the same
+    command goes on from there.
 
     The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
     is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,
@@ -108,6 +112,8 @@ def expose(
     if (reference is None) != (crop is None):
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
+    if members is not None:
+        pairs = [(each, taker) for scene, taker in pairs for each in _members(scene, members)]
     how = spread_of(jobs, cluster, shard)
     names = [f"{scene.recipe.name}-{taker.recipe.name}" for scene, taker in pairs]
     with begun("expose", json, quiet=quiet) as progress:
@@ -149,6 +155,54 @@ def expose(
 
 
 def photographed(
+    part: tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path],
+    progress: Progress,
+    *,
+    overrule: Mapping[str, object],
+    target: Target,
+    wanted: str | None,
+    bands: int | None,
+    reference: str | None,
+    where: Crop | None,
+    resample: bool,
+    seed: int,
+    cache: Path | None,
+    device: str,
+) -> OfScene:
+    """One scene through its camera, into the folder that is given with them, unless the photo is there."""
+    from .photo_files import keep_taken, photo_key, taken
+
+    scene, taker, folder = part
+    options = {"overrule": dict(overrule), "target": target, "bands": bands, "reference": reference}
+    options |= {"where": where, "resample": resample, "seed": seed}
+    key = photo_key(scene, taker, wanted, options)
+    if (there := taken(folder, key)) is not None:
+        return there
+    found = _photographed(
+        part,
+        progress,
+        overrule=overrule,
+        target=target,
+        wanted=wanted,
+        bands=bands,
+        reference=reference,
+        where=where,
+        resample=resample,
+        seed=seed,
+        cache=cache,
+        device=device,
+    )
+    keep_taken(folder, key, found)
+    return found
+
+
+def _members(scene: Loaded[SceneRecipe], count: int) -> list[Loaded[SceneRecipe]]:
+    from ..scene.family import members as family_members
+
+    return [replace(scene, recipe=recipe) for recipe in family_members(scene.recipe, count)]
+
+
+def _photographed(
     part: tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path],
     progress: Progress,
     *,

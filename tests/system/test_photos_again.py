@@ -1,0 +1,84 @@
+"""`expose` of many scenes goes on from the photos that are there, and takes the members of a family."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import edofsim as package
+from edofsim.core.images import read_exr
+
+Run = Callable[..., tuple[int, str]]
+
+
+def scenes(folder: Path) -> list[Path]:
+    """Two pictures with depths, of which the second is a family: its scale along the axis varies."""
+    rng = np.random.default_rng(0)
+    np.save(folder / "a.npy", rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    np.save(folder / "z.npy", np.full((48, 64), 1.2))
+    text = (
+        '[frame]\nwidth_px = 64\nheight_px = 48\nmargin_px = 64\npixel_angle_mrad = "auto"\n'
+        '[source]\nkind = "rgbd"\nimage = "a.npy"\n[source.depth]\npath = "z.npy"\nscale = 1.0\n'
+    )
+    family = '[[family.vary]]\nkey = "source.depth.scale"\nuniform = [1.0, 2.0]\n'
+    for name, more in (("one", ""), ("many", family)):
+        (folder / f"{name}.toml").write_text(f'name = "{name}"\n{text}{more}')
+    return [folder / "one.toml", folder / "many.toml"]
+
+
+def photos(folder: Path) -> dict[str, int]:
+    return {path.parent.name: path.stat().st_mtime_ns for path in folder.glob("*/photo.exr")}
+
+
+def test_photos_that_are_there_stay_and_those_that_changed_are_taken_again(edofsim: Run, tmp_path: Path):
+    made, out = scenes(tmp_path), tmp_path / "out"
+    command = ("expose", *made, "--camera", "paper-cubic", "--accuracy", "20dB", "--out", out)
+    assert edofsim(*command)[0] == 0
+    first = photos(out)
+    assert len(first) == 2
+    assert edofsim(*command)[0] == 0
+    assert photos(out) == first
+    (out / "one-paper-cubic" / "photo.png").write_bytes(b"cut")
+    assert edofsim(*command)[0] == 0
+    second = photos(out)
+    assert second["one-paper-cubic"] > first["one-paper-cubic"]
+    assert second["many-paper-cubic"] == first["many-paper-cubic"]
+    np.save(tmp_path / "z.npy", np.full((48, 64), 0.7))  # a file that both recipes name
+    assert edofsim(*command)[0] == 0
+    third = photos(out)
+    assert all(third[name] > second[name] for name in second)
+    assert edofsim(*command, "--seed", "3")[0] == 0
+    assert all(when > third[name] for name, when in photos(out).items())
+
+
+def test_members_of_a_family_are_photographed_and_seen_in_python(edofsim: Run, tmp_path: Path):
+    many, out = scenes(tmp_path)[1], tmp_path / "out"
+    command = (
+        "expose",
+        many,
+        "--members",
+        "3",
+        "--camera",
+        "paper-cubic",
+        "--accuracy",
+        "20dB",
+        "--out",
+        out,
+    )
+    assert edofsim(*command)[0] == 0
+    names = sorted(photos(out))
+    assert len(names) == 3
+    planes = [read_exr(out / name / "photo.exr", "photo")["clean.G"] for name in names]
+    assert not any(np.array_equal(planes[0], other) for other in planes[1:])
+    seen = [float(1 / view.inverse_depth[0]) for view in package.views(many, members=3)]
+    assert len(set(seen)) == 3 and all(1.19 <= depth <= 2.41 for depth in seen)
+
+
+def test_a_scene_without_a_family_has_no_members(edofsim: Run, tmp_path: Path):
+    status, said = edofsim("expose", scenes(tmp_path)[0], "--members", "2", "--out", tmp_path / "out")
+    assert status == 2 and "family" in said
+    with pytest.raises(package.InputError, match="family"):
+        list(package.views(tmp_path / "one.toml", members=2))
