@@ -31,11 +31,15 @@ def photo_key(
     content = {
         "view": view_key(scene.recipe, scene.base),
         "camera": [camera, named_files(camera, taker.base)],
-        "fidelity": None if wanted is None else Path(wanted).read_text(encoding="utf-8"),
+        "fidelity": wanted if wanted is None or not Path(wanted).is_file() else _digest(Path(wanted)),
         "options": options,
         "code": code_of_rooms(*ROOMS),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=repr).encode()).hexdigest()
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def taken(folder: Path, key: str) -> OfScene | None:
