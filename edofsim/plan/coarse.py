@@ -88,7 +88,8 @@ def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | Non
 
 def coarser(view: View, times: int) -> View:
     """The view with pixels `times` as wide, each with a fragment a depth; what is left over at its right and
-    lower border is dropped."""
+    lower border is dropped. Hidden surfaces at one depth that cover a pixel more than once, one behind the
+    other, cover it once, with their mean light."""
     columns = view.padded_shape[1]
     height, width, margin = view.height // times, view.width // times, view.margin // times
     y = torch.div(view.pixel // columns - view.margin, times, rounding_mode="floor") + margin
@@ -110,15 +111,17 @@ def coarser(view: View, times: int) -> View:
         out = values.new_zeros(*values.shape[:-1], len(place) + 1)
         return out.index_add_(-1, group_of, values)[..., :-1] / times**2
 
+    covered = sums(view.coverage)
+    once = covered.clamp_min(1)
     return replace(
         view,
         height=height,
         width=width,
         margin=margin,
         pixel=torch.div(place, 2 * BINS, rounding_mode="floor"),
-        coverage=sums(view.coverage),
+        coverage=covered / once,
         inverse_depth=view.inverse_depth[first],
-        radiance=sums(view.radiance),
+        radiance=sums(view.radiance) / once,
         half_difference=None,
         hidden=view.hidden[first],
         pixel_angle=view.pixel_angle * times,

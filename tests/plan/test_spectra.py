@@ -9,6 +9,7 @@ import torch
 
 from edofsim.capture import capture
 from edofsim.capture.band_groups import every_band
+from edofsim.capture.checks import check_view
 from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
@@ -206,6 +207,30 @@ def test_coarse_pixels_hold_the_mean_of_the_light_at_its_depths(times: int):
     assert torch.allclose(image, means, atol=1e-6)
     assert torch.allclose(torch.bincount(found.pixel, found.coverage), torch.ones(image.shape[1]))
     assert set(found.inverse_depth.unique().tolist()) == set(view.inverse_depth.unique().tolist())
+
+
+def test_hidden_surfaces_of_one_depth_cover_a_coarse_pixel_at_most_once():
+    """Two lie behind one that is seen, the one behind the other, closer than depths are told apart."""
+    pixels = torch.arange(16)
+    depths = torch.tensor([2.0, 0.5, 0.5 - 1e-4]).repeat(16)  # seen, hidden, hidden behind that
+    light = torch.tensor([1.0, 3.0, 5.0]).repeat(16)
+    view = View(
+        height=4,
+        width=4,
+        margin=0,
+        pixel=pixels.repeat_interleave(3),
+        coverage=torch.ones(48),
+        inverse_depth=depths,
+        radiance=light[None],
+        hidden=depths < 1,
+        wavelengths=torch.tensor([550e-9], dtype=torch.float64),
+        pixel_angle=1e-3,
+    )
+    found = coarser(view, 2)
+    check_view(found)
+    assert found.coverage.tolist() == pytest.approx([1, 1] * 4)
+    assert found.radiance[0].tolist() == pytest.approx([1, 4] * 4)
+    assert found.hidden.tolist() == [False, True] * 4
 
 
 def test_a_large_view_is_photographed_in_few_pixels_and_a_small_one_as_it_is():
