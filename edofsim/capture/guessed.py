@@ -32,6 +32,8 @@ LEAST = 1e-3
 """Coverage that is worth a fragment."""
 FARTHER = 3
 """Pixels by which a clean pixel may be farther than the edge is, for its depth to be taken."""
+ROUNDING = 1e-11
+"""Share of the light's energy that is rounding."""
 
 
 def lacks_hidden(view: View) -> bool:
@@ -75,13 +77,29 @@ def _found(view: View, camera: Camera) -> list[_Filled]:
     pairs = Hides(edges.front.repeat_interleave(times), edges.behind.repeat_interleave(times))
     nearest = _by_pixel(plain, "amax")
     before = torch.full_like(nearest, math.inf)
+    basis = _spectra(view.radiance)
+    lit = view.radiance if basis is None else basis.T @ view.radiance
     found: list[_Filled] = []
     for level in cuts(plain, gap, pairs):
-        filled = _filled(view, edges, level, torch.minimum(nearest - gap, before), gap)
+        filled = _filled(plain, lit, edges, level, torch.minimum(nearest - gap, before), gap)
         if filled is not None:
             found.append(filled)
             before = before.flatten().index_put((filled.pixel,), filled.depth - gap).reshape(before.shape)
-    return found
+    if basis is None:
+        return found
+    return [replace(each, radiance=(basis @ each.radiance).clamp_min(0)) for each in found]
+
+
+def _spectra(radiance: Tensor) -> Tensor | None:
+    """Few orthonormal spectra, [band, k], of which all light [band, n] is a mixture to rounding: a picture
+    has three. Filling is linear and alike in all bands, so that it may fill mixtures. None: no fewer than
+    half the bands, or gradients are wanted, which would miss other spectra."""
+    if radiance.requires_grad or float(radiance.min()) < 0:
+        return None
+    light = radiance.double()
+    energy, spectra = torch.linalg.eigh(light @ light.T)
+    kept = energy > ROUNDING * energy[-1]
+    return spectra[:, kept].to(radiance) if 0 < 2 * int(kept.sum()) < len(energy) else None
 
 
 def _said(view: View, hidden: str, count: int = 0) -> View:
@@ -158,8 +176,11 @@ class _Filled:
     radiance: Tensor
 
 
-def _filled(view: View, edges: Edges, level: float, nearest: Tensor, gap: float) -> _Filled | None:
-    """What lies behind a level of inverse depth, continued to where it is hidden. nearest: [y, x], what it
+def _filled(
+    view: View, lit: Tensor, edges: Edges, level: float, nearest: Tensor, gap: float
+) -> _Filled | None:
+    """What lies behind a level of inverse depth, continued to where it is hidden. lit: light [k,
+    fragment] to fill with. nearest: [y, x], what it
     must not be nearer than there; gap: of inverse depths that are one surface."""
     rows, columns = view.padded_shape
     depth = view.inverse_depth.detach().double()
@@ -183,8 +204,8 @@ def _filled(view: View, edges: Edges, level: float, nearest: Tensor, gap: float)
     margin = int(edges.width.max())
     top, left = max(0, int(y.min()) - margin), max(0, int(x.min()) - margin)
     part = (slice(top, int(y.max()) + margin + 1), slice(left, int(x.max()) + margin + 1))
-    light = view.radiance.index_select(1, which)
-    image = light.new_zeros(view.bands, rows * columns).index_add(1, view.pixel[which], light)
+    light = lit.index_select(1, which)
+    image = light.new_zeros(len(light), rows * columns).index_add(1, view.pixel[which], light)
     image = image.reshape(-1, rows, columns)[:, *part]
     share = torch.where(clean | ((weight > 0) & (weight < 1)), 1.0, NEXT_TO_FRONT).to(image)[part]
     colour = push_pull(image * share, weight.to(image)[part] * share)[:, y - top, x - left]

@@ -299,3 +299,14 @@ def test_push_pull_keeps_what_is_known_and_stays_within_it():
     assert float(found.min()) >= float((light + 1 - known).min()) - 1e-6
     assert float(found.max()) <= float((light * known).max()) + 1e-6
     assert torch.allclose(push_pull(known[None] * 0.7, known), torch.tensor(0.7))
+
+
+def test_mixtures_of_three_spectra_are_filled_as_every_band_is(clear: Camera):
+    """A picture's light in its three spectra; each band by itself where gradients are wanted."""
+    y, x = grid()
+    image = np.stack([0.5 + 0.4 * np.sin(k * x / 9 + y / 7) for k in (1, 2, 3)], -1)
+    view = View.from_image(image, 1 / depths("nested"), pixel_angle=clear.pixel_angle, margin=0)
+    few = with_guessed(view, clear).radiance
+    every = with_guessed(replace(view, radiance=view.radiance.clone().requires_grad_()), clear).radiance
+    assert guessed._spectra(view.radiance) is not None and every.requires_grad
+    assert float((few - every).abs().max()) < 1e-5 * float(every.max())
