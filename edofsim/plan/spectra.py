@@ -19,9 +19,11 @@ from torch import Tensor
 from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
+from ..capture.kernels import depth_nodes
 from ..capture.occlusion.slabs import Hides
 from ..core.once import Once
 from ..optics import Camera
+from ..optics.camera import defocus_per_dioptre
 from ..render.view import View
 from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, nearest, together
 from .otfs import Otfs
@@ -43,6 +45,10 @@ BANDS = 11
 """Wavelengths at which these are looked at, evenly over the view's bands."""
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
+FINE_DB = 40.0
+"""These are doubled until light between two of them is blurred right to about so many decibels: a fast lens
+is sharp between two of few."""
+MOST_FINE = 193
 FOUND_DB = 45.0
 """Spectra of light are told apart by as many components as leave less than this of them: 1 to 10 on most
 shipped scenes, nearly every band where each has noise of its own."""
@@ -124,7 +130,7 @@ class Spectra:
         """What so few depth layers change: against one for every depth."""
 
         def changed() -> Tensor:
-            fine = self.nodes(FINE_NODES, 2 * FINE_NODES)
+            fine = self.nodes(self.fine_nodes, 2 * self.fine_nodes)
             nodes = self.nodes(layers)
             gathering = self._gathering(2, fine)
             exact = self._otfs.at(self.full, gathering, fine, within=self._reach)
@@ -166,6 +172,18 @@ class Spectra:
         otfs = self._otfs.at(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
+
+    @cached_property
+    def fine_nodes(self) -> int:
+        """Depths that depth layers are judged by: `FINE_NODES`, and more for a fast lens."""
+        per_dioptre = defocus_per_dioptre(self.camera, float(self.view.wavelengths.min()))
+        enough = depth_nodes(
+            torch.linspace(*self.ends, 2 * MOST_FINE, dtype=torch.float64), "auto", per_dioptre, FINE_DB
+        )
+        count = FINE_NODES
+        while count < min(enough.numel(), MOST_FINE):
+            count = 2 * count - 1
+        return count
 
     @cached_property
     def _reach(self) -> int:

@@ -8,12 +8,8 @@ from torch import Tensor
 
 from ..effect import Effect, Level
 from ..facts import Facts, metres
-from ..spectra import FINE_NODES
 
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 15, 17, 21, 25, 29, 33)
-MEASURED = 13
-"""Up to so many layers, nodes are among those that layers are judged by. The error of more falls with the
-square of their step."""
 
 
 def absent(facts: Facts) -> str:
@@ -47,10 +43,13 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
 
 
 def _difference(facts: Facts, layers: int) -> Tensor:
-    if facts.depths is not None or layers <= MEASURED:
-        missed = 0.0 if facts.depths is not None else ((layers - 1) / (FINE_NODES - 1)) ** 2
+    # judged by nodes at most half as far apart; the error of more layers falls with the square of their step
+    fine = facts.spectra.fine_nodes
+    measured = (fine + 1) // 2
+    if facts.depths is not None or layers <= measured:
+        missed = 0.0 if facts.depths is not None else ((layers - 1) / (fine - 1)) ** 2
         return facts.spectra.by_layers(layers) / (1 - missed)
-    some = [coarser for coarser in LAYERS if coarser <= MEASURED][-2:]
+    some = [coarser for coarser in LAYERS if coarser <= measured][-2:]
     expected = [_difference(facts, coarser) * ((coarser - 1) / (layers - 1)) ** 2 for coarser in some]
     return max(expected, key=lambda found: float(found.square().sum()))
 
