@@ -28,7 +28,7 @@ CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=
 
 
 def two_depths(height: int = 384, width: int = 576, bands: int = 12) -> View:
-    """Random light, the left half farther than the right."""
+    """Random light, the left half farther than the right; nothing is hidden."""
     margin = 24
     rows, columns = height + 2 * margin, width + 2 * margin
     depth = torch.full((rows, columns), 0.3)
@@ -39,6 +39,7 @@ def two_depths(height: int = 384, width: int = 576, bands: int = 12) -> View:
         wavelengths=torch.linspace(420e-9, 720e-9, bands),
         pixel_angle=CAMERA.pixel_angle,
         margin=margin,
+        metadata={"hidden": "none"},
     )
 
 
