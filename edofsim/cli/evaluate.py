@@ -154,7 +154,7 @@ def _spread(
     if how.cluster:
         from ..render.cache import default_folder
 
-        names = [str(Path(each).absolute()) if Path(each).is_file() else each for each in names]
+        names = [str(_absolute(each)) for each in names]
         chosen = {key: _absolute(value) for key, value in options.items()}
         if "cache" in chosen:
             chosen["cache"] = chosen["cache"] or default_folder().absolute()
@@ -175,11 +175,21 @@ def _part_of(
 
 
 def _absolute(value: object) -> object:
-    """Paths and files that an option names, as a worker in another folder finds them."""
+    """Paths and files that an option names, also within a system such as `camera.toml+own.py:function`, as a
+    worker in another folder finds them."""
     if isinstance(value, list):
         return [_absolute(each) for each in value]
-    is_path = isinstance(value, Path) or (isinstance(value, str) and Path(value).is_file())
-    return type(value)(Path(value).absolute()) if is_path else value  # type: ignore[call-arg, arg-type]
+    if isinstance(value, Path):
+        return value.absolute()
+    if not isinstance(value, str):
+        return value
+    if Path(value).is_file():
+        return str(Path(value).absolute())
+    camera, plus, by = value.rpartition("+")
+    place, colon, name = by.rpartition(":")
+    by = f"{Path(place).absolute()}:{name}" if Path(place).is_file() else by
+    by = str(Path(by).absolute()) if Path(by).is_file() else by
+    return (str(_absolute(camera)) if camera else "") + plus + by
 
 
 def _run_of(name: str) -> Callable[..., Findings]:

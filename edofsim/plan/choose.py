@@ -16,7 +16,8 @@ WORTH = 2e-3
 
 
 def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity) -> Fidelity:
-    """The simulation with these levels; what a left-out effect makes moot is left at the finest."""
+    """The simulation with these levels; what a left-out effect makes moot is left at the finest, but for
+    sub-apertures, which other ways to composite than `hidden` do not know."""
     change: dict[str, object] = {}
     left_out: tuple[Simplification, ...] = ()
     for row in estimates.rows:
@@ -24,6 +25,8 @@ def fidelity_of(estimates: Estimates, chosen: Mapping[str, int], full: Fidelity)
             new = row.levels[chosen[row.effect.name]].change
             left_out += new.get("simplifications", ())
             change |= new
+    if change.get("occlusion", full.occlusion) != "hidden":
+        change["sub_apertures"] = 1
     return full.changed(change | ({"simplifications": left_out} if left_out else {}))
 
 

@@ -16,6 +16,7 @@ import pytest
 
 from edofsim import console
 from edofsim.cli import invoke
+from edofsim.cli.evaluate import _absolute
 from edofsim.cli.many import share_of, spread_of, work_on
 from edofsim.errors import InputError
 from edofsim.render.spread import Spread
@@ -261,3 +262,17 @@ def test_workers_of_a_cluster_end_with_what_started_them_and_forget_a_client_tha
         (worker,) = [int(pid) for pid in children if "spawn_main" in Path(f"/proc/{pid}/cmdline").read_text()]
         os.kill(nanny.pid, signal.SIGKILL)
         assert until(lambda: not alive(worker), 60), "a worker outlived its nanny"
+
+
+def test_workers_elsewhere_find_the_files_of_a_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A worker of a cluster is in a folder of its own: every file within a system's text is absolute."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("own.py", "camera.toml", "net.safetensors"):
+        Path(name).touch()
+    own, camera, net = (tmp_path / name for name in ("own.py", "camera.toml", "net.safetensors"))
+    typed = ["own.py:f", "camera.toml+own.py:f", "camera.toml+net.safetensors", "camera.toml+wiener"]
+    typed += ["wiener", "package.own:f", "camera.toml"]
+    found = [f"{own}:f", f"{camera}+{own}:f", f"{camera}+{net}", f"{camera}+wiener", "wiener"]
+    found += ["package.own:f", str(camera)]
+    assert _absolute(typed) == found
+    assert _absolute([3, None, Path("here")]) == [3, None, tmp_path / "here"]
