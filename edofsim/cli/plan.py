@@ -45,6 +45,7 @@ def plan(
         from ..capture.fidelity_file import values_of
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
+        from ..plan.rendered_noise import noise_in_words
         from ..restore.choice import restoring, usual_network
 
         target = parse_target(accuracy, time)
@@ -62,9 +63,10 @@ def plan(
             progress=progress,
         )
         inputs = inputs_of(scene_recipe, camera_recipe)
+        noise = noise_in_words(looked.facts)
         return finish(
             "plan",
-            plan_lines(chosen),
+            [*plan_lines(chosen), *([noise] if noise else [])],
             plan_figures(chosen),
             {},
             json,

@@ -47,7 +47,13 @@ def render(
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
     noise: Annotated[
-        str | None, typer.Option("--noise", metavar="1%", help="Stop at this noise, not at a sample count.")
+        str | None,
+        typer.Option(
+            "--noise",
+            metavar="1%|photo|truth",
+            help="Stop at this noise, not at a sample count: of the view; photo: about a tenth of the "
+            "sensor's in the photo; truth: about 45 dB in the ideal image.",
+        ),
     ] = None,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
@@ -67,7 +73,8 @@ def render(
     seconds.SCENE, render_noise.SCENE, peak_memory_mib.
     """
     started = clock.perf_counter()
-    level = _fraction(noise, "--noise") if noise else None
+    place = noise if noise in ("photo", "truth") else ""
+    level = _fraction(noise, "--noise") if noise and not place else None
     loaded = all_scenes(scenes)  # every recipe is checked before any time is spent
     how = spread_of(jobs, cluster, shard)
     folder = writable_folder(out) if out else None
@@ -89,6 +96,8 @@ def render(
 
             target = parse_target(accuracy, time)
             tasks = [_as_planned(task, target, cache, device.value, progress, quiet) for task in tasks]
+        if place:
+            tasks = [_stopping(task, place, cache, device.value, progress, quiet) for task in tasks]
         if len(tasks) > 1:
             check_scenes([Task(item.recipe, item.base) for item in loaded], progress)
         expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
@@ -133,7 +142,7 @@ def render(
         if folder:
             outputs |= _view_pictures(tasks, folder, level, cache)
         numbers["peak_memory_mib"] = peak_memory_mib()
-        inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": level}
+        inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": place or level}
         return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
 
 
@@ -167,6 +176,26 @@ def _as_planned(
     return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
 
 
+def _stopping(
+    task: Task, place: str, cache: Path | None, device: str, progress: Progress, quiet: bool
+) -> Task:
+    """A task that stops where noise is low enough in the photo or in the ideal image of its own camera, by a
+    preview: whatever the cache holds."""
+    from ..optics import Camera
+    from ..plan import look
+    from ..plan.rendered_noise import view_noise_for
+    from ..recipe import load_camera
+
+    camera = load_camera(task.recipe.camera, task.base)
+    optics = Camera.from_recipe(camera.recipe, camera.base)
+    looked = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
+    level = view_noise_for(looked.facts, place)
+    if not quiet and level is not None:
+        said = f"{task.recipe.name}: noise {level:.3g} of the view is low enough for {place}"
+        console.err.print(said, markup=False)
+    return replace(task, noise=level)
+
+
 def _view_pictures(
     tasks: Sequence[Task], folder: Path, noise: float | None, cache: Path | None
 ) -> dict[str, Path]:
@@ -176,7 +205,7 @@ def _view_pictures(
 
     outputs: dict[str, Path] = {}
     for task in tasks:
-        view = finished(task.recipe, task.base, cache=cache, noise=noise)
+        view = finished(task.recipe, task.base, cache=cache, noise=task.stops_at(noise))
         if view is None:  # of another shard, or failed
             continue
         name = task.recipe.name
@@ -193,5 +222,7 @@ def _fraction(text: str, option: str) -> float:
     except ValueError:
         value = math.nan
     if not 0 < value < 1:
-        raise InputError(f"{option} {text}: give a fraction above 0 and below 1, such as 1% or 0.01")
+        raise InputError(
+            f"{option} {text}: give a fraction above 0 and below 1, such as 1% or 0.01, photo or truth"
+        )
     return value

@@ -21,10 +21,16 @@ from .spread import Workers
 
 @dataclass(frozen=True)
 class Task:
-    """A recipe and the folder that files named in it start from."""
+    """A recipe and the folder that files named in it start from. noise: relative, to stop at; None for that
+    of all tasks."""
 
     recipe: SceneRecipe
     base: Path
+    noise: float | None = None
+
+    def stops_at(self, noise: float | None) -> float | None:
+        """The noise to stop at. noise: that of all tasks."""
+        return noise if self.noise is None else self.noise
 
 
 @dataclass(frozen=True)
@@ -61,7 +67,7 @@ def batch(
 
     def failed(number: int, error: EdofsimError) -> RenderOutcome:
         task = tasks[number]
-        key = place_of(task.recipe, task.base, folder, noise).key
+        key = place_of(task.recipe, task.base, folder, task.stops_at(noise)).key
         return RenderOutcome(task.recipe.name, key, 0.0, 0, math.nan, platform.node(), False, str(error))
 
     work = partial(rendered, folder=folder, noise=noise, device=device)
@@ -76,7 +82,7 @@ def rendered(
     device: str = "auto",
 ) -> RenderOutcome:
     """One task in this process."""
-    found = fetch(task.recipe, task.base, folder, noise, device, progress)
+    found = fetch(task.recipe, task.base, folder, task.stops_at(noise), device, progress)
     return RenderOutcome(
         task.recipe.name,
         found.place.key,

@@ -78,7 +78,7 @@ def forecast(
         if is_picture(task.recipe):
             pictures += 1
             continue
-        if place_of(task.recipe, task.base, cache, noise).file("exr").is_file():
+        if place_of(task.recipe, task.base, cache, task.stops_at(noise)).file("exr").is_file():
             in_cache += 1
             continue
         settings = RenderSettings.from_recipe(task.recipe)
