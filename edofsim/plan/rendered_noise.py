@@ -28,7 +28,7 @@ def noise_in(facts: Facts) -> dict[str, float]:
     ideal = view.crop_margin(all_in_focus(view, facts.response)).double() * facts.exposure
     channels = ideal.square().mean((-2, -1)).sqrt().tolist()
     photo = (value * left for value, left in zip(channels, facts.averaging, strict=True))
-    return {"truth": overall(channels), "photo": overall(tuple(photo))}
+    return {"truth": overall(tuple(channels)), "photo": overall(tuple(photo))}
 
 
 def view_noise_for(facts: Facts, place: str) -> float | None:
