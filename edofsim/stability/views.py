@@ -66,7 +66,8 @@ def flat(
     columns: int = COLUMNS,
     wavelengths: tuple[float, ...] = NANOMETRES,
 ) -> View:
-    """One opaque fragment a pixel. inverse_depth: [y, x] of the frame with its margin, or a number."""
+    """One opaque fragment a pixel, and nothing hidden. inverse_depth: [y, x] of the frame with its margin, or a
+    number."""
     margin = WINDOW // 2
     return View.flat(
         0.1 + 0.9 * uniform(len(wavelengths), rows + 2 * margin, columns + 2 * margin),
@@ -74,6 +75,7 @@ def flat(
         wavelengths=torch.tensor(wavelengths, dtype=torch.float64) * 1e-9,
         pixel_angle=camera_with(ClearMask()).pixel_angle,
         margin=margin,
+        metadata={"hidden": "none"},
     )
 
 
