@@ -66,7 +66,7 @@ def flat(
     columns: int = COLUMNS,
     wavelengths: tuple[float, ...] = NANOMETRES,
 ) -> View:
-    """One opaque fragment a pixel, and nothing hidden. inverse_depth: [y, x] of the frame with its margin, or a
+    """One opaque fragment a pixel, nothing hidden. inverse_depth: [y, x] of the frame with its margin, or a
     number."""
     margin = WINDOW // 2
     return View.flat(

@@ -150,7 +150,7 @@ def test_measures_of_a_point_spread_function() -> None:
 def test_what_a_cube_does_not_tell_is_asked_for_by_option(tmp_path: Path) -> None:
     from scipy.io import savemat
 
-    savemat(tmp_path / "a.mat", {"cube": np.ones((64, 64, 4)), "other": np.ones(3)})
+    savemat(tmp_path / "a.mat", {"cube": np.ones((64, 64, 4)), "other": np.ones((64, 64, 4))})
     wanted = np.array([500.0, 520.0])
     with pytest.raises(InputError, match="say which with --key cube"):
         read_cubes(tmp_path / "a.mat", wanted, Reading())
