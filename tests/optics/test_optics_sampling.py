@@ -91,7 +91,7 @@ def test_maps_in_the_recipe_and_in_its_place_are_sampled_alike():
 
 def test_work_too_large_is_refused_before_it_begins():
     with pytest.raises(InputError, match="samples across the pupil"):
-        plan(camera(), [420], depths=(100.0,))
+        plan(camera(), [420], window=60000)
 
 
 def test_replicas_would_fold_into_the_window():
