@@ -40,6 +40,8 @@ UNREAD = {
     "two roughnesses": bsdf("roughconductor", '<float name="alpha_u" value="0.1"/>'),
     "anisotropy": bsdf("principled", '<float name="anisotropic" value="0.5"/>'),
     "an index": bsdf("principled", '<float name="eta" value="1.8"/>'),
+    "a metal of its own": bsdf("conductor", '<float name="eta" value="1.5"/><float name="k" value="2"/>'),
+    "a metal by name": bsdf("conductor", '<string name="material" value="Cr"/>'),
     "no gloss": bsdf("plastic", '<spectrum name="specular_reflectance" value="0"/>'),
     "clamped": bsdf("diffuse", BITMAP + '<string name="wrap_mode" value="clamp"/></texture>'),
     "nearest": bsdf("diffuse", BITMAP + '<string name="filter_type" value="nearest"/></texture>'),

@@ -266,9 +266,9 @@ def _plastic(node: Node, reader: Reader, what: str) -> Surface:
 
 
 def _conductor(node: Node, reader: Reader, what: str) -> Surface:
-    tint = carrier(node, "specular_reflectance", 1.0, reader, what)
-    bare = _bare_metal(node, reader, what)
-    value = BandTexture((tint.basis * bare).astype(np.float32), tint.image)
+    if "eta" in node.values or node.values.get("material", "none") != "none":
+        raise NotCarried(f"{what}: a metal of some eta and k, whose reflectance changes with the angle")
+    value = carrier(node, "specular_reflectance", 1.0, reader, what)
     if node.type == "conductor":
         return Surface(settings(type="conductor", material="none"), "specular_reflectance", value)
     distribution = node.values.get("distribution", "beckmann")
@@ -276,20 +276,6 @@ def _conductor(node: Node, reader: Reader, what: str) -> Surface:
         type="roughconductor", material="none", distribution=distribution, **_floats(node, alpha=0.1)
     )
     return Surface(bsdf, "specular_reflectance", value)
-
-
-def _bare_metal(node: Node, reader: Reader, what: str) -> np.ndarray | float:
-    """Reflectance at normal incidence, used at every angle."""
-    material = str(node.values.get("material", "none" if "eta" not in node.values else ""))
-    if material == "none":
-        return 1.0
-    if material:
-        return spectra.metal_by_symbol(material, reader.wavelengths)
-    n, k = (
-        spectrum(v if isinstance(v, Colour) else Colour(value=float(v)), reader, False, what)
-        for v in (node.values["eta"], node.values.get("k", 0.0))
-    )
-    return ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
 
 
 def _dielectric(node: Node, reader: Reader, what: str) -> Surface:
