@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +19,7 @@ import numpy as np
 from ..errors import InputError
 from ..recipe.scene import SceneRecipe
 from ..scene.foreign import MitsubaSource
-from ..scene.foreign.nodes import Node
+from ..scene.foreign.nodes import Node, all_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.foreign.read import read_nodes
 from ..scene.model import TriangleMesh
@@ -140,17 +139,11 @@ def _closed(shape: mi.Shape) -> bool:
 
 def _check_files(root: Node, path: Path, source: MitsubaSource) -> None:
     """Every file that the scene names must lie in its folder, unless the recipe trusts it."""
-    for node in _all_nodes(root):
+    for node in all_nodes(root):
         for key in node.values:
             if key.endswith("filename"):
                 what = f"{path.name}: {node.type}"
                 resolved(path.parent, str(node.values[key]), source.allow_outside, what)
-
-
-def _all_nodes(node: Node) -> Iterator[Node]:
-    yield node
-    for _, part in node.parts:
-        yield from _all_nodes(part)
 
 
 def _absolute(mi: ModuleType, data: object, folder: Path) -> object:

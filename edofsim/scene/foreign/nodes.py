@@ -15,6 +15,8 @@ from ...errors import InputError
 PLUGINS = ("scene", "shape", "bsdf", "emitter", "sensor", "texture", "film", "sampler", "integrator",
            "rfilter", "medium", "phase", "volume")  # fmt: skip
 MAX_BYTES = 1 << 26
+DEEPEST = 100
+"""How far plugins may be nested, by references as well."""
 MOST_FILES = 64
 """That a scene may include."""
 HARMLESS = {"sampling_weight", "rr_depth", "id"}
@@ -85,6 +87,18 @@ class Node:
             own = [f"{self.type}'s {node.type} ({key})"]
             found += node.unread() if place in self.taken else own
         return found
+
+
+def all_nodes(root: Node) -> list[Node]:
+    """Every plugin once, however many refer to it. Raises InputError where they are nested too deeply."""
+    found: dict[int, Node] = {}
+    level = {id(root): root}
+    for _ in range(DEEPEST):
+        found |= level
+        level = {id(part): part for node in level.values() for _, part in node.parts}
+        if not level:
+            return list(found.values())
+    raise InputError(f"plugins of the scene are nested more than {DEEPEST} deep")
 
 
 def check_size(path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...core.json_values import Json
 from ...errors import InputError
-from .nodes import Colour, Node, Values, check_size, rgb, snake, spectrum_of, square
+from .nodes import Colour, Node, Values, all_nodes, check_size, rgb, snake, spectrum_of, square
 from .xml import read_xml
 
 BSDFS = ("diffuse", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric", "thindielectric",
@@ -41,6 +41,7 @@ def read_nodes(path: Path, allow_outside: bool = False) -> Node:
         raise InputError(f"{path}: nested too deeply") from None
     if root.type != "scene":
         raise InputError(f"{path}: its outermost element is {root.type!r}, not a scene")
+    all_nodes(root)
     return root
 
 
@@ -77,21 +78,37 @@ def _json_node(data: Json, name: str, where: str, known: dict[str, Node]) -> Nod
             known[str(value.get("id", key))] = node
             parts.append((snake(key), node))
         elif isinstance(value, list):
-            flat = [float(v) for v in np.asarray(value, float).ravel()]
+            flat = _flat(value, place)
             values[snake(key)] = square(flat, place) if len(flat) in (9, 16) else np.array(flat)
         else:
-            if isinstance(value, float) and not np.isfinite(value):
-                raise InputError(f"{place}: {value} is not finite")
+            if value is None or (isinstance(value, str) and "\0" in value):
+                raise InputError(f"{place}: {value!r} is not understood")
+            if not isinstance(value, str):
+                _flat(value, place)
             values[snake(key)] = value
     return Node(_kind(kind_of), kind_of, values, tuple(parts))
 
 
+def _flat(value: object, where: str) -> list[float]:
+    """The numbers of lists in lists."""
+    try:
+        numbers = [float(v) for v in np.asarray(value, float).ravel()]
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(f"{where}: {str(value)[:60]!r} holds something that is no number") from None
+    if not np.isfinite(numbers).all():
+        raise InputError(f"{where}: holds a number that is not finite")
+    return numbers
+
+
 def _json_colour(value: Json, where: str) -> Colour:
     if value["type"] == "rgb":
-        return rgb(" ".join(map(str, np.ravel(value.get("value", [])))), where)
+        written = value.get("value", [])
+        return rgb(written if isinstance(written, str) else " ".join(map(repr, _flat(written, where))), where)
     if "wavelengths" in value:
-        pairs = zip(np.ravel(value["wavelengths"]), np.ravel(value.get("value", [])), strict=True)
-        return Colour(samples=tuple(sorted((float(a), float(b)) for a, b in pairs)))
+        nm, values = (_flat(value.get(key, []), f"{where}.{key}") for key in ("wavelengths", "value"))
+        if len(nm) != len(values) or not nm:
+            raise InputError(f"{where}: {len(nm)} wavelengths and {len(values)} values")
+        return Colour(samples=tuple(sorted(zip(nm, values, strict=True))))
     return spectrum_of(str(value.get("value", "")), where)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...errors import InputError
 from .nodes import (
+    MAX_BYTES,
     MOST_FILES,
     PLUGINS,
     Colour,
@@ -65,7 +66,7 @@ class _Xml:
             raise InputError(f"{self.path}: includes more than {MOST_FILES} files, or itself")
         try:
             root = ET.parse(path).getroot()
-        except ET.ParseError as error:
+        except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: encodings
             raise InputError(f"{path}: not valid XML: {error}") from None
         for element in root.iter():
             if element.tag == "default":
@@ -86,7 +87,10 @@ class _Xml:
 
     def file(self, name: str) -> Path:
         """A file or folder that the scene names, where it is found; in the scene's folder where nowhere."""
-        found = next((folder / name for folder in reversed(self.folders) if (folder / name).exists()), None)
+        try:
+            found = next((f / name for f in reversed(self.folders) if (f / name).exists()), None)
+        except OSError as error:
+            raise InputError(f"{self.path} names {name[:60]!r}: {error.strerror}") from None
         path = self.path.parent / name if found is None else found
         inside = path.resolve().is_relative_to(self.path.parent.resolve())
         if not inside and not self.allow_outside:
@@ -151,6 +155,8 @@ class _Xml:
         if text is None:
             raise InputError(f"{self.path}: <{element.tag}> lacks {attribute!r}")
         for name in sorted(self.defaults, key=len, reverse=True):
+            if text.count(f"${name}") * len(self.defaults[name]) > MAX_BYTES:
+                raise InputError(f"{self.path}: ${name} makes a text of more than {MAX_BYTES >> 20} MiB")
             text = text.replace(f"${name}", self.defaults[name])
         return text
 
@@ -224,6 +230,8 @@ class _Xml:
                     np.array(numbers_of(self.text(step, a, "0,1,0"), where))
                     for a in ("origin", "target", "up")
                 )
+                if not origin.size == target.size == up.size == 3:
+                    raise InputError(f"{where}: look_at needs three numbers for origin, target and up each")
                 matrix = look_at(origin, target, up, where)
             case "matrix":
                 matrix = square(numbers_of(self.text(step, "value"), where), where)
