@@ -72,8 +72,15 @@ class NoiseTexture(RecipeModel):
     """size of the spots as a fraction of the texture"""
 
 
+class MeshTexture(RecipeModel):
+    """The colours and pictures that the file of a mesh brings; what it does not paint has the reflectance."""
+
+    kind: Literal["mesh"]
+
+
 AnyTexture = Annotated[
-    PhotoTexture | FileTexture | WoodTexture | CheckerTexture | NoiseTexture, Field(discriminator="kind")
+    PhotoTexture | FileTexture | WoodTexture | CheckerTexture | NoiseTexture | MeshTexture,
+    Field(discriminator="kind"),
 ]
 
 

@@ -20,6 +20,7 @@ from ..recipe.surfaces import (
     AnyTexture,
     CheckerTexture,
     FileTexture,
+    MeshTexture,
     NoiseTexture,
     PhotoTexture,
     WoodTexture,
@@ -127,4 +128,6 @@ def build_texture(
         odd = np.indices((texture.rows, texture.columns)).sum(axis=0) % 2
         weight = np.kron(odd, np.ones((side, side)))
         return mixture(weight, *(reflectance(r, wavelengths) for r in (texture.first, texture.second)))
+    if isinstance(texture, MeshTexture):
+        raise InputError(f'{what}: texture kind "mesh" is the colours of a mesh\'s file; it has no such file')
     raise TypeError(f"no texture builder for {type(texture).__name__}")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
-from edofsim.scene.builders.imported import read_mesh
+from edofsim.errors import InputError
+from edofsim.scene.mesh_files import read_content, read_mesh
 from edofsim.scene.model import TriangleMesh
 
 
@@ -62,13 +66,84 @@ def test_faces_that_are_left_out_are_counted(tmp_path: Path, caplog: pytest.LogC
     assert "2 of the 3 faces of m.obj" in caplog.text
 
 
-@pytest.mark.parametrize("kind", ["vertex", "face", "none"])
-def test_colours_that_are_not_used_are_named(tmp_path: Path, kind: str, caplog: pytest.LogCaptureFixture):
-    box = trimesh.creation.box()
-    if kind == "vertex":
-        box.visual.vertex_colors = np.random.default_rng(0).integers(0, 255, (len(box.vertices), 4), np.uint8)
-    if kind == "face":
-        box.visual.face_colors = np.random.default_rng(0).integers(0, 255, (len(box.faces), 4), np.uint8)
-    box.export(tmp_path / "m.ply")
-    read_mesh(tmp_path / "m.ply", "mesh")
-    assert ("which are not used" in caplog.text) == (kind != "none")
+@pytest.mark.parametrize("seed", range(50))
+def test_polygons_that_are_not_convex_are_counted(
+    tmp_path: Path, seed: int, caplog: pytest.LogCaptureFixture
+):
+    """Polygons of random corners on a circle are convex; one corner moved over the middle bends them."""
+    draw = np.random.default_rng(seed)
+    lines, bent, count = [], 0, 0
+    for _ in range(int(draw.integers(1, 6))):
+        corners = int(draw.integers(4, 8))
+        angle = (np.arange(corners) + draw.uniform(0, 0.3, corners)) * 2 * np.pi / corners
+        circle = np.stack([np.cos(angle), np.sin(angle), np.full(corners, draw.uniform())], axis=1)
+        if draw.random() < 0.5:
+            circle[draw.integers(corners), :2] *= -0.02 if corners > 4 else -0.4
+            bent += 1
+        turn = np.linalg.qr(draw.normal(size=(3, 3)))[0]
+        lines += [f"v {x} {y} {z}" for x, y, z in circle @ turn]
+        lines.append("f " + " ".join(str(count + k + 1) for k in range(corners)))
+        count += corners
+    (tmp_path / "m.obj").write_text("\n".join(lines))
+    read_mesh(tmp_path / "m.obj", "mesh")
+    assert (f"{bent} polygons are not convex" in caplog.text) == (bent > 0)
+
+
+def gltf(folder: Path, change: Callable[[dict], None]) -> Path:
+    """A box as glTF, changed."""
+    trimesh.creation.box().export(folder / "m.gltf")
+    tree = json.loads((folder / "m.gltf").read_text())
+    change(tree)
+    (folder / "m.gltf").write_text(json.dumps(tree))
+    return folder / "m.gltf"
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda tree: tree.update(extensionsUsed=["KHR_texture_transform"]), "not moved"),
+        (lambda tree: tree.update(skins=[{"joints": [0]}]), "skins are not applied"),
+        (
+            lambda tree: tree["meshes"][0]["primitives"].append(
+                {**tree["meshes"][0]["primitives"][0], "mode": 6}
+            ),
+            "1 of 2 pieces",
+        ),
+    ],
+)
+def test_what_of_gltf_is_not_applied_is_named(
+    tmp_path: Path, change: Callable[[dict], None], said: str, caplog: pytest.LogCaptureFixture
+):
+    read_mesh(gltf(tmp_path, change), "mesh")
+    assert said in caplog.text
+
+
+@pytest.mark.parametrize("suffix", ["glb", "gltf"])
+def test_extensions_that_are_required_and_unknown_are_named(tmp_path: Path, suffix: str):
+    tree = json.dumps({"asset": {"version": "2.0"}, "extensionsRequired": ["EXT_meshopt_compression"]})
+    binary = chunked(tree.encode() + b" " * (-len(tree) % 4))
+    (tmp_path / f"m.{suffix}").write_bytes(binary if suffix == "glb" else tree.encode())
+    with pytest.raises(InputError, match="requires EXT_meshopt_compression"):
+        read_mesh(tmp_path / f"m.{suffix}", "mesh")
+
+
+def chunked(tree: bytes) -> bytes:
+    """A GLB file of that JSON alone."""
+    length = [number.to_bytes(4, "little") for number in (2, 20 + len(tree), len(tree))]
+    return b"glTF" + length[0] + length[1] + length[2] + b"JSON" + tree
+
+
+@pytest.mark.parametrize("lost", ["m.mtl", "board.png"])
+def test_files_that_a_mesh_names_and_that_are_missing_are_named(
+    tmp_path: Path, lost: str, caplog: pytest.LogCaptureFixture
+):
+    Image.new("RGB", (4, 4), (200, 10, 10)).save(tmp_path / "board.png")
+    (tmp_path / "m.mtl").write_text("newmtl a\nmap_Kd board.png\n")
+    text = "mtllib m.mtl\nusemtl a\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"
+    (tmp_path / "m.obj").write_text(text)
+    assert read_content(tmp_path / "m.obj", "mesh").paint.any and not caplog.text
+    (tmp_path / lost).write_bytes(b"no picture")
+    if lost.endswith("mtl"):
+        (tmp_path / lost).unlink()
+    assert not read_content(tmp_path / "m.obj", "mesh").paint.any
+    assert lost in caplog.text

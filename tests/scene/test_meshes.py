@@ -14,7 +14,7 @@ import trimesh
 from edofsim.errors import InputError
 from edofsim.recipe.scene import SceneRecipe
 from edofsim.scene import build_scene, solids
-from edofsim.scene.builders.imported import read_mesh
+from edofsim.scene.mesh_files import read_mesh
 from edofsim.scene.model import TriangleMesh
 
 

@@ -186,7 +186,7 @@ def mesh(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], obj
     def make(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
         import trimesh
 
-        from edofsim.scene.builders.imported import read_mesh
+        from edofsim.scene.mesh_files import read_mesh
 
         path = folder / f"seed{suffix}"
         trimesh.creation.icosahedron().export(path)

@@ -20,7 +20,7 @@ from edofsim.core.measurements import read_numbers
 from edofsim.errors import InputError
 from edofsim.recipe.load import load_camera, load_scene, load_train, shipped_folder
 from edofsim.restore.checkpoint import load_arrays
-from edofsim.scene.builders.imported import read_mesh
+from edofsim.scene.mesh_files import read_mesh
 
 NAMES = ["../up", "/etc/x", "a/b", "a\\b", "..", ".", "", ".hidden", "a.b", "a\nb", "a\n", "a b", "-x", "é"]
 NAMES += ["x" * 65]

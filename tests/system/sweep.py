@@ -266,7 +266,7 @@ def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     from edofsim.render.readers.pictures import picture_view
     from edofsim.restore.checkpoint import load_checkpoint
     from edofsim.scene import build_scene
-    from edofsim.scene.builders.imported import read_mesh
+    from edofsim.scene.mesh_files import read_mesh
 
     def built(**parts: Any) -> object:
         recipe = SceneRecipe.model_validate(scene(**parts))

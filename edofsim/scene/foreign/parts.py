@@ -11,7 +11,7 @@ import numpy as np
 from ...core.images import read_picture, srgb_encode
 from ...errors import InputError
 from .. import solids, spectra
-from ..builders.imported import read_mesh
+from ..mesh_files import read_mesh
 from ..model import BandTexture, Surface, TriangleMesh
 from ..pictures import read_hdr
 from ..surfaces import settings
