@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from .camera import Camera
 from .psf import axes_of, psf_bank
+from .sampling import sampled_alike
 from .sensor import response
 
 DIFFERENCE = 0.08
@@ -21,6 +22,8 @@ PARTS = 4
 """Equal parts of a range that are looked at first."""
 HALVINGS = 14
 """Of a part, at most."""
+STRAIGHT = 0.9
+"""Of the sum of a part's halves: where photos at its ends differ by as much, nothing happens in between."""
 WIDEST_PX = 256
 """PSFs in wider windows are compared in larger pixels: their transforms would take much memory."""
 
@@ -41,7 +44,9 @@ def nodes_between(
     whose power spectrum falls with the square of the frequency (Field, JOSA A 4, 1987), in the colour where
     they differ most. So nodes are close where a lens is sharp, and far apart where a large blur becomes a
     little larger; wide apertures and small pixels ask for many. A colour is looked at by the mean wavelength
-    of its response. Nothing else decides: the same camera has the same nodes everywhere.
+    of its response. A half whose ends differ by less is not halved again where photos change along a straight
+    line: where the ends of the whole differ by nearly the sum of both halves. Nothing else decides: the same
+    camera has the same nodes everywhere.
 
     Networks that were trained with a fixed number of PSFs keep theirs (`Restorer.psf_depths`).
 
@@ -61,21 +66,27 @@ def nodes_between(
     if camera.height_map is not None:
         camera = camera.with_height(camera.height_map.detach())
     found = torch.linspace(float(ends[0]), float(ends[1]), PARTS + 1, dtype=torch.float64).tolist()
-    known = dict(zip(found, _transfer(camera, colours, found, ends), strict=True))
+    known = _transfers(camera, colours, found)
     parts = list(zip(found[:-1], found[1:], strict=True))
     for _ in range(HALVINGS):
         middles = [(first + last) / 2 for first, last in parts]
-        known |= zip(middles, _transfer(camera, colours, middles, ends), strict=True)
-        apart = [
-            max(_apart(known[a], known[b]) for a, b in ((first, last), (first, middle), (middle, last)))
-            for (first, last), middle in zip(parts, middles, strict=True)
-        ]
-        wide = sorted((n for n, each in enumerate(apart) if each >= difference), key=lambda n: -apart[n])
+        known |= _transfers(camera, colours, middles)
+        apart = {
+            part: [_apart(known[a], known[b]) for a, b in (part, (part[0], middle), (middle, part[1]))]
+            for part, middle in zip(parts, middles, strict=True)
+        }
+        wide = sorted((p for p in parts if max(apart[p]) >= difference), key=lambda p: -max(apart[p]))
         wide = sorted(wide[: max(0, most - len(found))])
-        if not wide:
+        parts = []
+        for first, last in wide:
+            middle = (first + last) / 2
+            found.append(middle)
+            whole, *halves = apart[first, last]
+            for half, size in zip(((first, middle), (middle, last)), halves, strict=True):
+                if size >= difference or whole < STRAIGHT * sum(halves):
+                    parts.append(half)
+        if not parts:
             break
-        found += [middles[n] for n in wide]
-        parts = [half for n in wide for half in ((parts[n][0], middles[n]), (middles[n], parts[n][1]))]
         known = {place: known[place] for part in parts for place in part}
     return torch.tensor(sorted(found), dtype=torch.float64)
 
@@ -92,18 +103,21 @@ def node_shares(nodes: Tensor) -> Tensor:
     return (gaps[:-1] + gaps[1:]) / (2 * (nodes[-1] - nodes[0]))
 
 
-def _transfer(camera: Camera, colours: Tensor, places: Sequence[float], ends: Tensor) -> Tensor:
-    """Transfer functions [place, colour, y, x // 2 + 1] at inverse depths, each frequency by its share of the
-    contrast of a picture."""
-    # the ends with them: the pupil is sampled alike for all, as the whole range asks for
-    depths = torch.cat([ends, ends.new_tensor(places)])
-    psf = psf_bank(camera, colours, depths).values[2:]
-    psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
-    size = psf.shape[-1]
-    fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
-    spectrum = 1 / (fy.square() + fx.square())
-    spectrum[0, 0] = 0  # light is kept
-    return torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
+def _transfers(camera: Camera, colours: Tensor, places: Sequence[float]) -> dict[float, Tensor]:
+    """Transfer functions [colour, y, x // 2 + 1] by inverse depth, each frequency by its share of the
+    contrast of a picture; the pupil is sampled as finely as each depth asks for."""
+    depths = torch.tensor(places, dtype=torch.float64)
+    found: dict[float, Tensor] = {}
+    for some, _ in sampled_alike(camera, colours, depths, camera.recipe.psf.window_px):
+        psf = psf_bank(camera, colours, depths[some]).values
+        psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
+        size = psf.shape[-1]
+        fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
+        spectrum = 1 / (fy.square() + fx.square())
+        spectrum[0, 0] = 0  # light is kept
+        transfers = torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
+        found |= zip(depths[some].tolist(), transfers, strict=True)
+    return found
 
 
 def _apart(one: Tensor, other: Tensor) -> float:

@@ -56,6 +56,7 @@ def test_photos_at_neighbouring_nodes_differ_by_less_than_the_stated_amount(name
     assert float(nodes[0]) == 0.0 and float(nodes[-1]) == 2.0 and bool((nodes.diff() > 0).all())
     some = list(itertools.pairwise(nodes.tolist()))[:: max(1, len(nodes) // 12)]
     apart = [photo_apart(camera, *pair) for pair in some]
+    apart += [photo_apart(camera, first, (first + last) / 2) for first, last in some]
     assert max(apart) < 1.1 * DIFFERENCE  # a random picture's contrast is that of its spectrum within a few %
     assert max(apart) > DIFFERENCE / 4  # and there are no more nodes than that asks for
 
@@ -80,6 +81,19 @@ def test_no_more_nodes_than_asked_for_where_they_differ_most():
     assert len(few) == 40 < len(free)
     assert set(few.tolist()) <= set(free.tolist())
     assert float(few.diff().max()) > 2 * float(few.diff().min())
+
+
+def test_few_depths_are_looked_at_that_are_no_nodes(monkeypatch: pytest.MonkeyPatch):
+    looked_at = 0
+
+    def counted(camera: Camera, wavelengths: torch.Tensor, depths: torch.Tensor):
+        nonlocal looked_at
+        looked_at += len(depths)
+        return psf_bank(camera, wavelengths, depths)
+
+    monkeypatch.setattr("edofsim.optics.nodes.psf_bank", counted)
+    nodes = nodes_between(lens(), PAPER_COLOURS, 0.0, 2.5)
+    assert len(nodes) <= looked_at <= 1.2 * len(nodes)
 
 
 def test_one_depth_is_its_own_node():
