@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
@@ -33,11 +32,11 @@ from .plan import (
     insisted_rendering,
     learn_rates,
     look,
+    plan_alone,
     plan_figures,
     plan_photo,
     plan_scene,
     simpler_recipe,
-    through_mask_like,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
@@ -149,20 +148,12 @@ def run(
         device=device,
     )
     with watch.stage("plan lens alone", 0.68, 0.7) as tell:
-        plan_alone = (
+        rival = (
             plan
             if bare
             else _alone_as(plan.replayed, view, alone)
             if plan.replayed
-            else plan_photo(
-                view,
-                alone,
-                overrule,
-                as_accurate(plan, target),
-                every_effect=False,
-                facts=through_mask_like(facts, alone),
-                progress=tell,
-            )
+            else plan_alone(plan, facts, alone, overrule, target, progress=tell)
         )
     with watch.stage("expose", 0.7, 0.82):
         photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
@@ -172,7 +163,7 @@ def run(
         lens_alone = (
             photo
             if bare
-            else capture(view, alone, plan_alone.fidelity, seed=seed, device=compute, exposure=photo.exposure)
+            else capture(view, alone, rival.fidelity, seed=seed, device=compute, exposure=photo.exposure)
         )
     with watch.stage("psfs", 0.92, 0.93):
         simpler = simpler_camera(optics, plan.fidelity)
@@ -197,7 +188,7 @@ def run(
         truth = Truth(photo.ideal, photographed_noise(view, optics, plan.fidelity, photo, compute))
         noise_alone = truth.noise
         if not bare:
-            noise_alone = photographed_noise(view, alone, plan_alone.fidelity, lens_alone, compute)
+            noise_alone = photographed_noise(view, alone, rival.fidelity, lens_alone, compute)
         images = {"photo": (photo.image, truth.noise.image)}
         images["restored"] = restored, truth.restored_noise(photo.image, restored, lambda x: by_network(x)[0])
         if wiener is not None:
@@ -218,7 +209,7 @@ def run(
         seed=seed,
         view=view,
         plan=plan,
-        plan_lens_alone=plan_alone,
+        plan_lens_alone=rival,
         photo=photo,
         psfs=psfs,
         psf_depths=depths,
@@ -297,18 +288,6 @@ def planned_view(
             progress=tell,
         )
     return view, plan, facts
-
-
-def as_accurate(plan: Plan, target: Target | None) -> Target:
-    """What a photo to compare with is planned for: the error that the plan of the first one promises.
-
-    target: that of the first one. An accuracy holds for both; a time, and the score of a restored image, are
-    of the first alone, and the other is planned for the accuracy that they came to.
-    """
-    if target is None or target.kind in ("noise", "db", "full"):
-        return target or Target()
-    promised = plan.error_db if target.kind == "time" else plan.asked_db
-    return Target("full") if promised is None or math.isinf(promised) else Target("db", db=promised)
 
 
 def _replayed_view(

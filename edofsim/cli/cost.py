@@ -106,7 +106,7 @@ def measured(
     )
     from ..experiments.cost_scores import Judge
     from ..optics import Camera
-    from ..plan import planner_of
+    from ..plan import planner_of, through_mask_like
     from ..render import render
     from ..restore.choice import restoring, usual_network
 
@@ -120,15 +120,17 @@ def measured(
     network = usual_network(taker)
     ways = [network, None] if network else [None]
     restorers = {way.name if way else "Wiener": restoring(*about, way) for way in ways}
-    restore = restoring(*about, network)
+    planner = planner_of(view, optics, restore=restoring(*about, network), progress=progress)
+    alone = optics.without_mask()
+    rival = planner_of(view, alone, facts=through_mask_like(planner.facts, alone), progress=progress)
     rows = photos.measure(
         view,
         optics,
-        photos.cases_of(planner_of(view, optics, restore=restore, progress=progress)),
+        photos.cases_of(planner, alone=rival),
         folder,
         repeats=repeats,
         device=compute,
-        judge=Judge(restorers, SEEDS, optics.without_mask()),
+        judge=Judge(restorers, SEEDS, alone),
         progress=part(progress, 0.0, 0.6),
     )
     points = cost_stages.render_points(

@@ -27,7 +27,7 @@ from ..core.progress import Progress
 from ..core.store import found, keep
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import Fidelity, Planner, Target, parse_target
+from ..plan import Fidelity, Plan, Planner, Target, as_accurate
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
@@ -47,7 +47,8 @@ class Case:
     """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
     predicted_db, predicted_seconds: by the plan; predicted_shift_db: of the restored image's PSNR, where that
     was asked for; one_part: simulated without sub-apertures, and judged
-    against the full simulation without them."""
+    against the full simulation without them; alone: how the photo through the lens alone is simulated, None
+    for `fidelity`."""
 
     name: str
     kind: str
@@ -57,6 +58,7 @@ class Case:
     predicted_seconds: float = 0.0
     one_part: bool = False
     predicted_shift_db: float | None = None
+    alone: Fidelity | None = None
 
 
 @dataclass(frozen=True)
@@ -74,25 +76,40 @@ class Measured:
     shifts: Mapping[str, Shift] = field(default_factory=dict)
 
 
-def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Case]:
+def cases_of(
+    planner: Planner, targets: tuple[int, ...] = TARGETS_DB, alone: Planner | None = None
+) -> list[Case]:
     """The sweep of targets, the default choice, that for a restored image where the planner knows what
-    restores, each effect left out in turn, and everything in full."""
+    restores, each effect left out in turn, and everything in full. alone: of the same view through the lens
+    alone, whose photo has its own plan in each case; None where none is compared with."""
+
+    def planned(by: Planner, target: Target, whole: tuple[str, ...] = ()) -> Plan:
+        """whole: effects of which nothing may be left out."""
+        full = {row.effect.name: row.full for row in by.estimates.rows}
+        return by.plan(target, {name: full[name] for name in whole if name in full})
+
+    def beside(target: Target, whole: tuple[str, ...] = ()) -> Fidelity | None:
+        return None if alone is None else planned(alone, target, whole).fidelity
+
     cases = []
     for db in targets:
-        plan = planner.plan(parse_target(f"{db}dB", None))
-        cases.append(_case(f"{db} dB", "target", plan.fidelity, planner, float(db), plan.error_db))
+        target = Target("db", db=float(db))
+        plan = planner.plan(target)
+        case = _case(f"{db} dB", "target", plan.fidelity, planner, float(db), plan.error_db)
+        cases.append(replace(case, alone=beside(target)))
     chosen = planner.plan()
-    cases.append(
-        _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
-    )
+    case = _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
+    cases.append(replace(case, alone=beside(Target())))
     if planner.restore is not None:
-        plan = planner.plan(Target("score", db=SCORE_DB))
+        target = Target("score", db=SCORE_DB)
+        plan = planner.plan(target)
         case = _case(f"score {SCORE_DB:g} dB", "score", plan.fidelity, planner, math.inf, plan.error_db)
-        cases.append(replace(case, predicted_shift_db=plan.score_shift_db))
-    full_of = {row.effect.name: row.full for row in planner.estimates.rows}
-    fixed = {name: full_of[name] for name in ("sub-apertures",) if name in full_of}
-    with_bands = fixed | {name: full_of[name] for name in ("bands",) if name in full_of}
-    finely, all_bands = (planner.plan(parse_target(f"{FINE_DB:g}dB", None), f) for f in (fixed, with_bands))
+        rival = beside(as_accurate(plan, target))
+        cases.append(replace(case, predicted_shift_db=plan.score_shift_db, alone=rival))
+    fine, parts = Target("db", db=FINE_DB), ("sub-apertures",)
+    finely, all_bands = (
+        (planned(planner, fine, whole), beside(fine, whole)) for whole in (parts, (*parts, "bands"))
+    )
     for row in planner.estimates.rows:
         stage = row.effect.stage
         if row.full == 0 or stage in ("render", "sensor"):
@@ -100,8 +117,9 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         error = row.errors[0]
         square = sum(e * e for e in error) / len(error)
         # what a plan may not leave out because gathered bands would suffer more is left out of all bands
-        rest = finely if row.levels[0].allowed else all_bands
-        fidelity = rest.fidelity.changed({**dict(row.levels[0].change), "hidden_surfaces": True})
+        rest, rival = finely if row.levels[0].allowed else all_bands
+        change = {**dict(row.levels[0].change), "hidden_surfaces": True}
+        fidelity = rest.fidelity.changed(change)
         its_own = 10 ** (-rest.error_db / 20)  # is in the photo that is measured, too
         together = its_own if fidelity == rest.fidelity else math.hypot(square**0.5, its_own)
         predicted = -20 * math.log10(together) if together > 0 else math.inf
@@ -109,10 +127,12 @@ def cases_of(planner: Planner, targets: tuple[int, ...] = TARGETS_DB) -> list[Ca
         # occlusion or hidden surfaces there are none
         one_part = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
         if one_part:
-            fidelity = fidelity.changed({"sub_apertures": 1})
+            change["sub_apertures"] = 1
+            fidelity = fidelity.changed(change)
         case = _case(row.effect.name, "without", fidelity, planner, math.inf, predicted)
-        cases.append(replace(case, one_part=one_part))
-    cases.append(_case("full", "full", planner.facts.full, planner, math.inf, math.inf))
+        cases.append(replace(case, one_part=one_part, alone=rival and rival.changed(change)))
+    case = _case("full", "full", planner.facts.full, planner, math.inf, math.inf)
+    cases.append(replace(case, alone=beside(Target("full"))))
     return cases
 
 
@@ -145,12 +165,14 @@ def measure(
     (case,) = [case for case in cases if case.kind == "full"]
     how = (folder, kept, about, device, clock, pace, judge)
     full = _reference(view, camera, case, *how)
-    whole, alone = full, case
+    whole, part = full, case
     if any(case.one_part for case in cases):
-        one_part = case.fidelity.changed({"sub_apertures": 1})
-        alone = replace(case, name="full, one part", fidelity=one_part)
-        whole = _reference(view, camera, alone, *how)
-    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, alone))
+        undivided = {"sub_apertures": 1}
+        one_part = case.fidelity.changed(undivided)
+        rival = case.alone and case.alone.changed(undivided)
+        part = replace(case, name="full, one part", fidelity=one_part, alone=rival)
+        whole = _reference(view, camera, part, *how)
+    of_full, of_part = ((kept.get(_key(about, each, 0)) or {}).get("scores", {}) for each in (case, part))
     turns = [(turn, case) for turn in range(repeats) for case in cases if turn == 0 or case.kind != "full"]
     keys = {(turn, case): _key(about, case, turn) for turn, case in turns}
     todo = [each for each in turns if kept.get(keys[each]) is None]
@@ -190,7 +212,7 @@ def _timed(
     if pace:
         entry["pace"] = (before + pace()) / 2
     if judge:
-        entry["scores"] = dict(judge.scores(view, camera, case.fidelity, photo, device))
+        entry["scores"] = dict(judge.scores(view, camera, case.fidelity, photo, device, case.alone))
     return photo, entry
 
 
@@ -246,7 +268,7 @@ def _about(
 
 
 def _key(about: Mapping[str, object], case: Case, turn: int) -> str:
-    return key_of(**about, case=[case.kind, case.name, repr(case.fidelity)], turn=turn)
+    return key_of(**about, case=[case.kind, case.name, repr(case.fidelity), repr(case.alone)], turn=turn)
 
 
 def _psnr(image: Tensor, truth: Tensor) -> float:

@@ -41,8 +41,17 @@ class Judge:
     seeds: int = 1
     alone: Camera | None = None
 
-    def scores(self, view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: str) -> Scores:
-        """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds."""
+    def scores(
+        self,
+        view: View,
+        camera: Camera,
+        fidelity: Fidelity,
+        photo: Photo,
+        device: str,
+        alone: Fidelity | None = None,
+    ) -> Scores:
+        """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds.
+        alone: how the photo through the lens alone is simulated, None for the same."""
         effects = sensor_effects(camera, fidelity)
         truth = Truth(photo.ideal, photographed_noise(view, camera, fidelity, photo, device))
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]
@@ -51,10 +60,11 @@ class Judge:
             for name, restore in self.restorers.items()
         }
         if self.alone is not None:
-            plain = capture(view, self.alone, fidelity, exposure=photo.exposure, device=device)
+            how = alone or fidelity
+            plain = capture(view, self.alone, how, exposure=photo.exposure, device=device)
             rivals = [record(plain.clean, effects, seed) for seed in range(self.seeds)]
             best = next(iter(found.values()))
-            left = photographed_noise(view, self.alone, fidelity, plain, device).image
+            left = photographed_noise(view, self.alone, how, plain, device).image
             without = [_level(truth, image, left) for image in rivals]
             found[GAIN] = [mine - other for mine, other in zip(best, without, strict=True)]
         return found

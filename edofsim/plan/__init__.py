@@ -1,6 +1,7 @@
 """Which effects are simulated, and why."""
 
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
+from .alone import as_accurate, plan_alone
 from .costs import Rendering
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
@@ -28,6 +29,7 @@ __all__ = [
     "Rendering",
     "Target",
     "all_effects",
+    "as_accurate",
     "checked_overrule",
     "decibels",
     "facts_of",
@@ -37,6 +39,7 @@ __all__ = [
     "look",
     "overall",
     "parse_target",
+    "plan_alone",
     "plan_figures",
     "plan_photo",
     "plan_scene",

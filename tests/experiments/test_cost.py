@@ -17,7 +17,8 @@ from edofsim.experiments.cost_page import cost_plot, shift_table
 from edofsim.experiments.cost_scores import GAIN, Judge
 from edofsim.optics import Camera
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
-from edofsim.plan import Fidelity, planner_of, rates, remember
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.plan import Fidelity, planner_of, rates, remember, through_mask_like
 from edofsim.recipe import CameraRecipe, load_scene
 from edofsim.recipe.camera import PsfSettings
 from edofsim.render.view import View
@@ -164,6 +165,27 @@ def test_what_becomes_of_scores_is_told_beside_their_noise(view: View, tmp_path)
     cells = shift_table([row]).rows[0]
     assert cells[0] == "for few" and cells[1] == row.shifts["darker"].mean
     assert cost.figures([row])["shift_db.target.few.darker"] == row.shifts["darker"].mean
+
+
+def test_the_lens_alone_is_compared_with_by_plans_of_its_own(view: View, tmp_path):
+    """Through a mask that evens the blur few layers do; through the bare lens they would miss the target."""
+    cubic = CAMERA.recipe.model_copy(update={"mask": CubicMask(alpha_rad=60.0)})
+    masked, alone = Camera.from_recipe(cubic), CAMERA
+    planner = planner_of(view, masked)
+    rival = planner_of(view, alone, facts=through_mask_like(planner.facts, alone))
+    cases = {(case.kind, case.name): case for case in cost.cases_of(planner, (45,), rival)}
+    target, full = cases["target", "45 dB"], cases["full", "full"]
+    assert full.alone == rival.facts.full
+    truth = capture(view, alone, full.alone, exposure=1.0).clean
+    own, others = (
+        psnr(capture(view, alone, how, exposure=1.0).clean, truth) for how in (target.alone, target.fidelity)
+    )
+    assert own >= 45 > others
+    judge = Judge({"nothing": lambda image, truncated: image}, alone=alone)
+    row = cost.measure(view, masked, [target, full], tmp_path, repeats=1, judge=judge)[0]
+    as_masked = [replace(case, alone=None) for case in (target, full)]
+    other = cost.measure(view, masked, as_masked, tmp_path, repeats=1, judge=judge)[0]
+    assert row.shifts["nothing"] == other.shifts["nothing"] and row.shifts[GAIN] != other.shifts[GAIN]
 
 
 def test_a_mask_that_is_not_known_is_refused(tmp_path):
