@@ -43,7 +43,7 @@ from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights
 from edofsim.capture.sensor import automatic_exposure
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
-from edofsim.experiments.occlusion import smooth_relief
+from edofsim.experiments.occlusion_cameras import smooth_relief
 from edofsim.experiments.protocols import flattened, of_three_lines
 from edofsim.optics import Camera, psf_bank
 from edofsim.recipe import load_camera, load_scene

@@ -2,7 +2,7 @@
 
 One crop a scene, where most of the scene's hard depth edges are; three masks; focus in front of both surfaces
 of the edge, between them, and behind both. The paper's camera in the green of its three-colour model alone,
-so that the references take minutes.
+so that the references take minutes; or any camera with its own mask.
 
 The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
 is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
@@ -22,9 +22,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import torch
 import typer
@@ -38,15 +39,10 @@ from ..capture.bands import chosen_bands
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, part
 from ..core.store import keep
-from ..errors import InputError
 from ..optics import Camera
 from ..optics.camera import focus_distance
-from ..optics.lenses.plano_convex import PlanoConvexLens
-from ..optics.masks.clear import ClearMask
-from ..optics.masks.cubic import CubicMask
 from ..options import CacheOption, Device, DeviceOption
-from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_scene
-from ..recipe.camera import Focus, PsfSettings, Sensor
+from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import write_csv
 from ..reference import clipped_pupils, thin_lens
 from ..reference.pinhole import Crop
@@ -58,48 +54,29 @@ from ..report.plot import new_figure, picture_axes
 from ..restore.scores import psnr
 from ..scene import build_scene
 from ..scene.model import SceneModel
+from ..stability.white_wall import CAMERAS as WHITE_CAMERAS
+from ..stability.white_wall import WAYS as WHITE_WAYS
+from ..stability.white_wall import by_every_way
 from .experiment import Findings, in_parts
 from .kept import Kept, key_of
+from .occlusion_cameras import (
+    THIN_LENS,
+    WINDOW,
+    Takers,
+    busiest_edge,
+    focus_distances,
+    takers_of,
+)
 from .occlusion_ways import SNAPPED, WAYS, composites
 
 SCENES = ("desk", "foliage", "bench")
-MASKS = ("clear", "cubic", "smooth")
-FOCI = ("front", "between", "behind")
-WINDOW = 64
-"""Side of the PSFs, and the margin around the crop twice."""
-SIZE = 64
 SAMPLES = 64
-GAPS = (0.25, 1.3)
-"""Depth edges of so many dioptres count: blurs are then no wider than the window."""
 GREEN = 1
 """Index of the band that is used."""
-THIN_LENS = "thin-lens"
-"""Stands in place of a mask: the clear aperture, judged by rays."""
 LENS_SAMPLES = 1024
 """A pixel, of the thin lens and of the view that is judged by it, which has other noise."""
 BOUNDS = {"noise_db": "noise of the truth", "view_db": "clipped pupils"}
 """What stands between any way and the thin lens, by the name of its figures."""
-
-
-@dataclass(frozen=True)
-class Edge:
-    """A crop, and the inverse depths in 1/m of what is in front and behind at its depth edges."""
-
-    where: Crop
-    near: float
-    far: float
-
-
-def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6, seed: int = 0) -> Tensor:
-    """White noise under a Gaussian of `width` samples, from 0 to `top` metres: [n, n], float32.
-
-    238 samples of 21 um and 1.135 um are those of the paper's mask (Fig. `MTF`).
-    """
-    noise = torch.randn(samples, samples, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
-    f = torch.fft.fftfreq(samples, dtype=torch.float64)
-    window = torch.exp(-2 * (math.pi * width) ** 2 * (f[:, None] ** 2 + f**2))
-    relief = torch.fft.ifft2(torch.fft.fft2(noise) * window).real
-    return ((relief - relief.min()) / (relief.max() - relief.min()) * top).float()
 
 
 @in_parts("scenes", lambda: SCENES)
@@ -114,23 +91,36 @@ def run(
             autocompletion=completion.scenes,
         ),
     ] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            metavar="CAMERA",
+            help="Camera recipe or shipped name, in place of the paper's lens with three masks.",
+            autocompletion=completion.cameras,
+        ),
+    ] = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
 ) -> Findings:
     """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
-    aperture, a cubic and a smooth random mask, focus in front of the edge, between its surfaces, and behind;
-    the clear aperture also against Mitsuba's thin lens, whose rays meet all surfaces.
+    aperture, a cubic and a smooth random mask, or a camera of one's own, focus in front of the edge, between
+    its surfaces, and behind; the clear aperture also against Mitsuba's thin lens, whose rays meet all
+    surfaces.
 
     Interrupt it at any time: references and scenes that are finished are kept in --out.
 
     Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,sub_apertures}, {near,far}_dpt.SCENE; MASK
-    also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is `hidden` through 4 x 4
-    of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, from 2 on, with which that way
-    is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS: PSNR that the noise of
-    that truth leaves to a perfect photo; view_db.SCENE.thin-lens.FOCUS: PSNR of the photo by clipped pupils,
-    which is dark where the view lacks a surface.
+    is the name of a --camera, and also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is
+    `hidden` through 4 x 4 of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, from 2
+    on, with which that way is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS:
+    PSNR that the noise of that truth leaves to a perfect photo; view_db.SCENE.thin-lens.FOCUS: PSNR of the
+    photo by clipped pupils, which is dark where the view lacks a surface.
+    white_percent.CAMERA.{known,guessed}.WAY: how far a white disc before a white wall is from white at the
+    worst pixel, by whether the view holds what is behind the disc.
     """
     loaded = [load_scene(scene) for scene in scenes or SCENES]
+    takers = takers_of(None if camera is None else load_camera(camera))
     kept = Kept(folder / "finished.jsonl")
     figures: dict[str, float] = {}
     outputs: dict[str, Path] = {}
@@ -138,23 +128,59 @@ def run(
         scene = source.recipe.name
         tell = part(progress, number / len(loaded), (number + 1) / len(loaded), scene)
         picture = outputs[f"picture of {scene}"] = folder / f"occlusion-{scene}.png"
-        key = scene_key(source, str(device))
+        source = replace(source, recipe=takers.framed(source.recipe))
+        key = scene_key(source, takers, str(device))
         found = kept.get(key)
         if found is None or not picture.is_file():
-            found = of_scene(source, folder, cache, str(device), tell)
+            found = of_scene(source, takers, folder, cache, str(device), tell)
             kept.put(key, found)
         figures |= found
     counts = tuple(f"layers of {way}" for way in SNAPPED)
     bounds = tuple(BOUNDS.values())
     header, rows = ("scene", "mask", "focus", *WAYS, *counts, *bounds), table(figures)
     outputs["table"] = write_csv(folder / "occlusion.csv", header, rows)
+    white = white_figures(takers, kept)
     columns = (
         *(Column(name) for name in header[:3]),
         *(Column(way, "dB", 2) for way in WAYS),
         *(Column(name, "", 0) for name in counts),
         *(Column(name, "dB", 1) for name in bounds),
     )
-    return Findings(figures, shown=[Table(columns, tuple(rows))], outputs=outputs)
+    shown = [Table(columns, tuple(rows)), white_table(white)]
+    return Findings(figures | white, shown=shown, outputs=outputs)
+
+
+def white_figures(takers: Takers, kept: Kept) -> dict[str, float]:
+    """How far a white disc before a white wall is from white, in percent at the worst pixel, through the
+    camera at hand, or through those of the hard case."""
+    own = takers.own
+    found: dict[str, float] = {}
+    for name, make in (WHITE_CAMERAS if own is None else {own.recipe.name: lambda: own}).items():
+        camera = make()
+        key = key_of(white=camera_key(camera))
+        known = kept.get(key)
+        if known is None:
+            known = {".".join(case): 100 * off for case, off in by_every_way(camera).items()}
+            kept.put(key, known)
+        found |= {f"white_percent.{name}.{what}": value for what, value in known.items()}
+    return found
+
+
+def white_table(figures: Mapping[str, float]) -> Table:
+    """A row a camera and a view, with or without what is behind the disc."""
+    ways = tuple(WHITE_WAYS)
+    cases = dict.fromkeys(name.rsplit(".", 1)[0] for name in figures)
+    rows = tuple(
+        (
+            case.split(".", 1)[1].rsplit(".", 1)[0],
+            case.rsplit(".", 1)[1],
+            *(figures[f"{case}.{w}"] for w in ways),
+        )
+        for case in cases
+    )
+    columns = (Column("camera"), Column("behind the disc"), *(Column(way, "%", 2) for way in ways))
+    said = "A white disc at 0.6 m before a white wall at 3 m: the worst pixel's difference from white."
+    return Table(columns, rows, said)
 
 
 def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
@@ -170,12 +196,11 @@ def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
     return rows
 
 
-def scene_key(loaded: Loaded[SceneRecipe], device: str) -> str:
+def scene_key(loaded: Loaded[SceneRecipe], takers: Takers, device: str) -> str:
     """A key of everything that decides a scene's figures: the views, the cameras, and the code."""
     views = [view_key(three_bands(loaded, samples), loaded.base) for samples in (SAMPLES, LENS_SAMPLES)]
-    cameras = [
-        camera_key(camera_with(mask, 1.0, loaded.recipe.frame.pixel_angle)) for mask in (*MASKS, THIN_LENS)
-    ]
+    angle = loaded.recipe.frame.pixel_angle
+    cameras = [camera_key(takers.at(name, 1.0, angle)) for name in (*takers.names, THIN_LENS)]
     return key_of(views=views, cameras=cameras, device=device)
 
 
@@ -186,18 +211,23 @@ def camera_key(camera: Camera) -> str:
 
 
 def of_scene(
-    loaded: Loaded[SceneRecipe], folder: Path, cache: Path | None, device: str, say: Progress
+    loaded: Loaded[SceneRecipe],
+    takers: Takers,
+    folder: Path,
+    cache: Path | None,
+    device: str,
+    say: Progress,
 ) -> dict[str, float]:
     """Figures of one scene, and its picture."""
     scene = loaded.recipe.name
     recipe = three_bands(loaded, SAMPLES)
     view = render(recipe, loaded.base, cache=cache, device=device, progress=part(say, 0.0, 0.2))
     view = chosen_bands(view, [GREEN])
-    edge = busiest_edge(view)
+    edge = busiest_edge(view, takers.gaps(view.pixel_angle))
     model = build_scene(recipe, loaded.base)
     takes = {
-        (mask, focus): camera_with(mask, distance, view.pixel_angle)
-        for mask in MASKS
+        (mask, focus): takers.at(mask, distance, view.pixel_angle)
+        for mask in takers.names
         for focus, distance in focus_distances(edge).items()
     }
     truths = references(
@@ -225,7 +255,7 @@ def of_scene(
     )
     green, depth = chosen_bands(fine, [GREEN]), recipe.render.max_depth
     lenses = {
-        (THIN_LENS, focus): camera_with(THIN_LENS, distance, view.pixel_angle)
+        (THIN_LENS, focus): takers.at(THIN_LENS, distance, view.pixel_angle)
         for focus, distance in focus_distances(edge).items()
     }
     limits = references(
@@ -318,57 +348,6 @@ def three_bands(loaded: Loaded[SceneRecipe], samples: int) -> SceneRecipe:
     bands = loaded.recipe.bands.model_copy(update={"start_nm": 482.0, "stop_nm": 611.0, "count": 3})
     coarse = loaded.recipe.render.model_copy(update={"samples": samples})
     return loaded.recipe.model_copy(update={"bands": bands, "render": coarse})
-
-
-def busiest_edge(view: View) -> Edge:
-    """The crop of `SIZE` pixels with the most depth edge in it, each pixel of edge counted by its jump of
-    inverse depth, on a raster of half its size. Raises InputError for a view without such edges."""
-    depth = view.crop_margin(view.mean_inverse_depth())
-    # two pixels apart: a pixel on an edge has a depth between those of its neighbours
-    pairs = ((depth[:-2, :-2], depth[2:, :-2]), (depth[:-2, :-2], depth[:-2, 2:]))
-    jumps = torch.stack([(a - b).abs() for a, b in pairs])
-    jumps = torch.where((jumps >= GAPS[0]) & (jumps <= GAPS[1]), jumps, torch.zeros_like(jumps))
-    best, most = (0, 0), -1.0
-    for top in range(0, view.height - SIZE + 1, SIZE // 2):
-        for left in range(0, view.width - SIZE + 1, SIZE // 2):
-            edge = float(jumps[:, top : top + SIZE, left : left + SIZE].sum())
-            if edge > most:
-                best, most = (top, left), edge
-    inside = (slice(best[0], best[0] + SIZE), slice(best[1], best[1] + SIZE))
-    near, far = (
-        torch.cat([which(a, b)[inside][jump[inside] > 0] for (a, b), jump in zip(pairs, jumps, strict=True)])
-        for which in (torch.maximum, torch.minimum)
-    )
-    if not near.numel():
-        raise InputError(f"the view has no depth edge between {GAPS[0]:g} and {GAPS[1]:g} dioptres")
-    return Edge(Crop(*best, SIZE, SIZE), float(near.median()), float(far.median()))
-
-
-def focus_distances(edge: Edge) -> dict[str, float]:
-    """Distances in metres a quarter of the gap in front of both surfaces, midway, and as far behind both."""
-    gap = edge.near - edge.far
-    places = {"front": edge.near + gap / 4, "between": edge.near - gap / 2, "behind": edge.far - gap / 4}
-    return {name: 1 / max(place, 0.05) for name, place in places.items()}
-
-
-def camera_with(
-    mask: str, distance: float, pixel_angle: float, window: int = WINDOW, aperture_mm: float = 2.5
-) -> Camera:
-    """The paper's lens with pixels that see the view's angle at this focus, and a mask, or none for the
-    `THIN_LENS`: as that, it is then without aberrations."""
-    profile: Literal["parabolic", "spherical"] = "parabolic" if mask == THIN_LENS else "spherical"
-    recipe = CameraRecipe(
-        name=f"paper-{mask}",
-        lens=PlanoConvexLens(aperture_radius_mm=aperture_mm, surface_profile=profile),
-        focus=Focus(distance_m=distance),
-        mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
-        sensor=Sensor(read_noise=0.0),
-        psf=PsfSettings(window_px=window),
-    )
-    pixel = Camera.from_recipe(recipe).sensor_distance * pixel_angle * 1e6
-    sensor = recipe.sensor.model_copy(update={"pixel_um": pixel})
-    camera = Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}))
-    return camera.with_height(smooth_relief()) if mask == "smooth" else camera
 
 
 def crops_plot(shown: dict[tuple[str, str], dict[str, Tensor]]) -> Plot:

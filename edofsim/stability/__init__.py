@@ -9,7 +9,8 @@ from .occlusion_cases import CASES as OCCLUSION
 from .psf_cases import CASES as PSFS
 from .pupils import CASES as PUPILS
 from .sensor_cases import CASES as SENSOR
+from .white_wall import CASES as WHITE
 
-CASES: tuple[Case, ...] = (*DEPTH, *OCCLUSION, *LIGHT, *PUPILS, *PSFS, *SENSOR)
+CASES: tuple[Case, ...] = (*DEPTH, *OCCLUSION, *WHITE, *LIGHT, *PUPILS, *PSFS, *SENSOR)
 
 __all__ = ["CASES", "Case", "Finding"]

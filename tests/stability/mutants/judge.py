@@ -24,6 +24,7 @@ SELECTED: Mapping[str, tuple[str, ...]] = {
         "white room",
         "bright before dark",
         "dark before bright",
+        "white disc before a white wall",
     ),
     "radiance": ("one pixel of 1e12", "contrast 1e5", "automatic exposure", "one pixel of 1e6"),
     "spectrum": ("mercury", "two bands"),

@@ -10,7 +10,7 @@ from unittest.mock import patch
 import torch
 from torch import Tensor
 
-from edofsim.capture import blurring, imaging
+from edofsim.capture import blurring, imaging, photograph
 from edofsim.capture.blurring import Blurring
 from edofsim.capture.kernels import HeldKernels, Kernels
 from edofsim.capture.occlusion import OCCLUSIONS, layers, none, slabs
@@ -110,6 +110,10 @@ def _nothing_hides(view: View, gap: float) -> Hides:
     return Hides(none_at_all, none_at_all)
 
 
+def _as_it_is(view: View, camera: Camera) -> View:
+    return view
+
+
 def _every_fragment(view: View) -> Tensor:
     return torch.arange(view.pixel.numel())
 
@@ -182,6 +186,12 @@ MUTANTS: tuple[Mutant, ...] = (
         "no division by what is behind",
         ("coverage",),
         _composed(layers.over, "normalised"),
+    ),
+    Mutant(
+        "nothing guessed",
+        "behind the edges of a view that does not know what lies there is nothing",
+        ("occlusion",),
+        lambda: swapped(photograph, "with_guessed", _as_it_is),
     ),
     Mutant(
         "sub-apertures change nothing",
