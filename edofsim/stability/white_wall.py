@@ -125,7 +125,7 @@ def off(view: View, camera: Camera, fidelity: Fidelity, truth: float = 1.0) -> f
 
 def by_every_way(camera: Camera) -> dict[tuple[str, str], float]:
     """How far a white disc before a white wall is from white, at most, by `BEHIND` and way."""
-    found = {}
+    found: dict[tuple[str, str], float] = {}
     for said, known in BEHIND.items():
         view = disc_before_wall(camera, known)
         found |= {(said, way): off(view, camera, how) for way, how in WAYS.items()}
