@@ -163,7 +163,7 @@ def _of_gltf(path: Path, content: bytes, what: str) -> list[str]:
         return []  # trimesh says what is wrong
     unknown = [name for name in required if not name.startswith(GLTF_KNOWN)]
     if DRACO in required and find_spec("DracoPy") is None:
-        unknown.append(DRACO)
+        unknown.append(f"{DRACO} (pip install DracoPy)")
     if unknown:
         raise InputError(
             f"{what}: {str(path)!r} requires {', '.join(unknown[:6])}, which is not read; export it without"
