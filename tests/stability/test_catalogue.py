@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hard_cases import CASES
+from hard_cases import CASES, convergence
 
 from edofsim.errors import InputError
 from edofsim.stability import Case, Finding
@@ -14,6 +14,7 @@ from edofsim.stability.catalogue import choose, figures, run_case, write_table
 SLOW = {
     "psi 1000", "4096 wide", "killed in any step", "a hundred wires", "layers of one pixel",
     "layers of one column", "slanted through focus", "primes", "even", "one outlier", "flat colours",
+    *convergence.SLOW,
 }  # fmt: skip
 
 

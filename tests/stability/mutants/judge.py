@@ -62,6 +62,7 @@ SELECTED: Mapping[str, tuple[str, ...]] = {
         "flat colours",
     ),
     "training": ("dead channels",),
+    "plan": ("35 mm f/4 before a picture",),
     "renderer": (
         "four patches",
         "behind a strip",
