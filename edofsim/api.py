@@ -32,7 +32,7 @@ from .render.seen import as_looked_at, by_itself, told
 from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
-from .restore.choice import any_camera_network, choose_network, restoring
+from .restore.choice import any_camera_network, choose_network
 from .scene.family import members as family_members
 
 NEAREST = 0.5
@@ -272,16 +272,14 @@ def plan_for(
 ) -> Plan:
     """Which effects a photo calls for, what leaving each out would cost, and what each takes.
 
-    accuracy: `noise` (the default: less error than half of the sensor's noise), `full`, or decibels such as
-    `45dB`, or `score:0.1dB`, by which the PSNR of the restored photo may shift; or time, such as `2s`: the
-    best within it. with_, without: names of effects that are simulated in full, or not at all, whatever the
-    plan says. network: what restores, see `restored`.
+    accuracy: `noise` (the default: less error than half of the sensor's noise), `restored` (so much nearer
+    that what a network makes of the photo keeps its PSNR), `full`, or decibels such as `45dB`; or time, such
+    as `2s`: the best within it. with_, without: names of effects that are simulated in full, or not at all,
+    whatever the plan says. network: of no effect any more.
     Raises InputError for what is not known.
     """
     overrule = {"with_": list(with_) or None, "without": list(without) or None}
-    restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, network))
-    target = parse_target(accuracy, time)
-    return plan_photo(view, camera, overrule, target, restore=restore, progress=progress)
+    return plan_photo(view, camera, overrule, parse_target(accuracy, time), progress=progress)
 
 
 def _check_sub_apertures(fidelity: Fidelity, view: View) -> None:
@@ -334,8 +332,7 @@ def photograph(
         plan = full_fidelity(camera, view)
     if plan is None:
         target = parse_target(accuracy, time)
-        restore = restoring(camera, view.wavelengths, view.inverse_depth, _checkpoint(camera, None))
-        plan = plan_photo(view, camera, target=target, every_effect=False, restore=restore, progress=progress)
+        plan = plan_photo(view, camera, target=target, every_effect=False, progress=progress)
     fidelity = plan.fidelity if isinstance(plan, Plan) else plan
     _check_sub_apertures(fidelity, view)
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)

@@ -24,6 +24,7 @@ from .optics import Camera
 from .optics.nodes import nodes_between
 from .optics.threads import in_threads
 from .plan import (
+    RESTORED,
     Facts,
     Plan,
     Target,
@@ -44,7 +45,7 @@ from .render import cached, render
 from .render.view import View
 from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
-from .restore.choice import choose_network, restoring
+from .restore.choice import choose_network
 from .restore.gains import gain_figures, gains
 from .restore.scores import DepthScore, Score, score_by_depth
 from .restore.truth import Truth, noise_figures, samples_for
@@ -124,14 +125,15 @@ def run(
 
     cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
     view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces
-    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for. fidelity: a
+    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for,
+    None for one that keeps the restored image's PSNR (`RESTORED`). fidelity: a
     preset or a file that says what is simulated, in place of a plan. seed: of the sensor's noise.
     device: auto, cpu or cuda.
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch(progress)
     compute = torch_device(device)
-    overrule = checked_overrule(overrule)
+    overrule, target = checked_overrule(overrule), target or RESTORED
     checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
     bare = optics.height_map is None and optics.recipe == alone.recipe
@@ -143,7 +145,6 @@ def run(
         overrule=overrule,
         target=target,
         fidelity=fidelity,
-        checkpoint=checkpoint,
         cache=cache,
         device=device,
     )
@@ -235,7 +236,6 @@ def planned_view(
     overrule: Mapping[str, object] | None = None,
     target: Target | None = None,
     fidelity: str | Path | None = None,
-    checkpoint: Checkpoint | None = None,
     cache: Path | None = None,
     device: str = "auto",
 ) -> tuple[View, Plan, Facts]:
@@ -245,8 +245,7 @@ def planned_view(
     The view is rendered as its recipe says, as it is also the truth that photos are scored against, but for
     effects of rendering that the user leaves out; the photo is planned on it. Only where a time is asked for,
     rendering is planned as well, on a preview (stage `preview`), unless the view is in the cache: what can be
-    done in a time depends on the machine. checkpoint: the network that restores the photo, None for Wiener
-    deconvolution; a target of the restored image asks for it.
+    done in a time depends on the machine.
     """
     overrule, recipe = checked_overrule(overrule), framed(scene.recipe, camera, resample)
     if fidelity is not None:
@@ -259,15 +258,7 @@ def planned_view(
     if rendered and timed and cached(recipe, scene.base, cache=cache) is None:
         with watch.stage("preview", 0.0, 0.1) as tell:
             looked = look(recipe, scene.base, camera, cache=cache, device=device)
-            first = looked.facts.view
-            plan = plan_scene(
-                looked,
-                camera,
-                overrule=overrule,
-                target=target,
-                restore=restoring(camera, first.wavelengths, first.inverse_depth, checkpoint),
-                progress=tell,
-            )
+            plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
         recipe = simpler_recipe(recipe, plan.fidelity)
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)
@@ -284,7 +275,6 @@ def planned_view(
             left,
             every_effect=False,
             facts=facts,
-            restore=restoring(camera, view.wavelengths, view.inverse_depth, checkpoint),
             progress=tell,
         )
     return view, plan, facts

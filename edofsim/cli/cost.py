@@ -57,7 +57,7 @@ def cost(
     With --jobs, scenes are measured beside each other, and their seconds are longer than alone.
 
     Figures, of several scenes with .SCENE behind: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE],
-    predicted_seconds.CASE for each case target.N_dB, chosen, score.score_0.1_dB, without.EFFECT and full;
+    predicted_seconds.CASE for each case target.N_dB, chosen, target.restored, without.EFFECT and full;
     shift_db.CASE.WHAT of the scores NETWORK, Wiener and gain_over_the_lens_alone, noise_db.CASE.WHAT from
     seed to seed; times_faster.chosen;
     render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
@@ -120,7 +120,7 @@ def measured(
     network = usual_network(taker)
     ways = [network, None] if network else [None]
     restorers = {way.name if way else "Wiener": restoring(*about, way) for way in ways}
-    planner = planner_of(view, optics, restore=restoring(*about, network), progress=progress)
+    planner = planner_of(view, optics, progress=progress)
     alone = optics.without_mask()
     rival = planner_of(view, alone, facts=through_mask_like(planner.facts, alone), progress=progress)
     rows = photos.measure(

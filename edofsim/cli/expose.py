@@ -227,7 +227,6 @@ def _photographed(
     from ..plan import learn_rates, plan_figures
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
-    from ..restore.choice import usual_network
     from ..restore.scores import level_and_error, psnr
     from ..restore.truth import SAID, Truth
 
@@ -242,7 +241,6 @@ def _photographed(
         overrule=overrule,
         target=target,
         fidelity=wanted,
-        checkpoint=usual_network(taker),
         cache=cache,
         device=device,
     )

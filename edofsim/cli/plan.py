@@ -36,7 +36,7 @@ def plan(
 
     Decided on small renderings of the scene unless its view is in the cache.
 
-    Figures: plan.{psnr_db,memory_mib,seconds,seconds_saved,score_shift_db},
+    Figures: plan.{psnr_db,memory_mib,seconds,seconds_saved},
     plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and for each effect called_for.EFFECT (1 or 0),
     psnr_db.without_EFFECT, plan.seconds.EFFECT.
     """
@@ -46,22 +46,13 @@ def plan(
         from ..optics import Camera
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
         from ..plan.rendered_noise import noise_in_words
-        from ..restore.choice import restoring, usual_network
 
         target = parse_target(accuracy, time)
         overrule = checked_overrule({"with_": with_, "without": without})
         optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
         recipe, base = scene_recipe.recipe, scene_recipe.base
         looked = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)
-        view = looked.facts.view
-        chosen = plan_scene(
-            looked,
-            optics,
-            overrule=overrule,
-            target=target,
-            restore=restoring(optics, view.wavelengths, view.inverse_depth, usual_network(camera_recipe)),
-            progress=progress,
-        )
+        chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
         inputs = inputs_of(scene_recipe, camera_recipe)
         noise = noise_in_words(looked.facts)
         return finish(

@@ -163,14 +163,11 @@ def _as_planned(
     from ..plan import look, plan_scene, simpler_recipe
     from ..recipe import load_camera
     from ..render.jobs import Task
-    from ..restore.choice import restoring, usual_network
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
     looked = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
-    view = looked.facts.view
-    restore = restoring(optics, view.wavelengths, view.inverse_depth, usual_network(camera))
-    plan = plan_scene(looked, optics, target=target, restore=restore, progress=progress)
+    plan = plan_scene(looked, optics, target=target, progress=progress)
     if not quiet:
         console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
     return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)

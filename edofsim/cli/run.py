@@ -101,7 +101,7 @@ def run(
         from ..capture import save_image, write_photo
         from ..capture.fidelity_file import values_of
         from ..optics.threads import in_threads
-        from ..plan import parse_target
+        from ..plan import RESTORED, parse_target
         from ..restore.choice import said_of
         from ..restore.gains import gains_in_words
         from ..restore.truth import noise_said
@@ -118,7 +118,7 @@ def run(
             network=network,
             resample=resample,
             overrule=overrule,
-            target=parse_target(accuracy, time),
+            target=parse_target(accuracy, time, RESTORED),
             fidelity=fidelity,
             seed=seed,
             device=device.value,

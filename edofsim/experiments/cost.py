@@ -27,7 +27,7 @@ from ..core.progress import Progress
 from ..core.store import found, keep
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import Fidelity, Plan, Planner, Target, as_accurate
+from ..plan import RESTORED, Fidelity, Plan, Planner, Target
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
@@ -35,8 +35,8 @@ from .cost_scores import Judge, Shift, shifts
 from .kept import Kept, key_of
 
 TARGETS_DB = (25, 30, 35, 40, 45, 50, 55, 60)
-SCORE_DB = 0.1
-"""What the restored image's PSNR may differ by."""
+FOR = "restored"
+"""The target of what is restored, as a case."""
 FINE_DB = 60.0
 """Effects are left out one by one of the plan for this accuracy: left out of the full simulation they would
 err the same, and take hours."""
@@ -45,8 +45,7 @@ err the same, and take hours."""
 @dataclass(frozen=True)
 class Case:
     """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
-    predicted_db, predicted_seconds: by the plan; predicted_shift_db: of the restored image's PSNR, where that
-    was asked for; one_part: simulated without sub-apertures, and judged
+    predicted_db, predicted_seconds: by the plan; one_part: simulated without sub-apertures, and judged
     against the full simulation without them; alone: how the photo through the lens alone is simulated, None
     for `fidelity`."""
 
@@ -57,7 +56,6 @@ class Case:
     predicted_db: float = math.inf
     predicted_seconds: float = 0.0
     one_part: bool = False
-    predicted_shift_db: float | None = None
     alone: Fidelity | None = None
 
 
@@ -79,9 +77,9 @@ class Measured:
 def cases_of(
     planner: Planner, targets: tuple[int, ...] = TARGETS_DB, alone: Planner | None = None
 ) -> list[Case]:
-    """The sweep of targets, the default choice, that for a restored image where the planner knows what
-    restores, each effect left out in turn, and everything in full. alone: of the same view through the lens
-    alone, whose photo has its own plan in each case; None where none is compared with."""
+    """The sweep of targets, the default choice, that for a restored image, each effect left out in turn, and
+    everything in full. alone: of the same view through the lens alone, whose photo has its own plan in each
+    case; None where none is compared with."""
 
     def planned(by: Planner, target: Target, whole: tuple[str, ...] = ()) -> Plan:
         """whole: effects of which nothing may be left out."""
@@ -91,21 +89,13 @@ def cases_of(
     def beside(target: Target, whole: tuple[str, ...] = ()) -> Fidelity | None:
         return None if alone is None else planned(alone, target, whole).fidelity
 
-    cases = []
-    for db in targets:
-        target = Target("db", db=float(db))
+    def case_of(name: str, kind: str, target: Target) -> Case:
         plan = planner.plan(target)
-        case = _case(f"{db} dB", "target", plan.fidelity, planner, float(db), plan.error_db)
-        cases.append(replace(case, alone=beside(target)))
-    chosen = planner.plan()
-    case = _case("chosen", "chosen", chosen.fidelity, planner, chosen.asked_db or math.inf, chosen.error_db)
-    cases.append(replace(case, alone=beside(Target())))
-    if planner.restore is not None:
-        target = Target("score", db=SCORE_DB)
-        plan = planner.plan(target)
-        case = _case(f"score {SCORE_DB:g} dB", "score", plan.fidelity, planner, math.inf, plan.error_db)
-        rival = beside(as_accurate(plan, target))
-        cases.append(replace(case, predicted_shift_db=plan.score_shift_db, alone=rival))
+        case = _case(name, kind, plan.fidelity, planner, plan.asked_db or math.inf, plan.error_db)
+        return replace(case, alone=beside(target))
+
+    cases = [case_of(f"{db} dB", "target", Target("db", db=float(db))) for db in targets]
+    cases += [case_of("chosen", "chosen", Target()), case_of(FOR, "target", RESTORED)]
     fine, parts = Target("db", db=FINE_DB), ("sub-apertures",)
     finely, all_bands = (
         (planned(planner, fine, whole), beside(fine, whole)) for whole in (parts, (*parts, "bands"))
@@ -299,8 +289,6 @@ def figures(rows: list[Measured]) -> dict[str, float]:
             said = what.replace(" ", "_")
             found[f"shift_db.{name}.{said}"] = shift.mean
             found[f"noise_db.{name}.{said}"] = shift.noise
-        if row.case.predicted_shift_db is not None:
-            found[f"predicted_shift_db.{name}"] = row.case.predicted_shift_db
     return found
 
 

@@ -247,7 +247,7 @@ def shift_table(rows: Sequence[Measured]) -> Table:
 
 
 def _name(row: Measured) -> str:
-    before = {"without": "without ", "target": "for ", "score": "for "}
+    before = {"without": "without ", "target": "for "}
     return before.get(row.case.kind, "") + row.case.name
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from torch import Tensor
 
@@ -13,11 +14,13 @@ from ..capture import Fidelity, Photo, capture
 from ..capture.noise import photographed_noise
 from ..capture.sensor import record, sensor_effects
 from ..optics import Camera
-from ..plan import Restore
 from ..render.view import View
 from ..restore.scores import image_psnr
 from ..restore.truth import Truth
 
+Restore: TypeAlias = Callable[[Tensor, Tensor], Tensor]
+"""The sharp image [channel, y, x] of a photo [channel, y, x] and of the part of the light [channel] that
+leaves the windows of its PSFs."""
 Scores = Mapping[str, list[float]]
 """PSNR against the all-in-focus image in dB, by what was restored with: one for each seed."""
 GAIN = "gain over the lens alone"

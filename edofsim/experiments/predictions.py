@@ -123,8 +123,8 @@ def run(
 
     Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5}, worst_{optimism,pessimism}_db,
     worst_target_missed_db, share.score_within_{0.15,0.3}_db, worst_score_shift_db (of the restored image, for
-    score:0.1dB), times_faster.SCENE.MASK (the default choice against everything in full),
-    times_faster_score.SCENE.MASK (that for score:0.1dB).
+    `restored`), times_faster.SCENE.MASK (the default choice against everything in full),
+    times_faster_score.SCENE.MASK (that for `restored`).
     """
     known = [load_scene(scene) for scene in scenes or SCENES]  # refused before any time is spent
     known = in_place_of(known, members, first)
@@ -133,8 +133,8 @@ def run(
         raise InputError(f"--mask {unknown[0]}: give one of {', '.join(MASKS)}")
     outcomes = measure(folder, progress, known, masks or MASKS, quick=quick, cache=cache)
     numbers = figures(outcomes)
-    for kind, head in (("chosen", "times_faster"), ("score", "times_faster_score")):
-        numbers |= {f"{head}.{name}": value for name, value in saved(outcomes, kind).items()}
+    for case, head in (("chosen", "times_faster"), (cost.FOR, "times_faster_score")):
+        numbers |= {f"{head}.{name}": value for name, value in saved(outcomes, case).items()}
     totals = Table((Column("figure"), Column("value", "", 3)), tuple(numbers.items()))
     return Findings(numbers, shown=[_table(outcomes), totals], outputs={"measurements": folder})
 
@@ -164,7 +164,7 @@ def measure(
         restore = restoring(camera, view.wavelengths, view.inverse_depth, network)
         judge = Judge({RESTORED: restore})
         with one_thread():
-            cases = cost.cases_of(planner_of(view, camera, restore=restore), TARGETS_DB)
+            cases = cost.cases_of(planner_of(view, camera), TARGETS_DB)
             how = {"clock": time.process_time, "pace": rates.pace, "judge": judge}
             rows = cost.measure(view, camera, cases, place, repeats=1, **how)
             usual = sum(rates.rates()[rates.PACE])
@@ -231,7 +231,9 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
     off = [row.case.predicted_db - row.measured_db for row in pairs]
     missed = [row.case.asked_db - row.measured_db for row in targets]
     moved = [
-        abs(row.shifts[RESTORED].mean) for row in timed if row.case.kind == "score" and RESTORED in row.shifts
+        abs(row.shifts[RESTORED].mean)
+        for row in timed
+        if row.case.name == cost.FOR and RESTORED in row.shifts
     ]
     ratios = [row.case.predicted_seconds / row.seconds for row in timed if row.seconds > 0]
     return {
@@ -248,14 +250,14 @@ def figures(outcomes: Sequence[Outcome]) -> dict[str, float]:
     }
 
 
-def saved(outcomes: Sequence[Outcome], kind: str = "chosen") -> Mapping[str, float]:
-    """How many times as fast as the full fidelity the default choice, or another kind, is, by scene and
+def saved(outcomes: Sequence[Outcome], case: str = "chosen") -> Mapping[str, float]:
+    """How many times as fast as the full fidelity the default choice, or another case, is, by scene and
     mask."""
     found = {}
     for outcome in outcomes:
-        by_kind = {row.case.kind: row for row in outcome.rows}
-        if kind in by_kind:
-            found[f"{outcome.scene}.{outcome.mask}"] = by_kind["full"].seconds / by_kind[kind].seconds
+        by_name = {row.case.name: row for row in outcome.rows}
+        if case in by_name:
+            found[f"{outcome.scene}.{outcome.mask}"] = by_name["full"].seconds / by_name[case].seconds
     return found
 
 
@@ -270,7 +272,6 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
         ("PSNR", "dB", 1),
         ("predicted", "dB", 1),
         ("restored shifts", "dB", 3),
-        ("predicted", "dB", 3),
         ("time", "s", 2),
         ("predicted", "s", 2),
     )
@@ -283,13 +284,12 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
             row.measured_db,
             row.case.predicted_db,
             row.shifts[RESTORED].mean if RESTORED in row.shifts else None,
-            row.case.predicted_shift_db,
             row.seconds,
             row.case.predicted_seconds,
         )
         for outcome in outcomes
         for row in outcome.rows
-        if row.case.kind == "score"
+        if row.case.name == cost.FOR
         or (row.case.kind in ("without", "target") and row.measured_db < MATTERS_DB)
     )
     return Table(columns, rows)

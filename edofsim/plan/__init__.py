@@ -10,13 +10,13 @@ from .figures import plan_figures
 from .overrule import checked_overrule, insisted_rendering
 from .photo import Planner, plan_photo, planner_of
 from .rates import learn as learn_rates
-from .restored import Restore
 from .scene import Looked, look, plan_scene, seen_in_thumbnails
-from .target import Target, parse_target
+from .target import RESTORED, Target, parse_target
 from .thumbnail import thumbnail
 
 __all__ = [
     "EFFECTS",
+    "RESTORED",
     "Decision",
     "Effect",
     "Facts",
@@ -24,7 +24,6 @@ __all__ = [
     "Level",
     "Looked",
     "Plan",
-    "Restore",
     "Planner",
     "Rendering",
     "Target",

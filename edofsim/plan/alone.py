@@ -32,12 +32,8 @@ def plan_alone(
 
 
 def as_accurate(plan: Plan, target: Target | None) -> Target:
-    """What a photo to compare with is planned for: the error that the plan of the first one promises.
-
-    target: that of the first one. An accuracy holds for both; a time, and the score of a restored image, are
-    of the first alone, and the other is planned for the accuracy that they came to.
-    """
-    if target is None or target.kind in ("noise", "db", "full"):
+    """What a photo to compare with is planned for. target: that of the first one. An accuracy holds for both;
+    a time is of the first alone, and the other is planned for the accuracy that it came to."""
+    if target is None or target.kind != "time":
         return target or Target()
-    promised = plan.error_db if target.kind == "time" else plan.asked_db
-    return Target("full") if promised is None or math.isinf(promised) else Target("db", db=promised)
+    return Target("full") if math.isinf(plan.error_db) else Target("db", db=plan.error_db)

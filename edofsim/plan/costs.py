@@ -22,8 +22,6 @@ WORTH_ASKING = 0.1
 """An effect is looked at only where leaving it out saves this fraction of the work."""
 WORTH_S = 1.0
 """And this many reference seconds: looking at the light of a view takes about as long."""
-WORTH_RESTORING_S = 5.0
-"""This many where parts of it are restored, too."""
 
 
 def nothing(fidelity: Fidelity) -> float:

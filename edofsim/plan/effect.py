@@ -100,10 +100,9 @@ class Plan:
 
     error_db: predicted PSNR of the photo against the full simulation; asked_db: what was asked for, None
     where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
-    be had and why, or empty; target: what was asked for, as a sentence; score_shift_db: by how much the PSNR
-    of the restored image is predicted to differ from that of the full simulation, where that was asked for;
-    full_seconds: predicted, of everything in full; replayed: the file or preset that gave the fidelity, empty
-    where it was chosen: nothing is predicted then.
+    be had and why, or empty; target: what was asked for, as a sentence; full_seconds: predicted, of
+    everything in full; replayed: the file or preset that gave the fidelity, empty where it was chosen:
+    nothing is predicted then.
     """
 
     decisions: tuple[Decision, ...]
@@ -115,7 +114,6 @@ class Plan:
     disk_mib: float = 0.0
     target: str = ""
     note: str = ""
-    score_shift_db: float | None = None
     full_seconds: float = 0.0
     replayed: str = ""
 
@@ -141,11 +139,8 @@ class Plan:
             return f"simulated as {self.replayed} says; nothing was planned"
         stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
         whole = sum(self.seconds.values())
-        shift = ""
-        if self.score_shift_db is not None:
-            shift = f"{self.score_shift_db:+.3f} dB restored, "
         return (
-            f"asked for: {self.target}; predicted {shift}{self.error_db:.1f} dB in {whole:.2g} s "
+            f"asked for: {self.target}; predicted {self.error_db:.1f} dB in {whole:.2g} s "
             f"({stages}), {self.memory_mib:.0f} MiB of memory, {self.disk_mib:.0f} MiB of disk"
         )
 

@@ -47,12 +47,11 @@ class Estimate:
 @dataclass(frozen=True)
 class Estimates:
     """All effects. products: [image, image], mean over pixels and channels of the product of two difference
-    images, so that errors of several effects together are sums over it, with their correlation. differences:
-    these images (see `Effect.differences`), none where only their products are known."""
+    images (see `Effect.differences`), so that errors of several effects together are sums over it, with their
+    correlation."""
 
     rows: tuple[Estimate, ...]
     products: Tensor
-    differences: tuple[Tensor, ...] = ()
 
     def by_name(self) -> Mapping[str, Estimate]:
         return self._named
@@ -67,13 +66,6 @@ class Estimates:
 
     def total(self, chosen: Mapping[str, int]) -> float:
         """Root mean square error of the photo with these levels of the effects."""
-        images, noise, bias = self.left_out(chosen)
-        pairs = sum(self._listed[one][other] for one in images for other in images)
-        return max(0.0, pairs + noise) ** 0.5 + bias
-
-    def left_out(self, chosen: Mapping[str, int]) -> tuple[list[int], float, float]:
-        """What these levels leave out: rows of `products`, the mean square of independent noise, and a shift
-        of all light."""
         images: list[int] = []
         noise = bias = 0.0
         for row in self.rows:
@@ -88,7 +80,8 @@ class Estimates:
                 bias += mean_square**0.5
             else:
                 noise += mean_square
-        return images, noise, bias
+        pairs = sum(self._listed[one][other] for one in images for other in images)
+        return max(0.0, pairs + noise) ** 0.5 + bias
 
     def moot(self, row: Estimate, chosen: Mapping[str, int]) -> bool:
         """Whether an effect does not matter because the one that it is a part of is left out, or moot."""
@@ -134,7 +127,7 @@ def estimate(
             rows[row], levels=(*levels, rows[row].levels[-1]), errors=errors, images=(*images, -1)
         )
     rows = _add_nested_effects(rows, differences)
-    return Estimates(tuple(rows), _products(differences), tuple(differences))
+    return Estimates(tuple(rows), _products(differences))
 
 
 def _measured(

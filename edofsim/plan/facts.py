@@ -50,9 +50,8 @@ class Facts:
     distinct ones where they are few, else None; hides: which fragments hide which; cuts: inverse depths at
     which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds; shorter:
     error of each channel if paths end after so many bounces, and plain_glass: if glass does not disperse,
-    both from small renderings; noisier: the view's noise over that of the recipe's samples; closely:
-    whether more time is taken to look, as a restored image asks for; allowed: root mean square error that
-    the photo may have: how much more something errs is of no account.
+    both from small renderings; noisier: the view's noise over that of the recipe's samples; allowed:
+    root mean square error that the photo may have: how much more something errs is of no account.
     """
 
     view: View
@@ -73,7 +72,6 @@ class Facts:
     shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     plain_glass: tuple[float, ...] = ()
     noisier: float = 1.0
-    closely: bool = False
     allowed: float = math.inf
 
     @cached_property

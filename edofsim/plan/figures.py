@@ -16,8 +16,6 @@ def plan_figures(plan: Plan, planning: float | None = None) -> dict[str, float]:
     found["plan.seconds_saved"] = plan.saves()
     if planning is not None and plan.saves() > 0:
         found["plan.share_of_saved"] = planning / plan.saves()
-    if plan.score_shift_db is not None:
-        found["plan.score_shift_db"] = plan.score_shift_db
     for decision in plan.decisions:
         name = decision.effect.replace(" ", "_")
         found[f"called_for.{name}"] = int(decision.called_for)

@@ -8,20 +8,18 @@ from dataclasses import dataclass, replace
 
 from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
-from ..errors import InputError
 from ..optics import Camera
 from ..optics.threads import one_thread_an_operation
 from ..render.view import View
 from .choose import Chosen, Cost, cheapest, everything, fidelity_of, within
-from .costs import WORTH_RESTORING_S, WORTH_S, Costs, Rendering
+from .costs import Costs, Rendering
 from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
-from .estimate import Estimate, Estimates, estimate
+from .estimate import Estimate, Estimates
 from .facts import Facts, facts_of
 from .overrule import checked_overrule
 from .rates import rates
 from .remember import remembered
-from .restored import Restore, RestoredTiles
 from .target import Target
 
 SAFETY_DB = 1.0
@@ -29,22 +27,10 @@ SAFETY_DB = 1.0
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: it is seen in few large pixels, and what passes it in slabs."""
 
-SCORE_DB = 60.0
-"""Accuracy of the photo that mostly keeps the PSNR of the restored image within 0.1 dB; the shift of the PSNR
-is in proportion to the photo's error."""
-SURE = 0.7
-"""Share of the allowed shift that the shift of restored tiles must be within: tiles stand for the frame."""
-MORE_DB = (0.0, 2.5, 5.0, 7.5, 10.0)
-"""Decibels by which the photo is made more accurate, in turn, until the tiles' shift is small enough."""
-USUAL_DB = 30.0
-"""Where restoring comes nearer than this, the photo must be as much nearer, too: the less is left, the more
-the same error shifts it."""
-
 
 @dataclass(frozen=True)
 class Planner:
-    """Everything that is known before a choice: facts, estimates, and what simulations cost; restore: what
-    restores the photo, where that is asked for.
+    """Everything that is known before a choice: facts, estimates, and what simulations cost.
 
     One planner answers many targets; estimates are made once.
     """
@@ -53,21 +39,18 @@ class Planner:
     costs: Costs
     estimates: Estimates
     disk_mib: float = 0.0
-    restore: Restore | None = None
 
     def seconds_of(self, fidelity: Fidelity) -> Mapping[str, float]:
         """Predicted seconds of each stage."""
         return self.costs.seconds_of(fidelity)
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
-        """Choose for a target. fixed: levels of effects that the user insists on. Raises InputError for the
-        score of a restored image where nothing is known that restores."""
+        """Choose for a target. fixed: levels of effects that the user insists on."""
         target, fixed = target or Target(), dict(fixed or {})
 
         reference, seconds = (self._of_levels(cost) for cost in (self.costs.reference, self.costs.seconds))
 
         note, asked = "", target.asked_db(self.facts)
-        shift = None
         if target.kind == "full":
             chosen = everything(self.estimates, fixed)
         elif target.kind == "time":
@@ -78,20 +61,12 @@ class Planner:
                     f"{target.seconds:g} s cannot be had: the fastest simulation of this scene takes "
                     f"{seconds(chosen):.2g} s{gone} and this is it"
                 )
-        elif target.kind == "score":
-            chosen, asked, shift = self._by_score(target.db, self._kept(fixed, rendering=True), reference)
-            if abs(shift) > target.db:
-                note = (
-                    f"{target.db:g} dB cannot be had with what you ask for: the restored image shifts by "
-                    f"{shift:.2g} dB with everything else in full, and this is it"
-                )
         else:
             budget = allowed_error(target, self.facts)
             chosen = cheapest(self.estimates, budget, reference, self._kept(fixed))
             note = self._floor(asked) if target.kind == "db" else ""
             note = note or self._insisted(asked, chosen, fixed)
-        plan = self._plan(chosen, fixed, target, asked, note, seconds)
-        return replace(plan, score_shift_db=shift)
+        return self._plan(chosen, fixed, target, asked, note, seconds)
 
     def _of_levels(self, cost: Callable[[Fidelity], float]) -> Cost:
         known: dict[tuple[int, ...], float] = {}
@@ -104,31 +79,11 @@ class Planner:
 
         return of
 
-    def _by_score(self, most_db: float, fixed: Mapping[str, int], cost: Cost) -> tuple[Chosen, float, float]:
-        """The cheapest levels for an accuracy of the photo at which restored tiles shift by few enough
-        decibels, everything in full where none is enough; that accuracy, and the shift."""
-        if self.restore is None:
-            raise InputError("--accuracy score: nothing is known here that restores the photo")
-        tiles = RestoredTiles(self.facts, self.estimates, self.restore)
-        least = SCORE_DB - 20 * math.log10(most_db / 0.1) + max(0.0, tiles.psnr_db - USUAL_DB)
-        for more in MORE_DB:
-            asked = least + more
-            chosen = cheapest(self.estimates, 10 ** (-asked / 20), cost, fixed)
-            shift = tiles.shift_db(chosen)
-            if abs(shift) <= SURE * most_db:
-                return chosen, asked, shift
-        whole = everything(self.estimates, fixed)
-        return whole, math.inf, tiles.shift_db(whole)
-
-    def _kept(self, fixed: Mapping[str, int], rendering: bool = False) -> dict[str, int]:
+    def _kept(self, fixed: Mapping[str, int]) -> dict[str, int]:
         """What an accuracy does not trade: the samples that the recipe asks for also make the all-in-focus
-        image, which photos are scored against; rendering: nor any light that this image has."""
-        kept = {
-            row.effect.name: row.full
-            for row in self.estimates.rows
-            if row.effect.name == "render samples"
-            or (rendering and row.effect.stage == "render" and row.images[0] < 0)
-        }
+        image, which photos are scored against."""
+        rows = self.estimates.by_name()
+        kept = {"render samples": rows["render samples"].full} if "render samples" in rows else {}
         return {**kept, **fixed}
 
     def _floor(self, asked: float) -> str:
@@ -221,20 +176,17 @@ def planner_of(
     facts: Facts | None = None,
     rendering: Rendering | None = None,
     disk_mib: float = 0.0,
-    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Planner:
     """Look at a view, or at the facts given, and estimate every effect, or those of `effects`.
 
     more: levels the user insists on; rendering: what the view costs, where it is still to render; disk_mib:
-    of the view; restore: what restores the photo, for targets of the restored image.
+    of the view.
     """
-    facts = replace(facts or facts_of(view, camera), closely=restore is not None)
+    facts = facts or facts_of(view, camera)
     costs = Costs(facts, facts.shape, rates(), rendering or Rendering())
-    # what is remembered of estimates is too little to restore
-    ask = estimate if restore else remembered
-    found = ask(facts, effects or all_effects(), more, progress=progress)
-    return Planner(facts, costs, found, disk_mib, restore)
+    found = remembered(facts, effects or all_effects(), more, progress=progress)
+    return Planner(facts, costs, found, disk_mib)
 
 
 @one_thread_an_operation()
@@ -248,7 +200,6 @@ def plan_photo(
     facts: Facts | None = None,
     rendering: Rendering | None = None,
     disk_mib: float = 0.0,
-    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Decide on the effects of a photo.
@@ -257,26 +208,22 @@ def plan_photo(
     of effects); None values are left to the plan. target: None for the default. every_effect: False looks
     only at effects that the choice can save work by, and at levels that it can take; other effects are
     simulated without asking what they do.
-    restore: what restores the photo, which a target of the restored image needs.
     Raises InputError for an effect that is not known.
     """
     given, target = checked_overrule(overrule), target or Target()
     more = _levels_of(given)
     facts = facts or facts_of(view, camera)
     allowed = math.inf if every_effect else allowed_error(target, facts)
-    facts = replace(facts, closely=target.kind == "score", allowed=allowed)
+    facts = replace(facts, allowed=allowed)
     effects = all_effects()
     costs = Costs(facts, facts.shape, rates(), rendering or Rendering())
     asked = None
     if not every_effect:
         asked = {*more, *given.get("without", ())}
         if target.kind != "full":
-            least = WORTH_RESTORING_S if target.kind == "score" else WORTH_S
-            most = target.left if target.kind == "time" else None
-            asked |= set(costs.worth_asking(effects, most, least))
-    ask = estimate if target.kind == "score" else remembered
-    found = ask(facts, effects, more, asked, progress)
-    planner = Planner(facts, costs, found, disk_mib, restore)
+            asked |= set(costs.worth_asking(effects, target.left if target.kind == "time" else None))
+    found = remembered(facts, effects, more, asked, progress)
+    planner = Planner(facts, costs, found, disk_mib)
     return planner.plan(target, fixed_levels(found, given, more))
 
 

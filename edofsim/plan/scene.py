@@ -25,7 +25,6 @@ from .costs import Rendering
 from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
-from .restored import Restore
 from .target import Target
 from .thumbnail import preview_of, thumbnail
 
@@ -130,7 +129,6 @@ def plan_scene(
     *,
     overrule: Values | None = None,
     target: Target | None = None,
-    restore: Restore | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """The plan for a scene that was looked at. See `plan_photo`."""
@@ -140,7 +138,6 @@ def plan_scene(
         overrule,
         target,
         facts=looked.facts,
-        restore=restore,
         progress=progress,
         rendering=looked.rendering,
         disk_mib=looked.disk_mib,

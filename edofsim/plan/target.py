@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from dataclasses import dataclass
@@ -12,17 +13,22 @@ from .facts import Facts
 WITHOUT_NOISE_DB = 50.0
 """Accuracy where the default asks for less error than noise, and the sensor has none."""
 SHARE_OF_NOISE = 0.5
+RESTORED_DB = 12.0
+"""How much nearer than `noise` a photo must be whose restored image is scored: it shifts that PSNR by less
+than 0.1 dB."""
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Target:
-    """kind: `noise` (error below half of the sensor's noise), `db`, `full`, `score` (the restored image's
-    PSNR is within db of that of the full simulation), or `time`; db, seconds: asked; spent: of these seconds,
-    those that are gone before the photo."""
+    """kind: `noise` (error below half of the sensor's noise), `db`, `full` or `time`; db, seconds: asked;
+    nearer_db: of `noise`, so much less error; spent: of these seconds, those that are gone before the
+    photo."""
 
     kind: str = "noise"
     db: float = math.inf
     seconds: float = math.inf
+    nearer_db: float = 0.0
     spent: float = 0.0
 
     @property
@@ -31,13 +37,12 @@ class Target:
         return max(0.0, self.seconds - self.spent)
 
     def asked_db(self, facts: Facts) -> float:
-        """The photo's PSNR that is asked for; infinite for `full`, unknown (infinite) for others."""
-        if self.kind == "score":
-            return math.inf
+        """The photo's PSNR that is asked for; infinite for `full` and `time`."""
         if self.kind != "noise":
             return self.db
         noise = sensor_noise(facts)
-        return -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
+        usual = -20 * math.log10(SHARE_OF_NOISE * noise) if noise else WITHOUT_NOISE_DB
+        return usual + self.nearer_db
 
     def sentence(self, facts: Facts) -> str:
         """In words."""
@@ -46,18 +51,21 @@ class Target:
         if self.kind == "time":
             gone = f", of which {self.spent:.2g} s are spent" if self.spent else ""
             return f"the best accuracy within {self.seconds:g} s{gone}"
-        if self.kind == "score":
-            return f"a restored image whose PSNR is within {self.db:g} dB of the full simulation's"
         if self.kind == "db":
             return f"{self.db:g} dB against the full simulation"
         noise = sensor_noise(facts)
         what = f"half of the sensor's noise, {noise:.2g}" if noise else "the sensor has no noise"
-        return f"{self.asked_db(facts):.1f} dB against the full simulation ({what})"
+        nearer = f", and {self.nearer_db:g} dB nearer for what is restored from it" if self.nearer_db else ""
+        return f"{self.asked_db(facts):.1f} dB against the full simulation ({what}{nearer})"
 
 
-def parse_target(accuracy: str | None, time: str | None) -> Target:
-    """`45dB`, `score:0.1dB`, `noise` or `full`; or a time such as `20s`. Raises InputError for anything else,
-    or both."""
+RESTORED = Target(nearer_db=RESTORED_DB)
+"""What `run` asks for."""
+
+
+def parse_target(accuracy: str | None, time: str | None, usual: Target | None = None) -> Target:
+    """`45dB`, `noise`, `restored` or `full`; or a time such as `20s`. usual: where neither is given, None for
+    `noise`. Raises InputError for anything else, or both."""
     if accuracy and time:
         raise InputError("--accuracy and --time: ask for one of them")
     if time:
@@ -66,18 +74,21 @@ def parse_target(accuracy: str | None, time: str | None) -> Target:
         if not value > 0:
             raise InputError(f"--time {time}: give a time such as 20s or 2min")
         return Target("time", seconds=value * {"min": 60, "h": 3600}.get(found[2] if found else "s", 1))
-    if not accuracy or accuracy == "noise":
-        return Target()
-    if accuracy == "full":
-        return Target("full")
+    if not accuracy:
+        return usual or Target()
+    if accuracy in ("noise", "restored", "full"):
+        return {"noise": Target(), "restored": RESTORED, "full": Target("full")}[accuracy]
     found = re.fullmatch(r"(score:)?\s*([0-9.]+)\s*(?:dB)?", accuracy.strip(), re.IGNORECASE)
     value = _number(found[2]) if found else 0.0
     if found is None or not value > 0:
         raise InputError(
-            f"--accuracy {accuracy}: give noise, full, decibels such as 45dB, or, for the restored image, "
-            "score:0.1dB"
+            f"--accuracy {accuracy}: give noise, restored (for what a network makes of the photo), full, or "
+            "decibels such as 45dB"
         )
-    return Target("score" if found[1] else "db", db=value)
+    if found[1]:
+        LOG.warning("--accuracy %s: this is `restored` now, %g dB nearer than `noise`", accuracy, RESTORED_DB)
+        return RESTORED
+    return Target("db", db=value)
 
 
 def _number(text: str) -> float:

@@ -17,6 +17,7 @@ from edofsim.optics import Camera
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.plan import (
     EFFECTS,
+    RESTORED,
     Effect,
     Level,
     Target,
@@ -329,8 +330,23 @@ def test_wrong_targets_are_refused(text: str):
         parse_target(text, None)
 
 
+def test_scores_that_could_be_asked_for_are_understood(caplog: pytest.LogCaptureFixture):
+    assert parse_target("score:0.1dB", None) == parse_target("restored", None) == RESTORED
+    assert "`restored` now" in caplog.text and len(caplog.messages) == 1
+
+
+def test_what_is_restored_takes_a_photo_that_is_nearer():
+    """By as much, whatever the sensor's noise, and by other levels than the default."""
+    known = planner("step")
+    usual, nearer = known.plan(), known.plan(RESTORED)
+    assert usual.asked_db is not None and nearer.asked_db == pytest.approx(
+        usual.asked_db + RESTORED.nearer_db
+    )
+    assert usual.fidelity != nearer.fidelity and usual.error_db < nearer.asked_db <= nearer.error_db
+    assert parse_target(None, None) == Target() and parse_target(None, None, RESTORED) == RESTORED
+
+
 def test_a_target_is_an_accuracy_or_a_time():
-    assert parse_target("score:0.1dB", None) == Target("score", db=0.1)
     assert parse_target("45dB", None).db == 45 and parse_target(None, "2min").seconds == 120
     with pytest.raises(InputError, match="one of them"):
         parse_target("full", "3s")

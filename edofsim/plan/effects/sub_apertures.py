@@ -55,17 +55,13 @@ def why(facts: Facts) -> str:
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """Of coarse photos. What coarse pixels leave out follows from how fine the change is that they show, and
-    what `FEWER` sub-apertures leave out from what `FEWEST` do, unless facts are to be looked at closely."""
+    what `FEWER` sub-apertures leave out from what `FEWEST` do."""
     full = facts.full.sub_apertures
     most = min(FEWER, full)
-    if facts.closely and most < full:
-        seen, by_fewer = photographed(facts, [{"sub_apertures": n} for n in (1, most)], sub_apertures=full)
-        fewer = _size(by_fewer) / max(_size(seen), 1e-30)
-    else:
-        few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
-        seen, *by_fewest = photographed(facts, few, sub_apertures=most)
-        fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
-        fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
+    few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
+    seen, *by_fewest = photographed(facts, few, sub_apertures=most)
+    fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
+    fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
     whole = seen / SEEN
     coarse = facts.coarse
     fine = _finer_than(2, seen.unflatten(1, (coarse.view.height, coarse.view.width)))
