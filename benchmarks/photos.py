@@ -31,15 +31,15 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
+from benchmarks.brute import brute
 from benchmarks.plain_photo import plain_photo
 from edofsim.capture import Fidelity, capture
 from edofsim.capture.convolution import Grid
 from edofsim.capture.imaging import Axes, Imaging, imaging_of, spectrum_of
 from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.light import light_of, seen
-from edofsim.capture.methods import METHODS
 from edofsim.capture.photograph import all_in_focus
-from edofsim.capture.prepare import BRUTE_DEPTHS, channel_weights
+from edofsim.capture.prepare import channel_weights
 from edofsim.capture.sensor import automatic_exposure
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
@@ -61,6 +61,8 @@ LAYERS = (5, 7, 9, 11, 13, 17, 21, 25, 33)
 GROUPS = ((1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 2), (3, 3), (4, 2), (4, 3), (6, 2))
 """(groups of bands a channel, wavelengths a group)."""
 TRUTH_NODES = 65
+BRUTE_DEPTHS = 475
+"""As many as the paper's 3D scene has."""
 TIMED_DEPTHS = 6
 """Of `brute` and `paper`."""
 MEMORY = ((1024, 16), (2048, 16))
@@ -178,7 +180,7 @@ def compare(
         return -10 * math.log10(max(error, 1e-30))
 
     say(0.2, "brute force and the paper's protocol")
-    brute, brute_depths = by_brute_force(view, camera, torch.float64)
+    slow, brute_depths = by_brute_force(view, camera, torch.float64)
     flat = flattened(view, camera, encoded=False)
     lines = of_three_lines(camera)
     paper, paper_depths = by_brute_force(flat, lines, torch.float32, own_depths=True)
@@ -198,7 +200,7 @@ def compare(
             "gathered": by_layers(view, camera, gathered),
             "layered": every,
             "plain": by_plain_layers(view, camera, few, every.seconds_psfs),
-            "brute": brute,
+            "brute": slow,
             "paper": paper,
         }
         ours = ways["gathered"]
@@ -341,7 +343,7 @@ def by_brute_force(
         share=torch.zeros(pixels.numel(), dtype=dtype),
         starts=tuple(at[0][0].numel() * k for k in range(len(some) + 1)),
     )
-    photo, seconds = timed(lambda: METHODS["brute"](kernels, weights)(layers, grid))
+    photo, seconds = timed(lambda: brute(kernels, weights)(layers, grid))
     scale = len(occupied) / len(some)
     return Way(seconds * scale, seconds_psfs * scale, view.crop_margin(photo)), len(occupied)
 

@@ -333,7 +333,7 @@ def photograph(
     if plan is None:
         target = parse_target(accuracy, time)
         plan = plan_photo(view, camera, target=target, every_effect=False, progress=progress)
-    fidelity = plan.fidelity if isinstance(plan, Plan) else plan
+    fidelity = plan.fidelity.of_photo() if isinstance(plan, Plan) else plan
     _check_sub_apertures(fidelity, view)
     return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
 

@@ -156,18 +156,19 @@ def run(
             if plan.replayed
             else plan_alone(plan, facts, alone, overrule, target, progress=tell)
         )
+    taken, taken_alone = plan.fidelity.of_photo(), rival.fidelity.of_photo()
     with watch.stage("expose", 0.7, 0.82):
-        photo = capture(view, optics, plan.fidelity, seed=seed, device=compute)
+        photo = capture(view, optics, taken, seed=seed, device=compute)
     if compute == "cpu":
         learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):
         lens_alone = (
             photo
             if bare
-            else capture(view, alone, rival.fidelity, seed=seed, device=compute, exposure=photo.exposure)
+            else capture(view, alone, taken_alone, seed=seed, device=compute, exposure=photo.exposure)
         )
     with watch.stage("psfs", 0.92, 0.93):
-        simpler = simpler_camera(optics, plan.fidelity)
+        simpler = simpler_camera(optics, taken)
         depths = nodes_between(simpler, view.wavelengths, *view.inverse_depth.aminmax())
         psfs = channel_psfs(simpler, view.wavelengths, depths)
 
@@ -186,10 +187,10 @@ def run(
             wiener = by_wiener(photo.image)
     with watch.stage("score", 0.96, 0.98):
         inverse_depth = view.crop_margin(view.mean_inverse_depth())
-        truth = Truth(photo.ideal, photographed_noise(view, optics, plan.fidelity, photo, compute))
+        truth = Truth(photo.ideal, photographed_noise(view, optics, taken, photo, compute))
         noise_alone = truth.noise
         if not bare:
-            noise_alone = photographed_noise(view, alone, rival.fidelity, lens_alone, compute)
+            noise_alone = photographed_noise(view, alone, taken_alone, lens_alone, compute)
         images = {"photo": (photo.image, truth.noise.image)}
         images["restored"] = restored, truth.restored_noise(photo.image, restored, lambda x: by_network(x)[0])
         if wiener is not None:

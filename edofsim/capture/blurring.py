@@ -9,23 +9,22 @@ from ..render.view import View
 from .band_limit import BandLimit
 from .convolution import Grid
 from .kernels import HeldKernels, Kernels
+from .layers import Blur, layered
 from .light import Light, SmoothLight, box_of, light_of
-from .methods import Blur, Method
 
 
 class Blurring:
-    """A camera's PSFs, its response and a method, ready to blur fragments on frames of any size.
+    """A camera's PSFs and its response, ready to blur fragments on frames of any size.
 
-    kernels: PSFs at depth nodes; response: [channel, band]; prepare: one of the methods;
-    gap: difference in inverse depth below which two surfaces are one, in 1/m: their blurs differ by less
-    than a pixel; between: how light between the nodes is blurred, None: it is shared by the two next to it.
+    kernels: PSFs at depth nodes; response: [channel, band]; gap: difference in inverse depth below which two
+    surfaces are one, in 1/m: their blurs differ by less than a pixel; between: how light between the nodes is
+    blurred, None: it is shared by the two next to it.
     """
 
     def __init__(
         self,
         kernels: Kernels,
         response: Tensor,
-        prepare: Method,
         gap: float = 0.0,
         between: BandLimit | None = None,
     ) -> None:
@@ -33,7 +32,6 @@ class Blurring:
         self.response = response
         self.gap = gap
         self.between = between
-        self._prepare = prepare
         self._light: Blur | None = None
         self._coverage: Blur | None = None
 
@@ -51,7 +49,7 @@ class Blurring:
         if self.between is not None:
             return self._smooth_light(self._nearby(view, which), view, which, radiance)
         if self._light is None:
-            self._light = self._prepare(self.kernels, self.response)
+            self._light = layered(self.kernels, self.response)
         return self._blurred(self._light, light_of(view, self.kernels.nodes, which, radiance), view)
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
@@ -90,7 +88,7 @@ class Blurring:
     ) -> Tensor:
         shine = view.radiance.index_select(1, which) if radiance is None else radiance
         light = SmoothLight(*view.padded_shape, view.pixel[which], near[1], shine)
-        return self._blurred(self._prepare(near[0], self.response), light, view)
+        return self._blurred(layered(near[0], self.response), light, view)
 
     def _smooth_coverage(
         self, near: tuple[Kernels, Tensor], view: View, which: Tensor, amount: Tensor
@@ -100,7 +98,7 @@ class Blurring:
 
     def _blocking(self, kernels: Kernels) -> Blur:
         one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
-        return self._prepare(opaque_kernels(kernels, self.response), one_each)
+        return layered(opaque_kernels(kernels, self.response), one_each)
 
     def _blurred(self, blur: Blur, light: Light | SmoothLight, view: View) -> Tensor:
         """Blurred in the part of the frame that holds the light's blur."""

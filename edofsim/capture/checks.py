@@ -9,8 +9,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..recipe import SceneRecipe
 from ..render.view import View
-from .fidelity import Fidelity, pupil_is_free
-from .methods import METHODS, unknown_method
+from .fidelity import RENDERED, Fidelity, pupil_is_free
 from .occlusion import OCCLUSIONS
 
 PIXEL_ANGLE_SLACK = 1e-3
@@ -18,9 +17,13 @@ PIXEL_ANGLE_SLACK = 1e-3
 
 
 def check_fidelity(fidelity: Fidelity) -> None:
-    """Refuse ways to blur and to composite that there are not. Raises InputError."""
-    if fidelity.method not in METHODS:
-        raise InputError(unknown_method(fidelity.method))
+    """Refuse ways to composite that there are not, and what is for rendering alone. Raises InputError."""
+    rendered = [name for name in RENDERED if getattr(fidelity, name) != getattr(Fidelity, name)]
+    if rendered:
+        raise InputError(
+            f"{', '.join(rendered)} of the fidelity: for rendering alone, and a view is rendered already; "
+            "leave it out, or give `fidelity.of_photo()`"
+        )
     if fidelity.occlusion not in OCCLUSIONS:
         raise InputError(
             f"occlusion {fidelity.occlusion!r} is not known: choose one of {', '.join(OCCLUSIONS)}"

@@ -36,6 +36,9 @@ FINEST = 2
 """Samples along a pixel's side in the full simulation; a recipe may ask for more."""
 
 
+RENDERED = ("samples", "bounces", "scene_dispersion")
+"""Fields of a `Fidelity` for rendering alone, see `simpler_recipe`: no photo of a view can have them."""
+
 T = TypeVar("T")
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -86,20 +89,11 @@ class Fidelity:
         "1",
         "along each axis of the pupil, composited one by one at depth edges; 1: the whole",
     )
-    sub_apertures_in_full: bool = _knob(
-        False,
-        "sub-apertures",
-        "",
-        "in all bands and nodes, in place of two wavelengths a channel and 13 nodes",
-    )
     sub_aperture_pixel: int = _knob(
         1,
         "sub-apertures",
         "px",
         "side of the pixels in which their change is found; above 1 in 9 nodes and a wavelength a channel",
-    )
-    method: str = _knob(
-        "layered", "depth layers", "", "`layered`, `brute` or `constant`: how light becomes images"
     )
     layers_db: float = _knob(
         FULL_DB, "depth layers", "dB", "PSNR that depth nodes keep where `layers` is None"
@@ -178,6 +172,10 @@ class Fidelity:
             change["simplifications"] = (*self.simplifications, *added)
         return replace(self, **change)
 
+    def of_photo(self) -> Fidelity:
+        """The same without what rendering alone knows, `RENDERED`: how a rendered view is photographed."""
+        return replace(self, **{name: getattr(Fidelity, name) for name in RENDERED})
+
     def save(self, path: str | Path) -> Path:
         """Write all fields as JSON. Returns the path; raises InputError where it cannot be written."""
         return write_fidelity(Path(path), self)
@@ -239,22 +237,15 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
 
 
 def of_sub_apertures(fidelity: Fidelity) -> Fidelity:
-    """How that which sub-apertures change in a photo is simulated: unless in full, in one group of bands a
-    channel and few layers, whatever the photo itself has. It is a small part of the photo, and costs a
-    composite each. In coarse pixels it has fewer layers and wavelengths, too."""
-    how = replace(fidelity, method="layered")
-    if fidelity.sub_apertures_in_full:
-        return how
+    """How that which sub-apertures change in a photo is simulated: in one group of bands a channel and few
+    layers, whatever the photo itself has. It is a small part of the photo, and costs a composite each. In
+    coarse pixels it has fewer layers and wavelengths, too. Their pupil may be sampled as coarsely as may be,
+    where recipe and fidelity leave it free: a fine one is for the light that a height map scatters far, next
+    to nothing of the change."""
     coarse = fidelity.sub_aperture_pixel > 1
     most = COARSE_LAYERS if coarse else SUB_APERTURE_LAYERS
     layers = most if fidelity.layers is None else min(fidelity.layers, most)
-    return replace(how, band_groups=1, group_wavelengths=1 if coarse else 2, layers=layers)
-
-
-def coarse_pupil_will_do(of_sub_apertures: Fidelity) -> bool:
-    """Whether sub-apertures, so simulated, tell their change through a pupil that is sampled as coarsely as
-    may be: a fine one is for the light that a height map scatters far, next to nothing of the change."""
-    return of_sub_apertures.pupil_sampling_um is None and not of_sub_apertures.sub_apertures_in_full
+    return replace(fidelity, band_groups=1, group_wavelengths=1 if coarse else 2, layers=layers)
 
 
 def edge_pixels(view: View, gap: float) -> int:

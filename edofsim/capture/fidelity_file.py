@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -22,6 +23,9 @@ F = TypeVar("F", bound="Fidelity")
 
 WHERE = ("fidelity", "settings")
 """Keys under which a run's or a plan's JSON holds one: today, and before."""
+
+
+LOG = logging.getLogger(__name__)
 
 
 def values_of(fidelity: Fidelity) -> Json:
@@ -58,7 +62,7 @@ def fidelity_of_values(values: Mapping[str, object], where: str, kind: type[F]) 
     """A fidelity from values by field. where: what holds them, for messages; kind: `Fidelity`.
 
     Raises InputError."""
-    given = dict(values)
+    given = _of_today(dict(values), where)
     if given.pop("simplifications", None):
         raise InputError(
             f"{where}: simplifications of other packages cannot be read from a file: give --without EFFECT"
@@ -73,6 +77,20 @@ def fidelity_of_values(values: Mapping[str, object], where: str, kind: type[F]) 
         problems = [f"{where}: {'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()]
         raise InputError([problem.replace("Extra inputs are", "this is") for problem in problems]) from None
     return kind(**dict(model))
+
+
+def _of_today(given: dict[str, object], where: str) -> dict[str, object]:
+    """Values without the fields that fidelities had; what they asked for is kept, said in one line, or, where
+    there is no such photo any more, refused with InputError."""
+    way, in_full = given.pop("method", "layered"), given.pop("sub_apertures_in_full", False)
+    if way == "constant":
+        LOG.warning("%s: method = constant is layers = 1 now", where)
+        given["layers"] = 1
+    elif way != "layered":
+        raise InputError(f"{where}: there is no method {way} any more: leave it out")
+    if in_full:
+        raise InputError(f"{where}: there is no sub_apertures_in_full any more: leave it out")
+    return given
 
 
 def _content(path: Path) -> Json:

@@ -23,13 +23,11 @@ from .checks import check_view
 from .crop import crop, with_margin
 from .fidelity import (
     Fidelity,
-    coarse_pupil_will_do,
     of_sub_apertures,
     pupil_is_free,
     simpler_camera,
 )
 from .kernels import Kernels
-from .methods import METHODS
 from .occlusion import OCCLUSIONS
 from .occlusion.hidden import Layout, layout_of
 from .occlusion.sub_apertures import change_by_sub_apertures
@@ -135,7 +133,6 @@ def imaging_of(
         Blurring(
             gathered_kernels(kernels, gathering) if fidelity.band_groups else kernels,
             gathering.response.to(device, dtype),
-            METHODS[fidelity.method],
             gap=1 / blur_per_dioptre(camera),
             between=axes.between,
         ),
@@ -163,7 +160,7 @@ def sub_aperture_imaging(
         window,
         coarse.sub_apertures,
         side=coarse.sub_aperture_pixel,
-        coarsely=coarse_pupil_will_do(coarse) and pupil_is_free(camera),
+        coarsely=coarse.pupil_sampling_um is None and pupil_is_free(camera),
         dtype=dtype,
         device=device,
     )
@@ -175,7 +172,6 @@ def sub_aperture_imaging(
     blurring = Blurring(
         pupil,
         gathering.response.to(device, dtype),
-        METHODS[coarse.method],
         gap=1 / blur_per_dioptre(camera),
     )
     told = share_told(camera, coarse.sub_apertures)

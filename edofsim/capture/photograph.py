@@ -113,7 +113,6 @@ def capture(
     truncated = torch.stack([fraction for _, fraction in glare])
     said = {
         "fidelity": values_of(fidelity),
-        "method": fidelity.method,
         "layers": int(axes.nodes.numel()),
         "occlusion": fidelity.occlusion,
         "hidden_surfaces": _behind(given, fidelity),
@@ -197,17 +196,13 @@ def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tupl
     shortest = float(views[0].wavelengths.min())
     nodes = choose_nodes(
         torch.cat([view.inverse_depth for view in views]),
-        torch.cat([view.coverage * ~view.hidden for view in views]),
         camera,
         shortest,
-        fidelity.method,
         "auto" if fidelity.layers is None else fidelity.layers,
         fidelity.layers_db,
     )
-    # layers that hide each other are at the nodes themselves; sub-apertures share light between two of them
-    at_nodes = fidelity.occlusion not in ("none", "hidden") or fidelity.method != "layered"
-    in_full = fidelity.sub_apertures > 1 and fidelity.sub_apertures_in_full
-    if fidelity.layers is None and not at_nodes and not in_full:
+    # layers that hide each other are at the nodes themselves
+    if fidelity.layers is None and fidelity.occlusion in ("none", "hidden"):
         return fewer_nodes(nodes, camera, shortest, fidelity.layers_db)
     return nodes, None
 

@@ -16,8 +16,6 @@ from ..optics.psf import BETWEEN
 from .band_limit import BandLimit
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
-BRUTE_DEPTHS = 475
-"""The paper's 3D scene has 475 depths; brute force uses as many unless told otherwise."""
 HELD_BYTES = 1 << 29
 """Largest PSF bank that is held in memory as a whole."""
 BLUR_ERROR = 0.01
@@ -34,22 +32,15 @@ def blur_per_dioptre(camera: Camera) -> float:
 
 def choose_nodes(
     inverse_depth: Tensor,
-    coverage: Tensor,
     camera: Camera,
     shortest: float,
-    method: str,
     layers: int | str,
     tolerance_db: float = 50.0,
 ) -> Tensor:
     """Depth nodes [node], ascending inverse depths in 1/m, for fragments [fragment].
 
-    shortest: wavelength in metres whose defocus changes fastest. `constant` gets one: the mean over coverage.
+    shortest: wavelength in metres whose defocus changes fastest.
     """
-    if method == "constant":
-        weight = coverage.detach().double()
-        return ((inverse_depth.detach().double() @ weight) / weight.sum().clamp_min(1e-300)).reshape(1)
-    if method == "brute" and layers == "auto":
-        layers = BRUTE_DEPTHS
     return depth_nodes(inverse_depth, layers, defocus_per_dioptre(camera, shortest), tolerance_db)
 
 

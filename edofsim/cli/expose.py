@@ -244,7 +244,7 @@ def _photographed(
         cache=cache,
         device=device,
     )
-    fidelity = plan.fidelity
+    fidelity = plan.fidelity.of_photo()
     if bands is not None:  # in place of what the plan gathers them in
         if bands > view.bands:
             raise InputError(f"--bands {bands}: the view has {view.bands} bands; give 1 to {view.bands}")

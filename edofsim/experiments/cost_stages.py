@@ -173,8 +173,9 @@ def _photo(
     else:
         optics = camera_with_mask(camera.recipe, mask, camera.base)
     plan = plan_photo(view, optics, target=parse_target(None, None))
-    photo = capture(view, optics, plan.fidelity, device=device)
-    return optics, photo, photographed_noise(view, optics, plan.fidelity, photo, device)
+    fidelity = plan.fidelity.of_photo()
+    photo = capture(view, optics, fidelity, device=device)
+    return optics, photo, photographed_noise(view, optics, fidelity, photo, device)
 
 
 def _restored(

@@ -64,7 +64,6 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
             layers_db=TOLERANCE_DB,
             occlusion="hidden" if way == "sub_apertures" else way,
             sub_apertures=SUB_APERTURES if way == "sub_apertures" else 1,
-            sub_apertures_in_full=True,
         )
         photo = capture(part, camera, fidelity, exposure=factor)
         glare = photo.truncated * sharp.mean((1, 2)) * factor

@@ -250,8 +250,8 @@ def converged_db(view: View, way: Way, system: System) -> float:
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     exposure = automatic_exposure(ideal, noisy=view.noise > 0)
     layers = few.layers or "auto"
-    seen, shortest = view.coverage * ~view.hidden, float(view.wavelengths.min())
-    nodes = choose_nodes(view.inverse_depth, seen, camera, shortest, few.method, layers, few.layers_db)
+    shortest = float(view.wavelengths.min())
+    nodes = choose_nodes(view.inverse_depth, camera, shortest, layers, few.layers_db)
     twice = replace(few, layers=min(2 * len(nodes), MOST_LAYERS))
     once, more = (capture(view, camera, how, exposure=exposure).clean for how in (few, twice))
     return psnr(once, more)

@@ -9,7 +9,6 @@ from torch import Tensor
 
 from ..capture.blurring import Blurring
 from ..capture.kernels import HeldKernels, depth_nodes
-from ..capture.methods import METHODS
 from ..capture.occlusion import OCCLUSIONS
 from ..capture.photograph import glare_of
 from ..capture.prepare import blur_per_dioptre
@@ -60,7 +59,7 @@ class PooledOptics(Optics):
         kernels = HeldKernels(self.psfs(nodes), nodes, view.wavelengths)
         each = torch.eye(3, device=self.device)
         gap = (self.drawn[1] - self.drawn[0]) / self.widest
-        image = OCCLUSIONS[occlusion](view, Blurring(kernels, each, METHODS["layered"], gap))
+        image = OCCLUSIONS[occlusion](view, Blurring(kernels, each, gap))
         glare, truncated = glare_of(view, kernels, each)
         return view.crop_margin(image) + glare[:, None, None], truncated
 

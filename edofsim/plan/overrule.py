@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..capture.fidelity import Fidelity
-from ..capture.methods import unknown_method
 from ..capture.occlusion import OCCLUSIONS
 from ..errors import InputError
 from .effect import Values
@@ -53,7 +52,7 @@ def _without_method(given: dict[str, Any]) -> list[str]:  # pyrefly: ignore[expl
         case "brute":
             return ["there is no --method brute any more: it is for tests; leave it out"]
         case unknown:
-            return [unknown_method(unknown)]
+            return [f"there is no --method {unknown} any more: leave it out, plans gather bands in groups"]
     return []
 
 

@@ -9,9 +9,9 @@ from functools import lru_cache
 import torch
 
 from ..capture.convolution import Grid
-from ..capture.fidelity import Fidelity, coarse_pupil_will_do, of_sub_apertures, pupil_is_free, simpler_camera
+from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
+from ..capture.layers import BLOCK_PIXELS
 from ..capture.light import SMALLER
-from ..capture.methods.layered import BLOCK_PIXELS
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
@@ -36,7 +36,6 @@ OPTICS = (
 """Fields of a fidelity that change the camera, see `simpler_camera`."""
 PARTS = (
     "sub_apertures",
-    "sub_apertures_in_full",
     "sub_aperture_pixel",
     "group_wavelengths",
     "occlusion",
@@ -138,7 +137,7 @@ def _parts_of(
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count = parts_of_disc(across)
     grids = ((layers, samples),)
-    if coarse_pupil_will_do(coarse) and pupil_is_free(camera):
+    if coarse.pupil_sampling_um is None and pupil_is_free(camera):
         grids = _coarse_grids(
             _named(simpler_camera(camera, coarse)), window, layers, shape.ends, shape.wavelengths
         )

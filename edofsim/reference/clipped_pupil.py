@@ -23,7 +23,6 @@ from ..capture.blurring import Blurring
 from ..capture.checks import check_pixel_angle
 from ..capture.crop import crop as cropped
 from ..capture.kernels import HeldKernels
-from ..capture.methods import METHODS
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, silent
 from ..errors import InputError
@@ -249,7 +248,7 @@ def _unclipped(
     nodes = torch.linspace(low, high, count, dtype=torch.float64)
     bank = psf_bank(camera, part.wavelengths, nodes, window_px=window, cache=cache)
     kernels = HeldKernels(bank.values.double(), nodes, part.wavelengths)
-    return Blurring(kernels, weights, METHODS["layered"]).light(part, which)
+    return Blurring(kernels, weights).light(part, which)
 
 
 def _clipped(

@@ -10,10 +10,9 @@ from torch import Tensor
 from ..optics import focus_distance
 from ..optics.masks.clear import ClearMask
 from .case import Case
-from .photos import METHODS, HardView, photo_cases
+from .photos import HardView, photo_cases
 from .views import PADDED, across, camera_with, flat, half, layered_view, uniform
 
-ONE_DEPTH = (*METHODS, "constant")
 CUT = 0.8
 """Inverse depth between the front and the background of views in two layers."""
 
@@ -86,7 +85,7 @@ DEPTH = (
         "infinity",
         "all light is parallel: 1/z = 0",
         "division by depth",
-        lambda: HardView(flat(0.0), methods=ONE_DEPTH),
+        lambda: HardView(flat(0.0)),
     ),
     (
         "a million kilometres",
@@ -98,7 +97,7 @@ DEPTH = (
         "in focus for one band",
         "550 nm is sharp: its geometric blur is 0, others are not",
         "a blur of width 0",
-        lambda: HardView(flat(_in_focus()), methods=ONE_DEPTH),
+        lambda: HardView(flat(_in_focus())),
     ),
     (
         "five centimetres",
@@ -110,7 +109,7 @@ DEPTH = (
         "one depth",
         "nothing but a convolution is called for",
         "layers where none are",
-        lambda: HardView(flat(1.0), methods=ONE_DEPTH),
+        lambda: HardView(flat(1.0)),
     ),
     (
         "one micrometre apart",

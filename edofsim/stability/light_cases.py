@@ -21,7 +21,7 @@ from ..render.fragments import Fragments
 from ..render.view import View
 from .case import Case, Finding, timed
 from .measures import distance
-from .photos import LAYERED, METHODS, SHIPPED, HardView, photo_cases
+from .photos import LAYERED, SHIPPED, HardView, photo_cases
 from .true_photos import linear
 from .views import (
     MASKS,
@@ -160,17 +160,16 @@ IMAGE = (
 
 
 def _refused(view: View, words: str, window_px: int | None = None) -> Iterator[Finding]:
-    """An input that has no photo: one message that holds `words`, from every method."""
-    for method in METHODS:
+    """An input that has no photo: one message that holds `words`."""
 
-        def said(method: str = method) -> float:
-            try:
-                capture(view, camera_with(ClearMask()), Fidelity(method=method, window_px=window_px))
-            except InputError as error:
-                return 0.0 if words in str(error) else 1.0
-            return 1.0
+    def said() -> float:
+        try:
+            capture(view, camera_with(ClearMask()), Fidelity(window_px=window_px))
+        except InputError as error:
+            return 0.0 if words in str(error) else 1.0
+        return 1.0
 
-        yield timed(f"{method}, message", 0.0, said)
+    yield timed("layered, message", 0.0, said)
 
 
 def _outside() -> Iterator[Finding]:
@@ -206,17 +205,16 @@ def _denormals() -> Iterator[Finding]:
     view = flat(half(0.4, 1.2))
     view.radiance.mul_(1e-40)
 
-    def lost(method: str, camera: Camera, truth: Tensor) -> float:
-        fidelity = Fidelity(method=method, occlusion="none").changed(SHIPPED)
+    def lost(camera: Camera, truth: Tensor) -> float:
+        fidelity = Fidelity(occlusion="none").changed(SHIPPED)
         made = capture(view, camera, fidelity, exposure=1.0).clean.double()
         return float((made - truth).abs().max()) / torch.finfo(torch.float32).tiny
 
     for name, mask in MASKS.items():
         camera = with_free_height(camera_with(mask))
         truth = linear(view, camera)
-        for method in METHODS:
-            measure = partial(lost, method, camera, truth)
-            yield timed(f"{method}, {name}, float32, of the least normal number", 1.0, measure)
+        measure = partial(lost, camera, truth)
+        yield timed(f"layered, {name}, float32, of the least normal number", 1.0, measure)
 
 
 def _automatic() -> Iterator[Finding]:
@@ -278,13 +276,13 @@ def _wide() -> Iterator[Finding]:
     )
     camera = camera_with(ClearMask())
 
-    fidelity = Fidelity(method="brute", occlusion="none").changed(SHIPPED)
+    fidelity = Fidelity(occlusion="none").changed(SHIPPED)
 
     def same() -> float:
         whole, alone = (capture(each, camera, fidelity, exposure=1.0).clean for each in (view, part))
         return distance(whole[..., -64:], alone)
 
-    yield timed("brute, its end alone", 0.01, same)
+    yield timed("layered, its end alone", 0.01, same)
 
 
 CASES: tuple[Case, ...] = (

@@ -1,4 +1,4 @@
-"""Photos of hard views, through every method, mask and precision, against photos that are written out
+"""Photos of hard views, through every mask and precision, against photos that are written out
 (`true_photos`), in float32 as in float64.
 
 Errors are relative to the local value, or to the sensor's noise where that is more (`measures`): a pixel
@@ -22,7 +22,6 @@ from .case import Case, Finding, timed
 from .measures import distance, typical, worst
 from .views import MASKS, camera_with, uniform, with_free_height
 
-METHODS = ("brute", "layered")
 SUB_APERTURES = 3
 """Along each axis of the pupil, where something is hidden."""
 SHIPPED: Mapping[str, object] = {"layers_db": 50.0}
@@ -51,14 +50,13 @@ FEW = 3
 @dataclass(frozen=True)
 class HardView:
     """view: through `camera_with(mask)`; exact, layered: bounds in place of EXACT and LAYERED; options:
-    fields of `Fidelity`; methods: those that apply. cut: inverse depth [1/m] between a surface and what it
+    fields of `Fidelity`; cut: inverse depth [1/m] between a surface and what it
     hides, None where nothing is hidden."""
 
     view: View
     exact: float = EXACT
     layered: float = LAYERED
     options: Mapping[str, object] = field(default_factory=dict)
-    methods: tuple[str, ...] = METHODS
     cut: float | None = None
 
     @property
@@ -77,12 +75,11 @@ class HardView:
 
 
 def findings(hard: HardView, masks: Iterable[str] = tuple(MASKS)) -> Iterator[Finding]:
-    """Every mask, method, precision and kind of occlusion against the truth, and the derivatives."""
+    """Every mask, precision and kind of occlusion against the truth, and the derivatives."""
     for name in masks:
         camera = with_free_height(camera_with(MASKS[name]))
         truth = true_photos.linear(hard.view, camera)
-        for method in hard.methods:
-            yield from _method(hard, camera, truth, method, name)
+        yield from _layered(hard, camera, truth, name)
         yield from _occlusions(hard, camera, truth, name)
         if camera.height_map is not None:
             yield timed(f"slope by height, {name}", SLOPE, lambda c=camera: _slope(hard, c), alike=True)
@@ -120,10 +117,10 @@ def _judged(
     yield timed(f"{way}, float32 against float64", SINGLE, lambda: worst(single[0], double[0]), alike=True)
 
 
-def _method(hard: HardView, camera: Camera, truth: Tensor, method: str, mask: str) -> Iterator[Finding]:
-    how: dict[str, object] = {"method": method, "occlusion": "none"}
-    way = f"{method}, {mask}"
-    if method == "layered" and not hard.few:
+def _layered(hard: HardView, camera: Camera, truth: Tensor, mask: str) -> Iterator[Finding]:
+    how: dict[str, object] = {"occlusion": "none"}
+    way = f"layered, {mask}"
+    if not hard.few:
         bound, measure = hard.layered, typical
     else:
         bound, measure = hard.exact, worst
@@ -176,14 +173,13 @@ def _occlusions(hard: HardView, camera: Camera, linear: Tensor, mask: str) -> It
     )
     if bool(hard.view.hidden.any()):
         across = SUB_APERTURES
-        for in_full in (False, True):
-            part = {"sub_apertures": across, "sub_apertures_in_full": in_full, "occlusion": "hidden"}
-            yield from _judged(
-                f"hidden through {across} x {across} sub-apertures{' in full' if in_full else ''}, {mask}",
-                SINGLE,
-                lambda dtype, part=part: _photo(hard, camera, dtype, part),
-                None,
-            )
+        part = {"sub_apertures": across, "occlusion": "hidden"}
+        yield from _judged(
+            f"hidden through {across} x {across} sub-apertures, {mask}",
+            SINGLE,
+            lambda dtype: _photo(hard, camera, dtype, part),
+            None,
+        )
 
 
 def _gradient(hard: HardView, camera: Camera) -> float:
@@ -211,7 +207,7 @@ def _slope(hard: HardView, camera: Camera) -> float:
     pattern = uniform(3, hard.view.height, hard.view.width, seed=3)
 
     def weighed(at: Tensor) -> Tensor:
-        photo = _photo(hard, camera.with_height(at), torch.float64, {"method": "layered"})
+        photo = _photo(hard, camera.with_height(at), torch.float64, {})
         return (photo * pattern).sum()
 
     (slope,) = torch.autograd.grad(weighed(lever), lever)

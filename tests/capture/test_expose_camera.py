@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from benchmarks.brute import brute
 from edofsim.capture import Fidelity, capture, ideal_image, read_image, write_image, write_photo
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
@@ -87,13 +88,13 @@ def test_picture_is_upright(bench):
     assert photo.how["transmission"] == pytest.approx(0.5, abs=1e-3)
 
 
-@pytest.mark.parametrize("method", ["brute", "layered", "constant"])
-def test_energy_in_is_energy_out(bench, method):
+@pytest.mark.parametrize("layers", [None, 1])
+def test_energy_in_is_energy_out(bench, layers):
     """Of a point's light, what the window holds lands around it, the rest in equal parts on every pixel."""
     image = torch.zeros(3, 80, 81, dtype=torch.float64)
     image[:, 40, 41] = torch.tensor([1.0, 2.0, 0.5], dtype=torch.float64)
     view = view_of(bench, image, 2.0)
-    photo = capture(view, camera(), Fidelity(method=method), exposure=1.0, dtype=torch.float64)
+    photo = capture(view, camera(), Fidelity(layers=layers), exposure=1.0, dtype=torch.float64)
     sent = response(camera(), view.wavelengths) @ image[:, 40, 41]
     lost = 1 - psf_bank(camera(), view.wavelengths, [2.0], dtype=torch.float64).values.sum((-1, -2))[0]
     beyond = response(camera(), view.wavelengths) @ (lost * image[:, 40, 41])
@@ -106,11 +107,11 @@ def test_energy_in_is_energy_out(bench, method):
     assert (photo.truncated > 0.01).all()  # at 0.5 m this window is narrower than the blur
 
 
-@pytest.mark.parametrize("method", ["layered", "constant"])
-def test_constant_scene(bench, method):
+@pytest.mark.parametrize("layers", [None, 1])
+def test_constant_scene(bench, layers):
     """A constant scene is constant to the frame's edge, margin or not, and as bright as it is."""
     view = view_of(bench, torch.ones(3, 50, 53, dtype=torch.float64), 0.9, margin=5)
-    photo = capture(view, camera(), Fidelity(method=method), exposure=1.0, dtype=torch.float64)
+    photo = capture(view, camera(), Fidelity(layers=layers), exposure=1.0, dtype=torch.float64)
     assert photo.how["margin_repeated_px"] == 11
     assert (photo.truncated > 1e-4).all()
     assert (photo.clean - 1).abs().max() < 1e-5
@@ -130,17 +131,18 @@ def test_a_veil_stands_for_what_wider_windows_hold(bench):
     assert off < 0.1 * off_without
 
 
-def test_methods_agree_on_a_deep_scene(bench):
+def test_brute_force_agrees_on_a_deep_scene(bench, monkeypatch: pytest.MonkeyPatch):
     """Brute force over many depths and layers at 17: one photo, to the accuracy asked for."""
     view = deep(bench)
     settings = dict(dtype=torch.float64, exposure=1.0)
-    brute = capture(view, camera(), Fidelity(method="brute", layers=33), **settings).clean
-    layered = capture(view, camera(), Fidelity(method="layered", layers=17), **settings).clean
+    layered = capture(view, camera(), Fidelity(layers=17), **settings).clean
+    monkeypatch.setattr("edofsim.capture.blurring.layered", brute)
+    slow = capture(view, camera(), Fidelity(layers=33), **settings).clean
 
     def psnr(a, b):
         return -10 * torch.log10((a - b).square().mean()).item()
 
-    assert psnr(layered, brute) > 50
+    assert psnr(layered, slow) > 50
 
 
 def test_single_precision_and_device_argument(bench):
@@ -217,10 +219,11 @@ def test_bad_input_is_refused(bench):
         capture(view, camera(), Fidelity(window_px=64))
     with pytest.raises(InputError, match="from 1 to"):
         capture(view, camera(), Fidelity(layers=0))
-    with pytest.raises(InputError, match="method 'fast' is not known.*layered"):
-        capture(view, camera(), Fidelity(method="fast"))
-    with pytest.raises(InputError, match="no method 'low_rank' any more: leave the method out"):
-        capture(view, camera(), Fidelity(method="low_rank"))
+    for rendered in ({"samples": 4}, {"bounces": 2}, {"scene_dispersion": False}):
+        fidelity = Fidelity(**rendered)
+        with pytest.raises(InputError, match=f"{next(iter(rendered))} of the fidelity: for rendering alone"):
+            capture(view, camera(), fidelity)
+        assert fidelity.of_photo() == Fidelity()
     with pytest.raises(InputError, match="occlusion 'some' is not known.*hidden"):
         capture(view, camera(), Fidelity(occlusion="some"))
     with pytest.raises(InputError, match="mrad"):

@@ -7,21 +7,27 @@ import pytest
 import torch
 from scipy.signal import convolve2d
 
+from benchmarks.brute import brute
 from edofsim.capture import convolution
 from edofsim.capture.blurring import Blurring
 from edofsim.capture.convolution import Grid, fast_length
 from edofsim.capture.light import hat_weights, light_of, seen
-from edofsim.capture.methods import METHODS
 from edofsim.capture.occlusion import OCCLUSIONS
 
 BANDS, WINDOW, MARGIN = 4, 17, 8
 NODES = torch.linspace(0, 2, 9, dtype=torch.float64)
 
 
-def blurring(bench, method: str, nodes=NODES, window=WINDOW, channels=3, **settings) -> Blurring:
-    return Blurring(
-        bench.kernels(nodes, BANDS, window), bench.response(channels, BANDS), METHODS[method], **settings
-    )
+@pytest.fixture(params=["brute", "layered"])
+def method(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Blurs by layers, or, pair of depth and band by pair, by brute force."""
+    if request.param == "brute":
+        monkeypatch.setattr("edofsim.capture.blurring.layered", brute)
+    return request.param
+
+
+def blurring(bench, nodes=NODES, window=WINDOW, channels=3, **settings) -> Blurring:
+    return Blurring(bench.kernels(nodes, BANDS, window), bench.response(channels, BANDS), **settings)
 
 
 def photo(view, blur: Blurring):
@@ -34,7 +40,6 @@ def deep_view(bench, height=26, width=31, margin=MARGIN):
     return bench.flat_view(bench.texture(BANDS, rows, columns), depth, margin)
 
 
-@pytest.mark.parametrize("method", ["brute", "layered"])
 def test_methods_equal_direct_convolution(bench, method):
     """The paper's Eq. `Forwardmodel` summed over depths and bands, against scipy's direct convolution."""
     view = deep_view(bench, height=12, width=13)
@@ -48,13 +53,12 @@ def test_methods_equal_direct_convolution(bench, method):
         for band in range(BANDS):
             blurred = convolve2d(image[band] * weight, psfs[k, band], mode="same")
             expected += response[:, band, None, None] * blurred
-    got = photo(view, blurring(bench, method))
+    got = photo(view, blurring(bench))
     assert np.abs(got.numpy() - view.crop_margin(torch.from_numpy(expected)).numpy()).max() < 2e-6
 
 
 @pytest.mark.parametrize("window", [16, 17])
 @pytest.mark.parametrize(("height", "width"), [(20, 21), (21, 20), (23, 23)])
-@pytest.mark.parametrize("method", ["brute", "layered"])
 def test_point_source_gives_the_psf_of_its_depth_and_band(bench, method, window, height, width):
     """An asymmetric PSF appears where the point is, the right way up, for odd and even windows and frames."""
     margin, rows, columns = 8, height + 16, width + 16
@@ -67,7 +71,7 @@ def test_point_source_gives_the_psf_of_its_depth_and_band(bench, method, window,
     values = kernels.values * (1 + 0.5 * torch.tanh((y[:, None] - 5) / 3) + 0.3 * torch.tanh((y - 11) / 2))
     kernels = type(kernels)(values, NODES, kernels.wavelengths)
     response = bench.response(3, BANDS)
-    blur = Blurring(kernels, response, METHODS[method])
+    blur = Blurring(kernels, response)
     got = OCCLUSIONS["none"](view, blur)
     c = window // 2
     expected = torch.zeros_like(got)
@@ -76,11 +80,10 @@ def test_point_source_gives_the_psf_of_its_depth_and_band(bench, method, window,
     assert torch.allclose(view.crop_margin(got), view.crop_margin(expected), atol=1e-6)
 
 
-@pytest.mark.parametrize("method", ["brute", "layered"])
 def test_constant_scene_stays_constant_to_the_edge_of_the_frame(bench, method):
     """Radiance 1 everywhere at one depth: every pixel of the frame, the outermost too, sees 1."""
     view = bench.flat_view(torch.ones(BANDS, 40, 43, dtype=torch.float64), 1.6, MARGIN)
-    assert (photo(view, blurring(bench, method)) - 1).abs().max() < 1e-5
+    assert (photo(view, blurring(bench)) - 1).abs().max() < 1e-5
 
 
 def test_light_does_not_wrap_around_a_frame_without_margin(bench):
@@ -88,26 +91,24 @@ def test_light_does_not_wrap_around_a_frame_without_margin(bench):
     image = torch.zeros(BANDS, 24, 24, dtype=torch.float64)
     image[:, 1, 1] = 1
     view = bench.flat_view(image, 2.0, 0)
-    got = photo(view, blurring(bench, "layered"))
+    got = photo(view, blurring(bench))
     assert got[:, 12:, :].abs().max() < 1e-14
     assert got[:, :, 12:].abs().max() < 1e-14
 
 
-@pytest.mark.parametrize("method", ["brute", "layered"])
 def test_energy_is_kept(bench, method):
     """All light of a point well inside the padded frame arrives: PSFs that sum to 1 lose nothing."""
     image = torch.zeros(BANDS, 60, 61, dtype=torch.float64)
     image[:, 30, 28] = torch.tensor([1.0, 2.0, 3.0, 4.0], dtype=torch.float64)
     view = bench.flat_view(image, 1.3, MARGIN)
-    total = photo(view, blurring(bench, method)).sum((1, 2))
+    total = photo(view, blurring(bench)).sum((1, 2))
     assert torch.allclose(total, bench.response(3, BANDS) @ image[:, 30, 28], rtol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["brute", "layered"])
 def test_linear_in_the_radiance(bench, method):
     view = deep_view(bench)
     other = bench.flat_view(bench.texture(BANDS, *view.padded_shape, seed=3), 1.0, MARGIN).radiance
-    blur = blurring(bench, method)
+    blur = blurring(bench)
     from dataclasses import replace
 
     one, two = photo(view, blur), photo(replace(view, radiance=other), blur)
@@ -115,46 +116,40 @@ def test_linear_in_the_radiance(bench, method):
     assert torch.allclose(both, 2.5 * one - 0.5 * two, atol=1e-12)
 
 
-@pytest.mark.parametrize("method", ["constant", "layered", "brute"])
 def test_one_depth_costs_one_convolution_a_band(bench, method, monkeypatch):
     """A flat scene whose depth is the one node: exactly one convolution a band, and the layered result."""
     counted = []
     real = convolution.add_convolved
-    module = {"constant": "layered"}.get(method, method)
 
     def counting(total, light, psf, weights, grid):
         counted.append(len(light))
         return real(total, light, psf, weights, grid)
 
-    monkeypatch.setattr(f"edofsim.capture.methods.{module}.add_convolved", counting)
+    module = {"brute": "benchmarks.brute", "layered": "edofsim.capture.layers"}[method]
+    monkeypatch.setattr(f"{module}.add_convolved", counting)
     view = bench.flat_view(bench.texture(BANDS, 40, 43), 1.6, MARGIN)
     one = torch.tensor([1.6], dtype=torch.float64)
-    got = photo(view, blurring(bench, method, nodes=one))
+    got = photo(view, blurring(bench, nodes=one))
     assert sum(counted) == BANDS
     between = torch.tensor([1.0, 1.6, 2.0], dtype=torch.float64)
-    assert torch.allclose(got, photo(view, blurring(bench, "layered", nodes=between)), atol=1e-6)
+    assert torch.allclose(got, photo(view, blurring(bench, nodes=between)), atol=1e-6)
 
 
 def test_float32_agrees_with_float64(bench):
     view = deep_view(bench)
     kernels, response = bench.kernels(NODES, BANDS, WINDOW), bench.response(3, BANDS)
-    exact = photo(view, Blurring(kernels, response, METHODS["layered"]))
-    single = Blurring(
-        type(kernels)(kernels.values.float(), NODES, kernels.wavelengths),
-        response.float(),
-        METHODS["layered"],
-    )
+    exact = photo(view, Blurring(kernels, response))
+    single = Blurring(type(kernels)(kernels.values.float(), NODES, kernels.wavelengths), response.float())
     got = photo(view.to(dtype=torch.float32), single)
     assert got.dtype == torch.float32
     assert (got - exact).abs().max() < 5e-6
 
 
-def test_empty_light_is_dark(bench):
+def test_empty_light_is_dark(bench, method):
     view = deep_view(bench)
-    for method in ("brute", "layered"):
-        nothing = blurring(bench, method).light(view, seen(view)[:0])
-        assert nothing.shape == (3, *view.padded_shape)
-        assert not nothing.any()
+    nothing = blurring(bench).light(view, seen(view)[:0])
+    assert nothing.shape == (3, *view.padded_shape)
+    assert not nothing.any()
 
 
 def test_light_knows_its_nodes(bench):
@@ -184,7 +179,7 @@ def test_gradients_reach_radiance_and_psfs(bench):
         from dataclasses import replace
 
         kernels = type(base)(values, NODES[:3], base.wavelengths)
-        blur = Blurring(kernels, bench.response(2, BANDS), METHODS["layered"])
+        blur = Blurring(kernels, bench.response(2, BANDS))
         return photo(replace(view, radiance=radiance), blur)
 
     radiance = view.radiance.clone().requires_grad_()

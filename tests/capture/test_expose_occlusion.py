@@ -21,7 +21,6 @@ from edofsim.capture.coarse import CoarsePixels
 from edofsim.capture.crop import crop
 from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.light import light_of
-from edofsim.capture.methods import METHODS
 from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
@@ -96,7 +95,6 @@ def composed(bench, name: str, sheets, depths, defocus, **change) -> tuple[Tenso
     blur = Blurring(
         kernels_for(bench, depths, defocus),
         torch.eye(BANDS, dtype=torch.float64),
-        METHODS["layered"],
         gap=0.05,
     )
     return view.crop_margin(OCCLUSIONS[name](view, blur)), view.crop_margin(ray_traced(sheets, defocus))
@@ -135,7 +133,7 @@ def test_hidden_through_each_point_of_the_pupil_is_what_rays_see(bench, defocus)
             kernels_for(bench, depths, defocus, partial(in_part, across, part)) for part in range(across**2)
         ]
         response = torch.eye(BANDS, dtype=torch.float64)
-        blur = Blurring(kernels_for(bench, depths, defocus), response, METHODS["layered"], gap=0.05)
+        blur = Blurring(kernels_for(bench, depths, defocus), response, gap=0.05)
         image = OCCLUSIONS["hidden"](view, blur)
         if across > 1:
             change = change_by_sub_apertures(view, blur, parts)
@@ -169,7 +167,7 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
     pupil = [kernels_for(bench, depths, [2, 1, -1], partial(in_part, 2, part)) for part in range(4)]
     little = torch.tensor([0.01, 1.0, 1.0], dtype=torch.float64)[:, None, None, None]
     pupil[0] = replace(pupil[0], values=pupil[0].values * little)  # its light has left the window
-    how = (kernels_for(bench, depths, [2, 1, -1]), response, METHODS["layered"])
+    how = (kernels_for(bench, depths, [2, 1, -1]), response)
     alone = Blurring(*how, gap=0.05)
     instead = torch.cat([how[0].values[:1], pupil[0].values[1:]])  # there the whole pupil stands in
     blocking = [replace(pupil[0], values=instead), *pupil[1:]]
@@ -301,7 +299,7 @@ def test_a_far_surface_whose_blur_barely_reaches_does_not_fill_a_seam(bench):
         hidden=view.hidden[known],
     )
     kernels = kernels_for(bench, depths, [1, 1, 3])
-    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), METHODS["layered"], gap=0.05)
+    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), gap=0.05)
     seam = OCCLUSIONS["hidden"](view, blur)[:, :, 30:32]
     assert (seam - 1).abs().max() < 1 / 8
 
@@ -317,7 +315,6 @@ def test_each_channel_has_its_own_coverage(bench):
     blur = Blurring(
         HeldKernels(values, kernels.nodes, kernels.wavelengths),
         torch.eye(2).double(),
-        METHODS["layered"],
         gap=0.05,
     )
     photo = view.crop_margin(OCCLUSIONS["hidden"](view, blur))
@@ -335,9 +332,7 @@ def test_far_from_edges_the_linear_image_is_untouched(bench):
     view = bench.stacked_view(
         [(shape, depth + 1.8, texture[0]), (torch.ones_like(shape), depth, texture[1])], MARGIN
     )
-    blur = Blurring(
-        kernels_for(bench, [2.0, 0.2], [2, 1]), torch.eye(2).double(), METHODS["layered"], gap=0.05
-    )
+    blur = Blurring(kernels_for(bench, [2.0, 0.2], [2, 1]), torch.eye(2).double(), gap=0.05)
     photo, linear = OCCLUSIONS["hidden"](view, blur), OCCLUSIONS["none"](view, blur)
     whole = composite(view, blur, cuts(view, blur.gap))
     assert torch.equal(view.crop_margin(photo)[:, 128:], view.crop_margin(linear)[:, 128:])
@@ -412,7 +407,7 @@ def test_gradients_with_coverage_exactly_zero_and_one(bench, name):
     base = kernels_for(bench, [2.0, 1.5, 1.0, 0.2], [2, 1, 1, 0])
     values = base.values.clone().requires_grad_()
     kernels = HeldKernels(values, base.nodes, base.wavelengths)
-    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), METHODS["layered"], gap=0.05)
+    blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), gap=0.05)
     OCCLUSIONS[name](view, blur).square().sum().backward()
     for grad in (view.radiance.grad, view.coverage.grad, values.grad):
         assert torch.isfinite(grad).all()
@@ -435,7 +430,7 @@ def test_gradcheck_through_occlusion(bench):
 
     def picture(values, radiance, scale):
         kernels = HeldKernels(values, base.nodes, base.wavelengths)
-        blur = Blurring(kernels, bench.response(2, 2), METHODS["layered"], gap=0.05)
+        blur = Blurring(kernels, bench.response(2, 2), gap=0.05)
         changed = replace(view, radiance=radiance, coverage=view.coverage * scale)
         return view.crop_margin(OCCLUSIONS["hidden"](changed, blur))
 
@@ -457,7 +452,7 @@ def test_gradients_pass_sub_apertures(bench):
     def weighed(light, scale):
         seen = replace(view, radiance=light)
         psfs = [replace(each, values=each.values * scale) for each in through]
-        change = change_by_sub_apertures(seen, Blurring(whole, response, METHODS["layered"], gap=0.05), psfs)
+        change = change_by_sub_apertures(seen, Blurring(whole, response, gap=0.05), psfs)
         return (change * pattern).sum()
 
     light = view.radiance.clone().requires_grad_()

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from edofsim.capture import blurring, capture, prepare
-from edofsim.capture.methods import layered
+from edofsim.capture import blurring, capture, layers, prepare
 from edofsim.capture.photo import Photo
 from edofsim.cli.shared import plan_lines
 from edofsim.optics import Camera
@@ -66,7 +65,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
     spy(rendering, "survey_layers", lambda found, *_: {"views": 1, "hidden layers": len(found[0]) - 1})
     spy(paths, "refracted", lambda *_: {"bands apart": 1})
     spy(prepare, "psf_bank", psfs)
-    spy(layered, "add_convolved", lambda found, total, light, *_: {"convolutions": len(light)})
+    spy(layers, "add_convolved", lambda found, total, light, *_: {"convolutions": len(light)})
     spy(blurring.Blurring, "coverage", lambda *_: {"coverages": 1})
     return counts
 

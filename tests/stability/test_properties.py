@@ -21,7 +21,7 @@ from edofsim.recipe.load import load_train, shipped, shipped_folder
 from edofsim.render import engine
 from edofsim.render.keys import view_key
 from edofsim.render.view import View
-from edofsim.stability.photos import METHODS, SHIPPED, distance
+from edofsim.stability.photos import SHIPPED, distance
 from edofsim.stability.pupils import bank
 from edofsim.stability.views import (
     MASKS,
@@ -58,8 +58,8 @@ def two_depths(seed: int) -> View:
 
 
 @few
-@given(mask=masks, depth=dioptres, method=st.sampled_from(METHODS), seed=seeds)
-def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
+@given(mask=masks, depth=dioptres, seed=seeds)
+def test_light_is_kept(mask: str, depth: float, seed: int):
     """A point's photo holds all its light, weighed by the response: what leaves the window too, as glare."""
     view = flat(depth, rows=WINDOW + 2, columns=WINDOW + 2)
     point = torch.zeros_like(view.radiance)
@@ -70,7 +70,7 @@ def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
     rest = psf_bank(camera.with_height(height), view.wavelengths, [depth], dtype=torch.float64).truncated[0]
     weights = response(camera, view.wavelengths).double()
     whole = weights @ point.sum(1)
-    fidelity = Fidelity(method=method, occlusion="none")
+    fidelity = Fidelity(occlusion="none")
     made = capture(view, camera.with_height(height), fidelity, exposure=1.0, dtype=torch.float64)
     landed = made.clean.sum((-1, -2))
     beyond = weights @ (point.sum(1) * rest)
@@ -80,13 +80,13 @@ def test_light_is_kept(mask: str, depth: float, method: str, seed: int):
 
 
 @few
-@given(mask=masks, method=st.sampled_from(METHODS), seed=seeds, a=st.floats(0, 1e3), b=st.floats(1e-3, 1e3))
-def test_photos_add_up(mask: str, method: str, seed: int, a: float, b: float):
+@given(mask=masks, seed=seeds, a=st.floats(0, 1e3), b=st.floats(1e-3, 1e3))
+def test_photos_add_up(mask: str, seed: int, a: float, b: float):
     one, other = two_depths(seed), two_depths(seed)
     other = replace(other, radiance=uniform(*one.radiance.shape, seed=seed + 2))
     both = replace(one, radiance=a * one.radiance + b * other.radiance)
-    parts = a * photo(one, mask, method=method) + b * photo(other, mask, method=method)
-    assert distance(photo(both, mask, method=method), parts) < 1e-9
+    parts = a * photo(one, mask) + b * photo(other, mask)
+    assert distance(photo(both, mask), parts) < 1e-9
 
 
 @few
@@ -106,7 +106,7 @@ def test_a_shifted_view_has_a_shifted_photo(mask: str, occlusion: str, seed: int
         return image.roll((rows, columns), (-2, -1)).reshape(values.shape)
 
     shifted = replace(view, radiance=moved(view.radiance), inverse_depth=moved(view.inverse_depth))
-    here, there = (photo(each, mask, occlusion=occlusion, method="layered") for each in (view, shifted))
+    here, there = (photo(each, mask, occlusion=occlusion) for each in (view, shifted))
     back = there.roll((-rows, -columns), (-2, -1))
     inner = (slice(None), slice(5, -5), slice(5, -5))
     assert distance(back[inner], here[inner]) < 1e-9

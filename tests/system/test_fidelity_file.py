@@ -99,6 +99,15 @@ def test_a_fidelity_survives_a_file(tmp_path: Path):
     assert package.Fidelity.load(saved) == WRITTEN_OUT.changed({"bounces": 3, "layers": None})
 
 
+def test_fields_that_there_were_are_read(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    path = tmp_path / "before.json"
+    path.write_text('{"fidelity": {"method": "layered", "sub_apertures_in_full": false, "layers": 5}}')
+    assert package.Fidelity.load(path) == package.Fidelity(layers=5) and not caplog.messages
+    path.write_text('{"settings": {"method": "constant"}}')
+    assert package.Fidelity.load(path) == package.Fidelity(layers=1)
+    assert "layers = 1 now" in caplog.text
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
@@ -108,6 +117,8 @@ def test_a_fidelity_survives_a_file(tmp_path: Path):
         ('{"command": "psf", "figures": {}}', "holds no fidelity"),
         ('{"fidelities": {"a": {}, "b": {}}}', "several scenes"),
         ('{"simplifications": ["flat lens"]}', "--without"),
+        ('{"fidelity": {"method": "brute"}}', "no method brute any more"),
+        ('{"sub_apertures_in_full": true}', "no sub_apertures_in_full any more"),
         ("[1, 2]", "no fields"),
         ("nonsense", "neither JSON nor TOML"),
     ],

@@ -1,7 +1,7 @@
 """Brute force: for every depth and every band, the band's light at that depth is convolved on its own.
 
-What everybody writes first, and what the other methods are measured against: each (depth, band) pair costs
-the transforms of its light and of its PSF and one back.
+What everybody writes first, and what layers are measured against: each (depth, band) pair costs the
+transforms of its light and of its PSF and one back.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..convolution import Grid, add_convolved, image_of
-from ..kernels import Kernels
-from ..light import Light, SmoothLight
-from .base import Blur
+from edofsim.capture.convolution import Grid, add_convolved, image_of
+from edofsim.capture.kernels import Kernels
+from edofsim.capture.layers import Blur
+from edofsim.capture.light import Light, SmoothLight
 
 
-def prepare(kernels: Kernels, response: Tensor) -> Blur:
-    """Nothing to prepare: the error is that of the depth nodes alone."""
+def brute(kernels: Kernels, response: Tensor) -> Blur:
+    """As `edofsim.capture.layers.layered`, pair by pair."""
 
     def blur(light: Light | SmoothLight, grid: Grid) -> Tensor:
         photo = light.radiance.new_zeros(response.shape[0], grid.rows, grid.columns)

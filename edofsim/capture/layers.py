@@ -7,13 +7,17 @@ channels are summed as spectra, so that one transform back serves all depths and
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeAlias
 
 from torch import Tensor
 
-from ..convolution import Grid, add_convolved, image_of, spectrum
-from ..kernels import Kernels
-from ..light import Light, SmoothLight
-from .base import Blur
+from .convolution import Grid, add_convolved, image_of, spectrum
+from .kernels import Kernels
+from .light import Light, SmoothLight
+
+Blur: TypeAlias = Callable[[Light | SmoothLight, Grid], Tensor]
+"""The image [channel, y, x] of light in the padded frame of a grid; linear in the light's radiance."""
 
 BLOCK_PIXELS = 1 << 20
 """Pixels of all transforms at work at one time: what stays near a processor is transformed up to three times
@@ -24,8 +28,9 @@ KEPT_NODES = 2
 """Nodes whose PSFs' spectra are kept: slabs that follow each other share that many."""
 
 
-def prepare(kernels: Kernels, response: Tensor) -> Blur:
-    """Nothing to prepare: the error is that of the depth nodes alone. Light of one band is that of all."""
+def layered(kernels: Kernels, response: Tensor) -> Blur:
+    """A blur by PSFs at depth nodes under a response [channel, band], for frames of any size. Its error is
+    that of the depth nodes alone. Light of one band is that of all."""
     kept: dict[tuple[int, int, Grid], Tensor] = {}
     count = response.shape[1]
 
