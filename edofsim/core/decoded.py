@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,6 +20,7 @@ from PIL import Image, ImageCms, ImageOps
 
 from ..errors import InputError, first_line
 from .limits import check_numbers, check_pixels, existing
+from .png16 import read_16_bits
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM", "TGA", "JPEG2000")
 """What is opened, by Pillow's names; others run programs of their own, as EPS does."""
@@ -116,22 +118,30 @@ def _by_pillow(image: Image.Image, path: Path, measured: bool) -> Decoded:
         said.append("the first of its pictures")
     info: Mapping[object, object] = {**image.info}
     orientation = image.getexif().get(ORIENTATION, 1)
-    if image.format == "PNG" and _png_bits(path) == 16 and image.mode in ("RGB", "RGBA"):
-        said.append("8 of its 16 bits")
+    sixteen = _sixteen_bits(image, path)
     icc = image.info.get("icc_profile")
     image.load()
     upright = ImageOps.exif_transpose(image)
     if orientation in TURNS:
         said.append(f"turned upright (Exif orientation {orientation})")
-    upright, gamma = _in_known_colours(upright, icc, info, measured, said)
-    values = np.asarray(upright)
+    known, gamma = _in_known_colours(upright, icc, info, measured, said)
+    values = np.asarray(known)
+    whole = read_16_bits(path) if sixteen and known is upright else None
+    if whole is not None:
+        values = TURNS[orientation](whole) if orientation in TURNS else whole
+    elif sixteen:
+        said.append("8 of its 16 bits")
     return Decoded(values.astype(values.dtype.newbyteorder("=")), gamma, tuple(said))
 
 
-def _png_bits(path: Path) -> int:
-    """Bits a channel of a PNG file, from its first chunk."""
+def _sixteen_bits(image: Image.Image, path: Path) -> bool:
+    """Whether a file of colours has 16 bits a channel, of which Pillow keeps 8."""
     with path.open("rb") as file:
-        return file.read(25)[24]
+        head = file.read(256)
+    if image.format == "PNG":
+        return image.mode in ("LA", "RGB", "RGBA") and head[24] == 16
+    largest = re.match(rb"P6(?:\s+|#[^\n]*\n)+\d+\s+\d+\s+(\d+)", head)
+    return largest is not None and int(largest[1]) > 255
 
 
 def _in_known_colours(

@@ -18,10 +18,11 @@ import numpy as np
 
 from ..errors import InputError
 from ..recipe.scene import SceneRecipe
-from ..scene.foreign import MitsubaSource
+from ..scene.foreign import PINHOLES, MitsubaSource, camera_space
 from ..scene.foreign.nodes import Node, all_nodes
 from ..scene.foreign.parts import resolved
 from ..scene.foreign.read import read_nodes
+from ..scene.foreign.xml import parameters
 from ..scene.model import TriangleMesh
 from .closed import is_closed
 from .engine import reading_files
@@ -38,6 +39,7 @@ LOG = logging.getLogger(__name__)
 
 WAVELENGTHS_A_PATH = 4
 VOLUMES = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl")
+SENSORS = {"PerspectiveCamera": PINHOLES[0], "ThinLensCamera": PINHOLES[1]}
 INTEGRATORS = ("PathIntegrator", *VOLUMES, "DirectIntegrator")
 """Integrators that a scene may choose; any other is replaced by Mitsuba's `path`."""
 
@@ -103,15 +105,15 @@ def load_foreign(mi: ModuleType, recipe: SceneRecipe, base: Path) -> ForeignStag
                 contents = _absolute(mi, json.loads(path.read_text(encoding="utf-8")), path.parent)
                 scene = mi.load_dict(contents, optimize=False)
             else:
-                scene = mi.load_file(str(path), optimize=False)
+                known = parameters(path, source.allow_outside)
+                scene = mi.load_file(str(path), optimize=False, **known)
     except (RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"{path}: Mitsuba refuses the scene: {str(error).strip()[:300]}") from error
-    pose = np.eye(4)
+    pose, sensor = np.eye(4), PINHOLES[0]
     if scene.sensors():
         pose = np.array(scene.sensors()[0].world_transform().matrix, np.float64).reshape(4, 4)
-    unit = source.units_m
-    # Mitsuba's sensor has x to the left: it is mirrored.
-    to_camera = np.diag([-unit, unit, unit, 1.0]) @ np.linalg.inv(pose)
+        sensor = SENSORS.get(scene.sensors()[0].class_name(), scene.sensors()[0].class_name())
+    to_camera = camera_space(pose, sensor, source.units_m)
     integrator = scene.integrator()
     if integrator is None or integrator.class_name() not in INTEGRATORS:
         kind = "none" if integrator is None else integrator.class_name()

@@ -167,6 +167,65 @@ def test_json_and_xml_say_the_same(tmp_path: Path):
     assert own.objects[0].surface.two_sided and xml.objects[0].surface.two_sided
 
 
+@pytest.mark.parametrize("seed", range(50))
+def test_dictionaries_may_name_what_comes_later(tmp_path: Path, seed: int):
+    """Surfaces and textures in any order, within others or not: the same scene as with everything in its
+    place."""
+    draw = np.random.default_rng(seed)
+    plain: dict[str, object] = {}
+    named: dict[str, object] = {}
+    for number in range(int(draw.integers(1, 6))):
+        skin = {"type": "diffuse", "reflectance": {"type": "rgb", "value": draw.uniform(0, 1, 3).tolist()}}
+        coat = {"type": "twosided", "inner": skin}
+        plain[f"ball-{number}"] = {"type": "sphere", "radius": 1 + number, "skin": coat}
+        named[f"ball-{number}"] = {"type": "sphere", "radius": 1 + number,
+                                   "skin": {"type": "ref", "id": f"coat-{number}"}}  # fmt: skip
+        named[f"coat-{number}"] = {"type": "twosided", "inner": {"type": "ref", "id": f"skin-{number}"}}
+        named[f"skin-{number}"] = skin
+    rest = {"sky": {"type": "constant"}, "way": {"type": "path", "max_depth": int(draw.integers(1, 9))}}
+    found = []
+    for name, parts in (
+        ("plain", plain),
+        ("named", {key: named[key] for key in draw.permutation(list(named))}),
+    ):
+        (tmp_path / f"{name}.json").write_text(json.dumps({"type": "scene", **parts, **rest}))
+        found.append(read_scene(MitsubaSource(kind="mitsuba", path=f"{name}.json"), tmp_path, BANDS, "x"))
+    first, second = ({float(np.ptp(o.mesh.vertices)): o.surface for o in model.objects} for model in found)
+    assert first.keys() == second.keys()
+    for size, surface in first.items():
+        assert surface.two_sided and second[size].two_sided
+        np.testing.assert_allclose(surface.reflectance.basis, second[size].reflectance.basis)
+    assert found[0].path_length == found[1].path_length == rest["way"]["max_depth"]
+
+
+@pytest.mark.parametrize(("identity", "complaint"), [("none", "does not define"), ("a", "refers to itself")])
+def test_a_reference_that_leads_nowhere_is_named(tmp_path: Path, identity: str, complaint: str):
+    inner = {"type": "twosided", "inner": {"type": "ref", "id": identity}}
+    (tmp_path / "s.json").write_text(json.dumps({"type": "scene", "ball": {"type": "sphere", "a": inner}}))
+    with pytest.raises(InputError, match=complaint):
+        read_scene(MitsubaSource(kind="mitsuba", path="s.json"), tmp_path, BANDS, "x")
+
+
+def test_what_a_dictionary_has_besides_is_named(tmp_path: Path):
+    scene = {"type": "scene", "ball": {"type": "sphere"}, "sky": {"type": "constant"}, "x": {"type": "odd"}}
+    (tmp_path / "s.json").write_text(json.dumps(scene))
+    with pytest.raises(NotCarried, match="'odd'"):
+        read_scene(MitsubaSource(kind="mitsuba", path="s.json"), tmp_path, BANDS, "x")
+
+
+def test_an_orthographic_sensor_is_said_to_be_taken_as_a_pinhole(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):
+    pose = np.diag([2.0, 2, 1, 1])
+    for kind in ("perspective", "orthographic"):
+        scene = {"type": "scene", "ball": {"type": "sphere"}, "sky": {"type": "constant"},
+                 "camera": {"type": kind, "to_world": pose.tolist()}}  # fmt: skip
+        (tmp_path / "s.json").write_text(json.dumps(scene))
+        model = read_scene(MitsubaSource(kind="mitsuba", path="s.json"), tmp_path, BANDS, "x")
+    assert "'orthographic'" in caplog.text and "perspective" not in caplog.text
+    assert np.ptp(model.objects[0].mesh.vertices, axis=0) == pytest.approx(2)
+
+
 def test_units_and_the_recipes_own_light(tmp_path: Path):
     source = write(tmp_path, shape("sphere", '<float name="radius" value="0.1"/>', ""))
     scene = {"name": "own", "source": {**source.model_dump(), "units_m": 0.01}}

@@ -6,6 +6,7 @@ named, every part of it: `NotCarried`.
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Literal
 
@@ -23,8 +24,10 @@ from .nodes import Colour, Node
 from .parts import NotCarried, Reader, emission, shape_mesh, spectrum, surface
 from .read import read_nodes
 
+LOG = logging.getLogger(__name__)
 LONGEST = 64
 """Segments of a path; `render.max_depth` allows no more."""
+PINHOLES = ("perspective", "thinlens")
 PATHS = ("path", "volpath", "volpathmis")
 
 
@@ -83,6 +86,8 @@ def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name:
             too_much += error.problems
         except InputError as error:
             problems += error.problems
+    odd = dict.fromkeys(part.type for _, part in root.parts if not part.kind)
+    too_much += [f"{path.name}: {kind!r} is Mitsuba's own" for kind in odd]
     length, reasons = path_length(root)
     too_much += [f"{path.name}: {reason}" for reason in reasons]
     if problems:
@@ -130,11 +135,23 @@ def _object(shape: Node, reader: Reader, to_camera: np.ndarray, what: str) -> Sc
 
 
 def _to_camera(root: Node, units_m: float) -> np.ndarray:
-    """World to camera space in metres, float64 [4, 4]. Mitsuba's sensor has x to the left: it is mirrored."""
+    """World to camera space in metres, float64 [4, 4]."""
     sensors = root.of_kind("sensor")
     pose = np.asarray(sensors[0].values.get("to_world", np.eye(4))) if sensors else np.eye(4)
     if abs(np.linalg.det(pose[:3, :3])) < 1e-12:
         raise InputError("the sensor's to_world cannot be inverted")
+    sensor = sensors[0].type if sensors else PINHOLES[0]
+    if sensor not in PINHOLES:
+        LOG.warning("a sensor of type %r is taken as a pinhole at its place: near things look larger", sensor)
+    return camera_space(pose, sensor, units_m)
+
+
+def camera_space(pose: np.ndarray, sensor: str, units_m: float) -> np.ndarray:
+    """World to camera space in metres, float64 [4, 4], of a sensor of that type. Mitsuba's has x to the left:
+    it is mirrored. One that is no pinhole or thin lens is seen as a pinhole at its place."""
+    if sensor not in PINHOLES:
+        pose = pose.copy()  # its scale is how much it sees
+        pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)
     return np.diag([-units_m, units_m, units_m, 1.0]) @ np.linalg.inv(pose)
 
 

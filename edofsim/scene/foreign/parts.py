@@ -21,6 +21,8 @@ from .nodes import Colour, Node
 _INDEX = {"vacuum": 1.0, "air": 1.000277, "water": 1.333, "bk7": 1.5046, "diamond": 2.419, "pyrex": 1.47,
           "acrylic glass": 1.49, "polypropylene": 1.49, "fused quartz": 1.458}  # fmt: skip
 """Refractive indices of named media, Mitsuba's table."""
+SQUARE = 256
+"""Texels of a checkerboard's square: Mitsuba's has sharp edges, texels are interpolated."""
 
 
 class NotCarried(InputError):
@@ -209,7 +211,7 @@ def _texture(node: Node, reader: Reader, what: str) -> BandTexture:
             colour = value if isinstance(value, Colour) else Colour(value=float(value))
             pair.append(spectrum(colour, reader, False, what))
         # v = 0, which Mitsuba begins with, is a picture's head
-        return mixture(np.kron([[0, 1], [1, 0]], np.ones((64, 64))), *pair)
+        return mixture(np.kron([[0, 1], [1, 0]], np.ones((SQUARE, SQUARE))), *pair)
     raise NotCarried(f"{what}: textures of type {node.type!r} are Mitsuba's own")
 
 

@@ -15,13 +15,21 @@ from ...errors import InputError
 from .nodes import Colour, Node, Values, all_nodes, check_size, rgb, snake, spectrum_of, square
 from .xml import read_xml
 
-BSDFS = ("diffuse", "plastic", "roughplastic", "conductor", "roughconductor", "dielectric", "thindielectric",
-         "principled", "twosided", "roughdielectric", "mask", "bumpmap", "normalmap", "blendbsdf", "null",
-         "pplastic", "measured")  # fmt: skip
-EMITTERS = ("area", "constant", "envmap", "point", "spot", "directional", "projector", "sunsky", "sky", "sun")
-SHAPES = ("obj", "ply", "rectangle", "cube", "sphere", "disk", "cylinder", "serialized", "instance",
-          "shapegroup", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids")  # fmt: skip
-TEXTURES = ("bitmap", "checkerboard", "mesh_attribute", "volume")
+KINDS = {
+    "bsdf": """diffuse plastic roughplastic conductor roughconductor dielectric thindielectric roughdielectric
+        principled principledthin twosided mask bumpmap normalmap blendbsdf null pplastic measured
+        measured_polarized hair polarizer retarder circular""",
+    "emitter": """area constant envmap point spot directional directionalarea projector sunsky timed_sunsky
+        sky sun""",
+    "shape": """obj ply rectangle cube sphere disk cylinder serialized instance shapegroup merge blender
+        bsplinecurve linearcurve sdfgrid ellipsoids ellipsoidsmesh""",
+    "texture": "bitmap checkerboard mesh_attribute volume",
+    "sensor": "perspective thinlens orthographic batch distant radiancemeter irradiancemeter",
+    "integrator": "path direct volpath volpathmis aov depth moment ptracer stokes",
+    "scene": "scene",
+}
+"""Types of Mitsuba's plugins by their kinds, which dictionaries do not tell."""
+KIND_OF = {kind_of: kind for kind, names in KINDS.items() for kind_of in names.split()}
 
 
 def read_nodes(path: Path, allow_outside: bool = False) -> Node:
@@ -52,41 +60,65 @@ def _read_json(path: Path) -> Node:
         raise InputError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: holds no dictionary")
-    known: dict[str, Node] = {}
-    return _json_node(data, "scene", str(path), known)
+    return _Dictionary(data, path).node(data, "scene")
 
 
-def _json_node(data: Json, name: str, where: str, known: dict[str, Node]) -> Node:
-    kind_of = data.get("type")
-    if not isinstance(kind_of, str):
-        raise InputError(f"{where}: {name!r} has no 'type'")
-    values = Values()
-    parts: list[tuple[str, Node]] = []
-    for key, value in data.items():
-        place = f"{where}: {name}.{key}"
-        if key in ("type", "id"):
-            continue
-        if isinstance(value, dict) and value.get("type") in ("rgb", "spectrum"):
-            values[snake(key)] = _json_colour(value, place)
-        elif isinstance(value, dict) and value.get("type") == "ref":
-            identity = str(value.get("id"))
-            if identity not in known:
-                raise InputError(f"{place}: the reference {identity!r} is not defined before it")
-            parts.append((snake(key), known[identity]))
-        elif isinstance(value, dict):
-            node = _json_node(value, key, where, known)
-            known[str(value.get("id", key))] = node
-            parts.append((snake(key), node))
-        elif isinstance(value, list):
-            flat = _flat(value, place)
-            values[snake(key)] = square(flat, place) if len(flat) in (9, 16) else np.array(flat)
-        else:
-            if value is None or (isinstance(value, str) and "\0" in value):
-                raise InputError(f"{place}: {value!r} is not understood")
-            if not isinstance(value, str):
-                _flat(value, place)
-            values[snake(key)] = value
-    return Node(_kind(kind_of), kind_of, values, tuple(parts))
+class _Dictionary:
+    """Turns dictionaries into nodes. What has a name may stand after what refers to it, as in XML."""
+
+    def __init__(self, data: Json, path: Path) -> None:
+        self.path = path
+        self.named: dict[str, Json] = {}
+        self.known: dict[str, Node | None] = {}  # None: on the way
+        self._collect(data)
+
+    def _collect(self, data: Json) -> None:
+        for key, value in data.items():
+            if isinstance(value, dict):
+                if value.get("type") != "ref":
+                    self.named.setdefault(str(value.get("id", key)), value)
+                self._collect(value)
+
+    def node(self, data: Json, name: str) -> Node:
+        kind_of = data.get("type")
+        if not isinstance(kind_of, str):
+            raise InputError(f"{self.path}: {name!r} has no 'type'")
+        values = Values()
+        parts: list[tuple[str, Node]] = []
+        for key, value in data.items():
+            place = f"{self.path}: {name}.{key}"
+            if key in ("type", "id"):
+                continue
+            if isinstance(value, dict) and value.get("type") in ("rgb", "spectrum"):
+                values[snake(key)] = _json_colour(value, place)
+            elif isinstance(value, dict) and value.get("type") == "ref":
+                parts.append((snake(key), self.referred(str(value.get("id")), place)))
+            elif isinstance(value, dict):
+                identity = str(value.get("id", key))
+                own = self.named.get(identity) is value
+                parts.append((snake(key), self.referred(identity, place) if own else self.node(value, key)))
+            elif isinstance(value, list):
+                flat = _flat(value, place)
+                values[snake(key)] = square(flat, place) if len(flat) in (9, 16) else np.array(flat)
+            else:
+                if value is None or (isinstance(value, str) and "\0" in value):
+                    raise InputError(f"{place}: {value!r} is not understood")
+                if not isinstance(value, str):
+                    _flat(value, place)
+                values[snake(key)] = value
+        return Node(KIND_OF.get(kind_of, ""), kind_of, values, tuple(parts))
+
+    def referred(self, identity: str, place: str) -> Node:
+        if identity not in self.named:
+            raise InputError(f"{place}: names {identity!r}, which the scene does not define")
+        if identity in self.known:
+            node = self.known[identity]
+            if node is None:
+                raise InputError(f"{place}: {identity!r} refers to itself")
+            return node
+        self.known[identity] = None
+        node = self.known[identity] = self.node(self.named[identity], identity)
+        return node
 
 
 def _flat(value: object, where: str) -> list[float]:
@@ -110,12 +142,3 @@ def _json_colour(value: Json, where: str) -> Colour:
             raise InputError(f"{where}: {len(nm)} wavelengths and {len(values)} values")
         return Colour(samples=tuple(sorted(zip(nm, values, strict=True))))
     return spectrum_of(str(value.get("value", "")), where)
-
-
-def _kind(kind_of: str) -> str:
-    """JSON tells plugins apart by their types alone."""
-    tables = {"bsdf": BSDFS, "emitter": EMITTERS, "shape": SHAPES, "texture": TEXTURES}
-    for kind, names in tables.items():
-        if kind_of in names:
-            return kind
-    return {"perspective": "sensor", "thinlens": "sensor", "scene": "scene"}.get(kind_of, "")

@@ -45,6 +45,20 @@ def read_xml(path: Path, allow_outside: bool) -> Node:
     return reader.plugin(root, "scene") if root.tag == "scene" else Node("", root.tag)
 
 
+def parameters(path: Path, allow_outside: bool) -> dict[str, str]:
+    """The defaults that a scene's files use by $NAME, by name: Mitsuba refuses those that stand after that.
+
+    Raises what `read_xml` raises."""
+    reader = _Xml(path, allow_outside)
+    reader.parsed(path)
+    used: dict[str, str] = {}
+    for name in sorted(reader.defaults, key=len, reverse=True):  # $size_long is no use of $size
+        if any(f"${name}" in word for word in reader.words):
+            used[name] = reader.defaults[name]
+            reader.words = [word.replace(f"${name}", "") for word in reader.words]
+    return used
+
+
 class _Xml:
     """Turns elements into nodes. All files are gone through for defaults and names first, as both may stand
     after what uses them."""
@@ -57,6 +71,7 @@ class _Xml:
         self.included: dict[ET.Element, ET.Element] = {}
         self.opened = 0
         self.folders = [path.parent]
+        self.words: list[str] = []
 
     def parsed(self, path: Path) -> ET.Element:
         """A file and those that it includes, with the names that they define."""
@@ -69,6 +84,7 @@ class _Xml:
         except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: encodings
             raise InputError(f"{path}: not valid XML: {error}") from None
         for element in root.iter():
+            self.words += [word for word in element.attrib.values() if "$" in word]
             if element.tag == "default":
                 self.defaults.setdefault(self.text(element, "name"), self.text(element, "value"))
             elif element.tag == "path":
