@@ -16,6 +16,7 @@ from .capture.checks import check_fits
 from .capture.device import torch_device
 from .capture.fidelity import simpler_camera
 from .capture.fidelity_file import WHERE, read_fidelity
+from .capture.field import frame_of
 from .capture.framing import framed, seen_through
 from .capture.noise import PhotoNoise, photographed_noise
 from .capture.presets import PRESETS, preset
@@ -173,11 +174,16 @@ def run(
         psfs = channel_psfs(simpler, view.wavelengths, depths)
 
     def by_network(image: Tensor) -> tuple[Tensor, str]:
-        how = {"checkpoint": checkpoint, "psfs": psfs, "truncated": photo.truncated}
+        how = {
+            "checkpoint": checkpoint,
+            "psfs": psfs,
+            "truncated": photo.truncated,
+            "frame": frame_of([view]),
+        }
         return restore(image, optics, view.wavelengths, depths, **how)
 
     def by_wiener(image: Tensor) -> Tensor:
-        return restore(image, optics, view.wavelengths, depths, psfs=psfs)[0]
+        return restore(image, optics, view.wavelengths, depths, psfs=psfs, frame=frame_of([view]))[0]
 
     with watch.stage("restore", 0.93, 0.94):
         restored, by = by_network(photo.image)

@@ -13,8 +13,9 @@ from ..render.view import View
 def crop(view: View, top: int, left: int, height: int, width: int, margin: int) -> View:
     """A part of the frame as a view of its own: rows top to top + height, columns left to left + width.
 
-    Counted in the frame without its margin. Where the new margin reaches beyond the view, the view's
-    outermost pixels are repeated: light from there is unknown, and darkness would be a worse guess.
+    Counted in the frame without its margin; the optical axis stays where it is in the scene. Where the new
+    margin reaches beyond the view, the view's outermost pixels are repeated: light from there is unknown, and
+    darkness would be a worse guess.
     """
     rows, columns = view.padded_shape
     wanted_rows = torch.arange(top - margin, top + height + margin) + view.margin
@@ -23,7 +24,11 @@ def crop(view: View, top: int, left: int, height: int, width: int, margin: int) 
     source = (
         wanted_rows.clamp(0, rows - 1)[:, None] * columns + wanted_columns.clamp(0, columns - 1)[None, :]
     ).reshape(-1)
-    return _take(view, source.to(view.pixel.device), height, width, margin, new_rows * new_columns)
+    part = _take(view, source.to(view.pixel.device), height, width, margin, new_rows * new_columns)
+    if (top, left, height, width) == (0, 0, view.height, view.width):
+        return part
+    y, x = view.axis_px
+    return replace(part, axis=(y - top, x - left))
 
 
 def with_margin(view: View, margin: int) -> View:

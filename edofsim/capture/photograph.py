@@ -24,6 +24,7 @@ from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
 from .fidelity import Fidelity
 from .fidelity_file import values_of
+from .field import Make, field_step, frame_of, image_over_field
 from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .kernels import Kernels
@@ -90,22 +91,43 @@ def capture(
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
 
+    frame = frame_of(given) if camera.lens.varies else None
+    step = None if frame is None else field_step(camera, fidelity, frame, axes)
+    tangent = None if step is None else step * first.pixel_angle
+
     def kernels(seen_by: Camera, wavelengths: Tensor, at: Tensor, window: int) -> Kernels:
-        return kernels_of(seen_by, wavelengths, at, window, cache=cache, **how)
+        return kernels_of(seen_by, wavelengths, at, window, field_step=tangent, cache=cache, **how)
 
     imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in given]
     layouts = [imaging.layout(view) if layout is None else layout for view in given]
-    photo = torch.stack([imaging.image(*each) for each in zip(lights, layouts, strict=True)])
     blurring = imaging.blurring
     glare = [glare_of(light, blurring.kernels, blurring.response, between) for light in lights]
-    photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
+
+    def over_field(lights: Sequence[View], make: Make, with_glare: bool = False) -> Tensor:
+        assert frame is not None and step is not None
+
+        def haze(light: View, at: Imaging) -> Tensor:
+            return glare_of(light, at.blurring.kernels, blurring.response, between)[0]
+
+        return image_over_field(camera, lights, layouts, frame, step, make, haze if with_glare else None)
+
+    if step is None:
+        photo = torch.stack([imaging.image(*each) for each in zip(lights, layouts, strict=True)])
+        photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
+    else:
+        photo = over_field(lights, lambda here: imaging_of(here, fidelity, axes, make=kernels, **how), True)
     finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
     watch.lap("blur", 0.5 if finer else 0.9)
     if finer:
         by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
-        photo = photo + torch.stack([_change(by_part, *each) for each in zip(given, layouts, strict=True)])
+        if step is None or by_part is None:
+            change = torch.stack([_change(by_part, *each) for each in zip(given, layouts, strict=True)])
+        else:
+            parted = [by_part.light(view) for view in given]
+            change = over_field(parted, lambda here: sub_aperture_imaging(here, fidelity, axes, **how))
+        photo = photo + change
         watch.lap("sub_apertures", 0.9)
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
@@ -119,6 +141,7 @@ def capture(
         "guessed_fragments": sum(guessed_fragments(view) for view in given),
         "sub_apertures": fidelity.sub_apertures if finer else 1,
         "bands": imaging.gathering.groups,
+        "field_step_px": step,
         "window_px": imaging.window,
         "layers_db": fidelity.layers_db,
         "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),

@@ -72,7 +72,14 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
         hidden=hidden[order],
         half_difference=None if view.half_difference is None else light(view.half_difference),
         pixel_angle=pixel_angle,
+        axis=None if view.axis is None else _moved(view, ratio, height, width),
     )
+
+
+def _moved(view: View, ratio: float, height: int, width: int) -> tuple[float, float]:
+    """The axis of a view in pixels of which `ratio` are as wide as one of before."""
+    y, x = view.axis_px
+    return height / 2 + (y - view.height / 2) * ratio, width / 2 + (x - view.width / 2) * ratio
 
 
 def _sorted(*keys: Tensor) -> Tensor:

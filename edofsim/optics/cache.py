@@ -49,7 +49,7 @@ def identity(camera: Camera) -> str:
     not by their names, height maps and files by their content, and code, of other packages' optics too."""
     recipe = camera.recipe.model_dump(mode="json", include={"focus", "mask", "fabrication", "psf"})
     said = {"code": code_of_rooms("optics", "core"), "recipe": recipe, "pixel": camera.pixel}
-    said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula}
+    said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula, "field": camera.field}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     height = camera.height_map
     if height is not None:

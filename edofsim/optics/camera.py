@@ -13,6 +13,7 @@ from ..core.notebook import table_html
 from ..errors import InputError
 from ..recipe.camera import CameraRecipe
 from .lenses import Lens
+from .lenses.base import AXIS, Field
 from .masks import Mask, PhaseMask
 from .masks.clear import ClearMask
 from .masks.height_map import HeightMapMask
@@ -34,7 +35,7 @@ class Camera:
     plane to the sensor. mask_material is what the recipe's mask is made of, or, where it only blocks light,
     what a height map given in its place is. base is the folder that files named in the recipe are relative
     to. height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
-    (see `with_height`).
+    (see `with_height`). field: where in the field it looks: its PSFs are those of points there (`at_field`).
     """
 
     recipe: CameraRecipe
@@ -46,6 +47,7 @@ class Camera:
     read_noise: float
     base: Path
     height_map: Tensor | None = None
+    field: Field = AXIS
 
     @classmethod
     def from_recipe(cls, recipe: CameraRecipe, base: Path | None = None) -> Camera:
@@ -125,6 +127,13 @@ class Camera:
         if height is not None:
             _check_height(height)
         return replace(self, height_map=height)
+
+    def at_field(self, field: Field) -> Camera:
+        """The same camera with the PSFs of points whose chief ray has the tangents (right, up) `field` with
+        the axis. Raises InputError for what is not finite."""
+        if not all(map(math.isfinite, field)):
+            raise InputError(f"a place in the field is two finite tangents, right and up, not {field}")
+        return replace(self, field=field if self.lens.varies else AXIS)
 
     def with_pupil_sampling(self, pitch: float) -> Camera:
         """The same camera with samples of the pupil `pitch` [m] apart."""

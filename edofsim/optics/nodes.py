@@ -72,7 +72,9 @@ def nodes_between(
         middles = [(first + last) / 2 for first, last in parts]
         known |= _transfers(camera, colours, middles)
         apart = {
-            part: [_apart(known[a], known[b]) for a, b in (part, (part[0], middle), (middle, part[1]))]
+            part: [
+                transfers_apart(known[a], known[b]) for a, b in (part, (part[0], middle), (middle, part[1]))
+            ]
             for part, middle in zip(parts, middles, strict=True)
         }
         wide = sorted((p for p in parts if max(apart[p]) >= difference), key=lambda p: -max(apart[p]))
@@ -110,15 +112,22 @@ def _transfers(camera: Camera, colours: Tensor, places: Sequence[float]) -> dict
     found: dict[float, Tensor] = {}
     for some, _ in sampled_alike(camera, colours, depths, camera.recipe.psf.window_px):
         psf = psf_bank(camera, colours, depths[some]).values
-        psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
-        size = psf.shape[-1]
-        fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
-        spectrum = 1 / (fy.square() + fx.square())
-        spectrum[0, 0] = 0  # light is kept
-        transfers = torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
-        found |= zip(depths[some].tolist(), transfers, strict=True)
+        found |= zip(depths[some].tolist(), contrast_transfer(psf), strict=True)
     return found
 
 
-def _apart(one: Tensor, other: Tensor) -> float:
+def contrast_transfer(psf: Tensor) -> Tensor:
+    """Transfer functions [..., y, x // 2 + 1] of PSFs [..., y, x], each frequency by its share of the
+    contrast of a picture whose power spectrum falls with the square of the frequency; nothing at 0."""
+    psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
+    size = psf.shape[-1]
+    fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
+    spectrum = 1 / (fy.square() + fx.square())
+    spectrum[0, 0] = 0  # light is kept
+    return torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
+
+
+def transfers_apart(one: Tensor, other: Tensor) -> float:
+    """How pictures differ that such transfer functions make, in the root mean square relative to the
+    contrast, in the worst PSF."""
     return float((one - other).abs().square().sum((-1, -2)).max().sqrt())

@@ -52,13 +52,24 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         regions = [(part, design_phase_to_height(camera, phase)) for part, phase in levels]
     if not regions:
         regions = [(amplitude, surface(camera, grid, seed))]
+    lens = camera.lens.phases(grid.radius_squared())
+    seen_from = ""
+    if camera.lens.varies:
+        right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
+        share = camera.lens.field_open(right, up, camera.field)
+        regions = [(part * share.sqrt(), relief) for part, relief in regions]
+        light, round_one = light * share, lens
+        seen_from = f" seen from the field {camera.field}"
+
+        def lens(wavelength: float) -> Tensor:
+            return round_one(wavelength) + camera.lens.field_phase(right, up, wavelength, camera.field)
+
     total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
     if not total > 0:
         raise InputError(
             f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of "
-            "the pupil; open it wider"
+            f"the pupil{seen_from}; open it wider"
         )
-    lens = camera.lens.phases(grid.radius_squared())
     return Aperture(grid, lens, tuple(regions), total, total / whole)
 
 

@@ -19,6 +19,8 @@ FEWEST_SAMPLES = 128
 """Samples across the pupil below which its round edge is too coarse, whatever the phase."""
 LARGEST_PUPIL = 8192
 """Samples across the pupil beyond which a PSF is refused rather than begun (a wave is then 1 GiB)."""
+FIELD_SAMPLES = 65
+"""Places along each axis of the pupil at which phases of the field are looked at."""
 OWN_GRID = 1.6
 """Ratio of pitches of the pupil from which on depths have a grid of their own."""
 SCATTERED_ORDERS = 2
@@ -201,7 +203,21 @@ def _steepest(camera: Camera, wavelengths: Tensor, psi: Tensor, with_mask: bool)
     mask = camera.mask
     design = mask.design_wavelength_nm * 1e-9 if isinstance(mask, PhaseMask) else 0.0
     steepest = asked(mask, "slope", mask.slope) / radius if with_mask else 0.0
-    return (bowl + steepest * design / wavelengths).clamp_min(math.pi / (2 * radius))
+    off_axis = _field_slope(camera, wavelengths) if camera.lens.varies else 0.0
+    return (bowl + off_axis + steepest * design / wavelengths).clamp_min(math.pi / (2 * radius))
+
+
+def _field_slope(camera: Camera, wavelengths: Tensor) -> Tensor:
+    """Steepest phase that the lens adds for the camera's place in the field [rad/m], [band]."""
+    axis = torch.linspace(-camera.aperture_radius, camera.aperture_radius, FIELD_SAMPLES, dtype=torch.float64)
+    right, up = axis[None, :], axis.flip(0)[:, None]
+    lit = (camera.lens.field_open(right, up, camera.field) > 0) & (right.hypot(up) <= camera.aperture_radius)
+    steepest = []
+    for wavelength in wavelengths.tolist():
+        phase = camera.lens.field_phase(right, up, wavelength, camera.field)
+        down, across = torch.gradient(phase, spacing=float(axis[1] - axis[0]))
+        steepest.append(torch.where(lit, down.hypot(across), 0.0).max())
+    return torch.stack(steepest)
 
 
 def _check_fixed(

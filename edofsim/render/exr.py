@@ -111,6 +111,7 @@ def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Calla
         "wavelengths_m": view.wavelengths.tolist(),
         "metadata": {key: value for key, value in view.metadata.items() if key != "run"},
     }
+    about |= {} if view.axis is None else {"axis": view.axis}
     header = {
         **spectral,
         "dataWindow": window,
@@ -255,4 +256,5 @@ def _view_from(
         noise=about["noise"],
         metadata=about["metadata"],
         half_difference=None if noise is None else light(*noise, noise_name),
+        axis=None if about.get("axis") is None else tuple(about["axis"]),
     )

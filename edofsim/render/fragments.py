@@ -34,6 +34,7 @@ class Fragments:
     noise: float = 0.0
     metadata: Json = field(default_factory=dict)
     half_difference: np.ndarray | None = None
+    axis: tuple[float, float] | None = None
 
     @classmethod
     def of(cls, view: View) -> Fragments:
@@ -62,6 +63,7 @@ class Fragments:
             noise=self.noise,
             metadata=self.metadata,
             half_difference=None if self.half_difference is None else torch.from_numpy(self.half_difference),
+            axis=self.axis,
         )
 
     @property

@@ -42,9 +42,10 @@ class View:
     pixel_angle: tangent of the angle that one pixel sees, on the axis
     noise: estimated relative standard error of the band mean over the image; 0 if not from sampling
     half_difference: [band, fragment], half of what two independent halves of the samples differ by in
-    radiance:
-        noise of the same kind as that of radiance, and independent of it. None where it is not known, or
-        where there is none (noise is 0 then).
+        radiance: noise of the same kind as that of radiance, and independent of it. None where it is not
+        known, or where there is none (noise is 0 then).
+    axis: (y, x), where the optical axis meets the frame, in pixels from its top left corner; None: the
+        middle. A part that is cut out keeps it, and it may lie outside.
     """
 
     height: int
@@ -60,6 +61,7 @@ class View:
     noise: float = 0.0
     metadata: Json = field(default_factory=dict)
     half_difference: Tensor | None = None
+    axis: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for shapes that do not fit each other; values are checked before a photo."""
@@ -77,6 +79,8 @@ class View:
             problems.append(
                 f"a view cannot have {self.width} x {self.height} pixels and a margin of {self.margin}"
             )
+        if self.axis is not None and not all(map(math.isfinite, self.axis)):
+            problems.append(f"a view's axis is two finite numbers of pixels, (y, x), not {self.axis}")
         if not 0 < self.pixel_angle < math.inf:
             problems.append(f"a view's pixel_angle is finite and above 0, not {self.pixel_angle}")
         if problems:
@@ -223,6 +227,11 @@ class View:
     @property
     def bands(self) -> int:
         return int(self.radiance.shape[0])
+
+    @property
+    def axis_px(self) -> tuple[float, float]:
+        """(y, x) of `axis`, the middle of the frame where it is None."""
+        return (self.height / 2, self.width / 2) if self.axis is None else self.axis
 
     @property
     def one_each(self) -> bool:

@@ -6,11 +6,13 @@ import torch
 from torch import Tensor
 
 from ..optics import Camera, psf_bank, response
+from ..optics.field import Frame
 from ..optics.nodes import node_shares, nodes_between
 from .checkpoint import Checkpoint
 from .conditioning import conditioned_on, refusal
 from .light import without_glare, without_truncated
 from .network import apply_network
+from .places import restored_by_place, step_of
 from .restorer import Restorer
 from .wiener import wiener
 
@@ -28,6 +30,7 @@ def restore(
     psfs: Tensor | None = None,
     glare: Tensor | None = None,
     truncated: Tensor | None = None,
+    frame: Frame | None = None,
 ) -> tuple[Tensor, str]:
     """The sharp image of a photo, and what made it, in words.
 
@@ -39,8 +42,37 @@ def restore(
     then; None where they are still to be made. glare: [channel], the part of the
     light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask that was
     made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is known
-    (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths.
+    (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where the
+    photo looks, None: about the optical axis; through a lens that varies over the field each place is
+    restored by its own PSFs, after the photo is brought to the light of the axis.
     """
+    how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
+    if not camera.lens.varies:
+        return _restored(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
+    nodes = (
+        inverse_depths if psfs is not None else nodes_between(camera, wavelengths, *inverse_depths.aminmax())
+    )
+
+    def one(part: Tensor, there: Camera) -> tuple[Tensor, str]:
+        own = channel_psfs(there, wavelengths, nodes)
+        return _restored(part, there, wavelengths, nodes, psfs=own, **how)
+
+    given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
+    return restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
+
+
+def _restored(
+    image: Tensor,
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    *,
+    checkpoint: Checkpoint | None,
+    psfs: Tensor | None,
+    glare: Tensor | None,
+    truncated: Tensor | None,
+) -> tuple[Tensor, str]:
+    """`restore` by the PSFs of the camera's place in the field."""
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:

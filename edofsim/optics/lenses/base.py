@@ -1,7 +1,8 @@
 """What a lens is asked for. A new kind is a class in a file of its own that says the rest.
 
 A lens is thin and its pupil lies in it. To the parabola of its `focal_length`, which defocus is counted from,
-it adds a phase that depends on the distance from the axis alone and is the same for all points of the scene.
+it adds a phase that depends on the distance from the axis alone. A lens that `varies` over the field adds
+another phase, and shuts parts of its pupil, for each direction that light comes from.
 """
 
 from __future__ import annotations
@@ -20,6 +21,11 @@ from ..materials import Material, material
 
 RIM_SAMPLES = 65
 """Distances from the axis that phases are looked at."""
+
+Field = tuple[float, float]
+"""A place in the field: the tangents (right, up) of the angle between the chief ray from there and the axis,
+as the camera sees the scene."""
+AXIS: Field = (0.0, 0.0)
 
 
 class Lens(KindModel):
@@ -48,6 +54,27 @@ class Lens(KindModel):
         step = self.aperture_radius * 1e-4
         after, before = (self.phase((radii + turn * step).square(), wavelength) for turn in (1, -1))
         return (after - before) / (2 * step)
+
+    @property
+    def varies(self) -> bool:
+        """Whether points of the scene in other directions have other PSFs: whether `field_phase`,
+        `field_open` or `illumination` say anything."""
+        return False
+
+    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
+        """Phase [rad] that is added to `phase` for light from `field`, at places [m] of the pupil seen from
+        the sensor towards the scene, float64; right [1, n] and up [n, 1] broadcast. Positive where light
+        takes longer."""
+        return torch.zeros(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
+
+    def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
+        """Fraction of the light from `field` that the lens lets through there, 0 to 1, shaped likewise: grey
+        where an edge crosses a cell."""
+        return torch.ones(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
+
+    def illumination(self, field: Field) -> float:
+        """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""
+        return 1.0
 
     def problems(self) -> list[str]:
         """Why there can be no such lens; each a sentence that names the key of the recipe."""
@@ -102,6 +129,19 @@ class _Simpler(Lens):
 
     def glasses(self) -> tuple[Material, ...]:
         return self.lens.glasses()
+
+    @property
+    def varies(self) -> bool:
+        return self.lens.varies
+
+    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
+        return self.lens.field_phase(right, up, wavelength, field)
+
+    def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
+        return self.lens.field_open(right, up, field)
+
+    def illumination(self, field: Field) -> float:
+        return self.lens.illumination(field)
 
     def identity(self) -> str:
         return json.dumps([self.model_dump(mode="json", exclude={"lens"}), self.lens.identity()])

@@ -1,0 +1,194 @@
+"""Places in the field that PSFs are computed at, and the share that each has of a place on the sensor.
+
+Of a lens that varies over the field (`Lens.varies`), the PSF changes from place to place. The places stand on
+a square grid, `step` pixels apart, with one on the optical axis: a part of a frame has the same ones as the
+whole.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from .camera import Camera, focus_distance
+from .grid import PupilGrid
+from .lenses.base import AXIS, Field
+from .masks import mask_amplitude
+from .nodes import contrast_transfer, transfers_apart
+from .psf import psf_bank
+from .sensor import response
+
+STEPS = (1024, 512, 256, 128, 64, 32, 16, 8)
+"""Distances of places, in pixels, that are chosen from: halved, errors fall by 12 dB."""
+LIGHT_SAMPLES = 258
+"""Across the pupil, for the light that comes from a place in the field."""
+CONTRAST_DB = 12.0
+"""PSNR less the ratio of a picture's contrast to an error: its contrast is a quarter of full scale."""
+MEAN = 1.6
+"""Of a picture, in units of its contrast."""
+WAY = (0.0, 0.5, 0.999)
+"""Parts of the way to the farthest corner at which cells are looked at."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place that PSFs are computed at. field: its tangents; rows, columns: of the frame that it has a share
+    of; share: [row, column] of that, from 0 to 1: hats, which sum to 1 over the places at each pixel."""
+
+    field: Field
+    rows: slice
+    columns: slice
+    share: Tensor
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a view says of where it looks. axis: (y, x) of the optical axis, pixels from the top left corner
+    of height x width pixels; pixel_angle: tangent that one sees."""
+
+    height: int
+    width: int
+    axis: tuple[float, float]
+    pixel_angle: float
+
+    @classmethod
+    def about(cls, height: int, width: int, camera: Camera) -> Frame:
+        """A frame with the optical axis in its middle, in the camera's pixels."""
+        return cls(height, width, (height / 2, width / 2), camera.pixel_angle)
+
+    def field(self, y: float, x: float) -> Field:
+        """Tangents (right, up) of a place, in pixels from the top left corner."""
+        return (x - self.axis[1]) * self.pixel_angle, (self.axis[0] - y) * self.pixel_angle
+
+
+def places(frame: Frame, step: int) -> Iterator[Place]:
+    """The places, row by row, that have a share of a frame; those next to it are outside."""
+    down, across = (
+        _hats(n, at, step) for n, at in ((frame.height, frame.axis[0]), (frame.width, frame.axis[1]))
+    )
+    for y, rows, row_share in down:
+        for x, columns, column_share in across:
+            yield Place(frame.field(y, x), rows, columns, torch.outer(row_share, column_share))
+
+
+def _hats(count: int, axis: float, step: int) -> list[tuple[float, slice, Tensor]]:
+    """Places along one axis of a frame of `count` pixels: where, of which pixels, which share [pixel]."""
+    middles = torch.arange(count, dtype=torch.float64) + 0.5
+    first, last = math.floor((0.5 - axis) / step), math.ceil((count - 0.5 - axis) / step)
+    found = []
+    for k in range(first, last + 1):
+        share = (1 - (middles - axis - k * step).abs() / step).clamp_min(0)
+        there = torch.nonzero(share).flatten()
+        if len(there):
+            part = slice(int(there[0]), int(there[-1]) + 1)
+            found.append((axis + k * step, part, share[part]))
+    return found
+
+
+def joined(frame: Frame, step: int, image: Callable[[Place], Tensor]) -> Tensor:
+    """One image of a frame from those of its places, [..., row, column].
+
+    image: of a place's rows and columns, as all light that reaches them is seen from there.
+    """
+    whole = None
+    for place in places(frame, step):
+        part = image(place) * place.share.to(torch.float64)
+        if whole is None:
+            whole = part.new_zeros(*part.shape[:-2], frame.height, frame.width)
+        whole[..., place.rows, place.columns] += part
+    assert whole is not None  # every frame has a place
+    return whole
+
+
+def relative_light(camera: Camera) -> float:
+    """Light on the sensor from the camera's place in the field over that from the axis."""
+    if not camera.lens.varies:
+        return 1.0
+    grid = PupilGrid(LIGHT_SAMPLES, 2 * camera.aperture_radius / (LIGHT_SAMPLES - 2), camera.aperture_radius)
+    right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
+    light = _mask_light(camera, grid)
+    here, axis = (float((light * camera.lens.field_open(right, up, at)).sum()) for at in (camera.field, AXIS))
+    return here / axis * camera.lens.illumination(camera.field) / camera.lens.illumination(AXIS)
+
+
+def _mask_light(camera: Camera, grid: PupilGrid) -> Tensor:
+    return mask_amplitude(camera.mask, grid)[1]
+
+
+def landing(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]) -> Tensor:
+    """What lands around the camera's place in the field, each pixel from the place that its light comes from.
+
+    psfs: of a camera, [..., y, x]; step: tangent to the places on both sides, from whose PSFs it follows how
+    they change with the place. A PSF says where light from one place goes; on the sensor, light that lands u
+    pixels beside its place is from a place u pixels away, whose PSF is another: to first order, the PSF less
+    u times its slope. Light, relative to that of the camera's place, changes likewise.
+    """
+    own = relative_light(camera)
+    right, up = camera.field
+
+    def at(field: Field) -> Tensor | None:
+        beside = camera.at_field(field)
+        try:
+            return psfs(beside) * (relative_light(beside) / own)
+        except InputError:  # no light from there reaches the sensor
+            return None
+
+    middle = psfs(camera)
+    offset = torch.arange(middle.shape[-1], dtype=middle.dtype, device=middle.device) - middle.shape[-1] // 2
+    result = middle
+    across = (at((right + step, up)), at((right - step, up)))
+    down = (at((right, up - step)), at((right, up + step)))
+    in_pixels = step / camera.pixel_angle
+    for (after, before), u in ((across, offset[None, :]), (down, offset[:, None])):
+        steps = (after is not None) + (before is not None)
+        if steps:
+            change = (middle if after is None else after) - (middle if before is None else before)
+            result = result - u * change / (steps * in_pixels)
+    return result
+
+
+def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float], db: float) -> int:
+    """The largest of `STEPS` by which photos err by less than `db` of PSNR from places between being joined.
+
+    Looked at along a diagonal, from the axis to the corner that is farthest from it: at the middle of a cell
+    the PSF, with its light, stands against the mean of the cell's corners, by the contrast of a picture whose
+    power spectrum falls with the square of the frequency. ends: least and largest inverse depth [1/m];
+    between them, the distance in focus is looked at as well. Nothing of a picture decides.
+    """
+    if not camera.lens.varies:
+        return STEPS[0]
+    bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
+    colours = response(camera, bands) @ bands
+    depths = sorted({*ends, min(max(1 / float(focus_distance(camera, float(colours[1]))), ends[0]), ends[1])})
+    corners = [(y, x) for y in (0.0, float(frame.height)) for x in (0.0, float(frame.width))]
+    y, x = max(corners, key=lambda c: math.hypot(c[0] - frame.axis[0], c[1] - frame.axis[1]))
+    along = (y - frame.axis[0], x - frame.axis[1])
+    known: dict[tuple[float, float], tuple[Tensor, float]] = {}
+
+    def seen_at(down: float, right: float) -> tuple[Tensor, float]:
+        """Transfer functions, and the light, at a place in pixels from the axis."""
+        if (down, right) not in known:
+            here = camera.at_field((right * frame.pixel_angle, -down * frame.pixel_angle))
+            light = relative_light(here)
+            known[down, right] = contrast_transfer(psf_bank(here, colours, depths).values) * light, light
+        return known[down, right]
+
+    def off(step: int, part: float) -> float:
+        """At the middle of the cell that holds a part of the way to the corner."""
+        down, right = (math.floor(part * way / step) * step for way in along)
+        try:
+            ends = [seen_at(down + y * step, right + x * step) for y in (0, 1) for x in (0, 1)]
+            transfer, light = seen_at(down + step / 2, right + step / 2)
+        except InputError:  # light from so far outside of the frame does not reach the sensor
+            return math.inf
+        mean = torch.stack([each for each, _ in ends]).mean(0)
+        dark = MEAN * (light - sum(each for _, each in ends) / 4)
+        return math.hypot(transfers_apart(transfer, mean), dark)
+
+    allowed = 10 ** ((CONTRAST_DB - db) / 20)
+    return next((step for step in STEPS if all(off(step, part) < allowed for part in WAY)), STEPS[-1])

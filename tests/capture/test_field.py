@@ -1,0 +1,215 @@
+"""Photos through a lens that varies over the field, against sums over sources and closed forms."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from torch import Tensor
+
+from edofsim.capture import Fidelity, capture
+from edofsim.capture.crop import crop
+from edofsim.capture.resample import resampled
+from edofsim.errors import InputError
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
+from edofsim.optics.field import Frame, places, relative_light, step_for
+from edofsim.recipe import CameraRecipe
+from edofsim.render.view import View
+from edofsim.restore import restore
+from edofsim.restore.scores import psnr
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "example_package"))
+from edofsim_example.off_axis_lens import OffAxisLens
+
+WINDOW = 16
+DEPTH = 1 / 1.1
+GREEN = 550e-9
+WAIST = 0.5
+
+
+def camera(coma: float = 12.0, shadow: float = 3.0, mask: str = "clear", pixel_um: float = 6) -> Camera:
+    lens = {"kind": "ideal", "focal_length_mm": 25, "f_number": 5}
+    recipe = {
+        "name": "off-axis",
+        "lens": lens,
+        "mask": {"kind": "gaussian", "waist": WAIST} if mask == "gaussian" else {"kind": mask},
+        "focus": {"distance_m": 1.0, "wavelength_nm": 550},
+        "sensor": {"pixel_um": pixel_um, "response": "lines", "exposure": 1.0, "read_noise": 0.0},
+        "psf": {"window_px": WINDOW},
+    }
+    plain = Camera.from_recipe(CameraRecipe.model_validate(recipe))
+    return replace(plain, lens=OffAxisLens(**{**lens, "kind": "off-axis"}, coma=coma, shadow=shadow))
+
+
+def view_of(light: Tensor, seen_by: Camera, margin: int, axis: tuple[float, float] | None) -> View:
+    how = {"wavelengths": PAPER_COLOURS, "pixel_angle": seen_by.pixel_angle, "margin": margin}
+    return replace(View.flat(light, DEPTH, **how, metadata={"hidden": "none"}), axis=axis)
+
+
+def random_light(height: int, width: int, seed: int = 0) -> Tensor:
+    """Blocks of 3 x 3 pixels."""
+    noise = torch.rand(3, -(-height // 3), -(-width // 3), generator=torch.Generator().manual_seed(seed))
+    return noise.repeat_interleave(3, 1).repeat_interleave(3, 2)[:, :height, :width]
+
+
+def by_sources(view: View, seen_by: Camera, y: int, x: int, turn: Callable = lambda f: f) -> Tensor:
+    """The light of a pixel: the sum over all sources near by, each by the PSF of its own place."""
+    rows, columns = view.padded_shape
+    light, half = view.radiance.double().reshape(3, rows, columns), WINDOW // 2
+    axis = view.axis_px
+    total = torch.zeros(3, dtype=torch.float64)
+    for dy in range(-half, half + 1):
+        for dx in range(-half, half + 1):
+            row, column = half - dy, half - dx  # of the PSF, by which the source reaches this pixel
+            if 0 <= row < WINDOW and 0 <= column < WINDOW:
+                right, up = (x + dx + 0.5 - axis[1]), (axis[0] - y - dy - 0.5)
+                there = seen_by.at_field(turn((right * view.pixel_angle, up * view.pixel_angle)))
+                psf = psf_bank(there, PAPER_COLOURS, [DEPTH]).values[0, :, row, column].double()
+                total += psf * light[:, y + dy + view.margin, x + dx + view.margin] * relative_light(there)
+    return total
+
+
+def db(error: Tensor) -> float:
+    return float(-10 * torch.log10(error.square().mean()))
+
+
+@pytest.fixture(scope="module")
+def corner() -> tuple[View, Camera]:
+    """A frame beside the axis, below it and to its right: nothing in it is symmetric."""
+    seen_by = camera()
+    return view_of(random_light(30 + 2 * 8, 40 + 2 * 8), seen_by, 8, (-170.0, -260.0)), seen_by
+
+
+PLACES = [(4, 6), (25, 33)]
+
+
+@pytest.fixture
+def no_glare(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Veiling glare is made of all light that a view knows of."""
+    module = sys.modules[capture.__module__]
+    with_glare = module.glare_of
+    monkeypatch.setattr(module, "glare_of", lambda *of: tuple(0 * each for each in with_glare(*of)))
+
+
+@pytest.mark.usefixtures("no_glare")
+def test_a_photo_is_the_sum_over_its_sources(corner: tuple[View, Camera]):
+    view, seen_by = corner
+    photo = capture(view, seen_by, Fidelity(field_step_px=16))
+    truth = torch.stack([by_sources(view, seen_by, y, x) for y, x in PLACES])
+    found = torch.stack([photo.clean[:, y, x] for y, x in PLACES]).double()
+    print(f"{db(found - truth):.1f} dB")
+    assert db(found - truth) > 70
+    flipped = by_sources(view, seen_by, *PLACES[0], lambda f: (f[0], -f[1]))
+    turned = by_sources(view, seen_by, *PLACES[0], lambda f: (f[1], f[0]))
+    assert max(db(found[0] - flipped), db(found[0] - turned)) < 40  # a mirrored or transposed field is seen
+
+
+@pytest.mark.usefixtures("no_glare")
+def test_a_part_of_a_photo_is_the_photo_of_the_part(corner: tuple[View, Camera]):
+    view, seen_by = corner
+    how = {"exposure": 1.0, "nodes": torch.tensor([DEPTH], dtype=torch.float64)}
+    fidelity = Fidelity(field_step_px=16)
+    whole = capture(view, seen_by, fidelity, **how).clean
+    part = capture(crop(view, 9, 11, 12, 17, 8), seen_by, fidelity, **how).clean
+    assert float((whole[:, 9:21, 11:28] - part).abs().max()) < 1e-6
+    lost = capture(replace(crop(view, 9, 11, 12, 17, 8), axis=None), seen_by, fidelity, **how).clean
+    assert float((whole[:, 9:21, 11:28] - lost).abs().max()) > 1e-3  # had it forgotten its axis
+
+
+def test_white_is_as_bright_as_the_light_that_gets_through():
+    seen_by = camera(coma=0.0)
+    view = view_of(torch.ones(3, 40 + 24, 60 + 24), seen_by, 12, (-150.0, 300.0))
+    photo = capture(view, seen_by, Fidelity(field_step_px=16)).clean[1]
+    for y, x in ((0, 0), (13, 40), (39, 59)):
+        light = relative_light(
+            seen_by.at_field(Frame(40, 60, view.axis_px, view.pixel_angle).field(y + 0.5, x + 0.5))
+        )
+        assert float(photo[y, x]) == pytest.approx(light, abs=1e-3)
+    assert 0.3 < float(photo.min()) < float(photo.max()) < 0.97
+
+
+def test_the_light_of_two_discs():
+    """What two discs of one radius share, in closed form: a lens."""
+    seen_by = camera(shadow=4.0)
+    d = 4.0 * 0.15 / 2  # half the distance of their middles
+    share = 2 / math.pi * (math.acos(d) - d * math.sqrt(1 - d * d))
+    light = relative_light(seen_by.at_field((0.15, 0.0)))
+    assert light == pytest.approx(share, abs=0.02)  # the rim is a cell wider than the pupil
+    assert relative_light(seen_by.at_field((0.0, -0.15))) == pytest.approx(light, abs=1e-6)
+
+
+def test_coma_moves_light_as_its_slope_says():
+    """The middle of a PSF moves by the mean slope of the phase, weighted with the light: that of
+    |rho|^2 (rho f) is 2 f times the mean of |rho|^2. The light is a Gaussian, whose edge
+    scatters next to nothing, and pixels are small."""
+    seen_by = camera(coma=6.0, shadow=0.0, mask="gaussian", pixel_um=1.5)
+    rim = 2 / WAIST**2
+    mean = 1 / rim - math.exp(-rim) / (1 - math.exp(-rim))
+    for field in ((0.1, 0.0), (0.0, 0.1), (-0.08, 0.06)):
+        bank = psf_bank(seen_by.at_field(field), [GREEN], [1.0], window_px=64, dtype=torch.float64)
+        psf = bank.values[0, 0]
+        at = torch.arange(64, dtype=torch.float64) - 32
+        right, up = (psf.sum(0) @ at) / psf.sum(), -(psf.sum(1) @ at) / psf.sum()
+        moved = -2 * mean * seen_by.sensor_distance * 6.0 * 550e-9 / seen_by.aperture_radius / seen_by.pixel
+        assert float(right) == pytest.approx(moved * field[0], abs=0.005)
+        assert float(up) == pytest.approx(moved * field[1], abs=0.005)
+
+
+def test_places_share_out_every_frame():
+    for axis in ((12.0, 16.0), (-100.5, 7.25), (400.0, -3.0)):
+        frame, total = Frame(24, 32, axis, 1e-3), torch.zeros(24, 32, dtype=torch.float64)
+        for place in places(frame, 7):
+            total[place.rows, place.columns] += place.share
+        assert float((total - 1).abs().max()) < 1e-12
+
+
+def test_steps_are_as_small_as_is_asked_for(corner: tuple[View, Camera]):
+    view, seen_by = corner
+    frame = Frame(view.height, view.width, view.axis_px, view.pixel_angle)
+    wanted = (35, 45, 60)
+    steps = [step_for(seen_by, frame, view.wavelengths, (DEPTH, DEPTH), asked) for asked in wanted]
+    assert steps == sorted(steps, reverse=True) and steps[0] > steps[-1]
+    finest = capture(view, seen_by, Fidelity(field_step_px=8)).clean
+    for step, asked in zip(steps, wanted, strict=True):
+        photo = capture(view, seen_by, Fidelity(field_step_px=step)).clean
+        print(asked, step, db(photo - finest))
+        assert step == 8 or db(photo - finest) > asked - 1
+    still = replace(seen_by, lens=seen_by.lens.model_copy(update={"coma": 0.0, "shadow": 0.0}))
+    assert step_for(still, frame, view.wavelengths, (DEPTH, DEPTH), 60) == 1024
+
+
+def test_views_keep_their_axis(tmp_path: Path, corner: tuple[View, Camera]):
+    view, _ = corner
+    assert crop(view, 9, 11, 12, 17, 3).axis == (-179.0, -271.0)
+    assert crop(view, 0, 0, 30, 40, 3).axis == view.axis
+    finer = resampled(replace(view, axis=(5.0, 30.0)), view.pixel_angle / 2)
+    assert finer.axis == (10.0, 60.0)
+    with pytest.raises(InputError, match="axis"):
+        replace(view, axis=(math.nan, 0.0))
+
+
+def test_a_batch_looks_one_way(corner: tuple[View, Camera]):
+    view, seen_by = corner
+    with pytest.raises(InputError, match="one by one"):
+        capture([view, replace(view, axis=(0.0, 0.0))], seen_by, Fidelity(field_step_px=64))
+
+
+def test_each_place_is_restored_by_its_own_psfs():
+    """Better than by those of the axis, and without seams: no step of the image at borders of places."""
+    seen_by = camera(coma=30.0, shadow=0.0)
+    view = view_of(random_light(48 + 24, 64 + 24), seen_by, 12, (-150.0, -240.0))
+    photo = capture(view, seen_by, Fidelity(field_step_px=16))
+    frame = Frame(view.height, view.width, view.axis_px, view.pixel_angle)
+    ends = torch.tensor([DEPTH], dtype=torch.float64)
+    sharp, how = restore(photo.image, seen_by, view.wavelengths, ends, frame=frame)
+    assert "place by place" in how
+    plain = replace(seen_by, lens=seen_by.lens.model_copy(update={"coma": 0.0}))
+    by_axis, _ = restore(photo.image, plain, view.wavelengths, ends)
+    scores = [psnr(each.clamp(0, 1), photo.ideal) for each in (sharp, by_axis)]
+    print(scores)
+    assert scores[0] > scores[1] + 3
