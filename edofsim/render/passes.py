@@ -66,13 +66,15 @@ def groups_of(surveys: list[DepthSurvey], limits: list[np.ndarray]) -> tuple[Gro
 
 @dataclass(frozen=True)
 class Launch:
-    """Pixels `start` to `stop` of a group, in one pass."""
+    """Pixels `start` to `stop` of a group, in one pass. samples: a pixel that are traced; weight: as how many
+    they count."""
 
     number: int
     group: int
     start: int
     stop: int
     samples: int
+    weight: int
 
 
 def pass_sizes(settings: RenderSettings) -> Iterator[int]:
@@ -85,13 +87,15 @@ def pass_sizes(settings: RenderSettings) -> Iterator[int]:
 
 
 def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int) -> list[Launch]:
-    """The launches of pass `number`."""
-    most = max(1, LAUNCH_BYTES // (4 * bands * samples))
-    return [
-        Launch(number, index, start, min(start + most, len(group.pixels)), samples)
-        for index, group in enumerate(groups)
-        for start in range(0, len(group.pixels), most)
-    ]
+    """The launches of pass `number`: half as many samples behind edges as of what is seen."""
+    launches: list[Launch] = []
+    for index, group in enumerate(groups):
+        count = samples if group.layer == 0 else -(-samples // 2)
+        most = max(1, LAUNCH_BYTES // (4 * bands * count))
+        for start in range(0, len(group.pixels), most):
+            stop = min(start + most, len(group.pixels))
+            launches.append(Launch(number, index, start, stop, count, samples))
+    return launches
 
 
 @dataclass
@@ -138,15 +142,15 @@ class Sums:
 
     def add(self, launch: Launch, groups: tuple[Group, ...], result: LaunchResult) -> None:
         """Take in one launch."""
-        group = groups[launch.group]
+        group, share = groups[launch.group], launch.weight / launch.samples
         for surface in range(group.surfaces):
             at = group.first + surface * len(group.pixels)
             where = slice(at + launch.start, at + launch.stop)
-            self.radiance[:, where] += result.radiance[surface]
-            self.count[where] += result.count[surface]
-            self.inverse_depth[where] += result.inverse_depth[surface]
+            self.radiance[:, where] += share * result.radiance[surface]
+            self.count[where] += share * result.count[surface]
+            self.inverse_depth[where] += share * result.inverse_depth[surface]
             if launch.number % 2:
-                self.half[:, where] += result.radiance[surface]
+                self.half[:, where] += share * result.radiance[surface]
         if group.layer == 0:
             # Groups of layer 0 come first and one after the other.
             before = sum(len(other.pixels) for other in groups[: launch.group])

@@ -250,7 +250,7 @@ class _Clock:
 
     def tick(self, launch: Launch, sums: Sums) -> None:
         """After a launch."""
-        self.done += (launch.stop - launch.start) * launch.samples
+        self.done += (launch.stop - launch.start) * launch.weight
         wanted = self.settings.samples
         noise = ""
         if self.settings.noise is not None and sums.passes >= 2:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..recipe.scene import SceneRecipe
 
-INTEGRATOR = 4
+INTEGRATOR = 5
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give another view."""
 
 SURVEY_SAMPLES = 64

@@ -39,6 +39,11 @@ FEW_LIGHT_ROWS = 8
 """So many rows of light spectra are constants of the kernel, which is faster than to look them up: a lookup
 loads a packet of bands for every ray, a constant is loaded once for all. Surfaces have too many for it."""
 
+SMOOTH_SKY = 4.0
+"""A sky whose brightest direction shines at most so many times its mean is found by the surfaces' own
+sampling: light samples that look for it are better spent on a lamp. Among many lamps they are not: most are
+far."""
+
 
 FewLights: TypeAlias = "tuple[tuple[mi.UInt32, list[list[mi.Float]]], ...]"
 
@@ -347,16 +352,23 @@ def _environment(mi: ModuleType, radiance: BandTexture, weight: float) -> dict[s
             "radiance": {"type": "rgb", "value": [1.0, 1.0, 1.0]},
             "sampling_weight": weight,
         }
-    mean = np.clip(np.asarray(radiance.image) @ np.asarray(radiance.basis).mean(axis=1), 0, None)
+    mean = _brightness(radiance)
     mean = mean + 1e-3 * mean.mean() + 1e-12  # no direction that shines in some band may have probability 0
     # Mitsuba's map runs the other way round: its first column is ours at the right.
     picture = np.repeat(mean[:, ::-1, None], 3, axis=2).astype(np.float32)
     return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(picture)), "sampling_weight": weight}
 
 
+def _brightness(radiance: BandTexture) -> np.ndarray:
+    """Mean over the bands of a sky, [y, x]."""
+    image = np.ones((1, 1, 1)) if radiance.image is None else np.asarray(radiance.image)
+    return np.clip(image @ np.asarray(radiance.basis).mean(axis=1), 0, None)
+
+
 def _light_weights(model: SceneModel) -> list[float]:
     """Probability (unnormalised) of choosing each light: four fifths by what it sends to the middle of the
-    typical object, one fifth alike, so that none is starved. One an object (0 for no lamp), the sky last."""
+    typical object, one fifth alike, so that none is starved; a smooth sky never, where one lamp sends half of
+    what all do (SMOOTH_SKY). One an object (0 for no lamp), the sky last."""
     middles = np.array([item.mesh.vertices.mean(axis=0) for item in model.objects if item.emission is None])
     sent = np.zeros(len(model.objects) + 1)
     for number, item in enumerate(model.objects):
@@ -367,13 +379,14 @@ def _light_weights(model: SceneModel) -> list[float]:
         area = 0.5 * np.linalg.norm(normals, axis=1).sum()
         away = middles - item.mesh.vertices.mean(axis=0) if len(middles) else np.ones((1, 3))
         sent[number] = np.mean(item.emission) * np.median(area / np.maximum((away**2).sum(axis=1), area))
+    lit = np.array([item.emission is not None for item in model.objects] + [False])
     if model.environment is not None:
-        radiance = model.environment.radiance
-        amount = 1.0 if radiance.image is None else radiance.image.mean(axis=(0, 1))
-        sent[-1] = np.pi * float(
-            np.mean(amount @ radiance.basis if radiance.image is not None else radiance.basis)
-        )
-    lit = np.array([item.emission is not None for item in model.objects] + [model.environment is not None])
+        brightness = _brightness(model.environment.radiance)
+        height = np.sin((np.arange(len(brightness)) + 0.5) / len(brightness) * np.pi)[:, None]
+        mean = np.average(brightness, weights=np.broadcast_to(height, brightness.shape))
+        alone = not lit.any() or sent.max() < 0.5 * sent.sum()
+        lit[-1] = alone or brightness.max() > SMOOTH_SKY * mean
+        sent[-1] = np.pi * mean * lit[-1]
     total = sent.sum()
     if not total > 0:
         return [float(is_light) for is_light in lit]
