@@ -10,15 +10,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
 from torch import Tensor
 
 from ..capture import Photo, capture
+from ..capture.fidelity import simpler_camera
 from ..capture.noise import PhotoNoise, photographed_noise
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import parse_target, plan_photo
+from ..optics.nodes import nodes_between
+from ..plan import RESTORED, plan_photo
 from ..plan.scene import passes_of
 from ..recipe import CameraRecipe, Loaded, SceneRecipe
 from ..record import machine, write_csv
@@ -26,7 +29,7 @@ from ..render import render
 from ..render.fetch import run_of
 from ..render.settings import samples_of_a_pass
 from ..render.view import View
-from ..restore import restore
+from ..restore import channel_psfs, restore
 from ..restore.checkpoint import (
     Checkpoint,
     any_camera_checkpoints,
@@ -41,7 +44,6 @@ from ..restore.truth import Truth
 from .kept import Kept, key_of
 
 FEWEST_SAMPLES = 4
-DEPTHS = 9
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def restore_points(
         if checkpoint.height is not None and _place(checkpoint) != default:
             rivals.append((f"Wiener, mask of {name}", checkpoint, None))
     scores: dict[str, float] = {}
-    photos: dict[Path | None, tuple[Camera, Photo, PhotoNoise]] = {}
+    photos: dict[Path | None, tuple[Camera, Camera, Photo, PhotoNoise]] = {}
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
     for turn in range(repeats):
         for number, (name, mask, network) in enumerate(rivals):
@@ -167,28 +169,40 @@ def _about(view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None) ->
 
 def _photo(
     view: View, camera: Loaded[CameraRecipe], mask: Checkpoint | None, device: str
-) -> tuple[Camera, Photo, PhotoNoise]:
+) -> tuple[Camera, Camera, Photo, PhotoNoise]:
+    """The photo that `run` takes, its noise, and what it is taken with: the camera, and as it is planned."""
     if mask is None:
         optics = Camera.from_recipe(camera.recipe, camera.base)
     else:
         optics = camera_with_mask(camera.recipe, mask, camera.base)
-    plan = plan_photo(view, optics, target=parse_target(None, None))
-    fidelity = plan.fidelity.of_photo()
+    fidelity = plan_photo(view, optics, target=RESTORED, every_effect=False).fidelity.of_photo()
     photo = capture(view, optics, fidelity, device=device)
-    return optics, photo, photographed_noise(view, optics, fidelity, photo, device)
+    noise = photographed_noise(view, optics, fidelity, photo, device)
+    return optics, simpler_camera(optics, fidelity), photo, noise
 
 
 def _restored(
-    view: View, optics: Camera, photo: Photo, noise: PhotoNoise, network: Checkpoint | None
+    view: View,
+    optics: Camera,
+    planned: Camera,
+    photo: Photo,
+    noise: PhotoNoise,
+    network: Checkpoint | None,
 ) -> dict[str, float]:
-    low, high = (float(end) for end in view.inverse_depth.aminmax())
-    depths = view.inverse_depth.new_tensor([low + (high - low) * k / (DEPTHS - 1) for k in range(DEPTHS)])
+    ends = torch.stack(view.inverse_depth.aminmax())
     psf_memory.forget()
     forget_conditioned()
     truth = Truth(photo.ideal, noise)
 
     def restores(image: Tensor) -> Tensor:
-        return restore(image, optics, view.wavelengths, depths, checkpoint=network)[0]
+        """As `run` does: told the camera as it is planned."""
+        depths, psfs = ends, None
+        if network is None or network.network.any_camera:
+            depths = nodes_between(planned, view.wavelengths, *ends)
+            psfs = channel_psfs(planned, view.wavelengths, depths)
+        truncated = None if network is None else photo.truncated
+        how = {"checkpoint": network, "psfs": psfs, "truncated": truncated}
+        return restore(image, optics, view.wavelengths, depths, **how)[0]
 
     started = time.perf_counter()
     restored = restores(photo.image)

@@ -1,0 +1,136 @@
+"""A figure of one name is one figure: the same photo has the same scores whatever command prints them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data as pictures
+
+import edofsim as package
+from edofsim.experiments import cameras, cost_stages
+from edofsim.experiments.failures import Failures
+from edofsim.experiments.restorations import ByWiener
+from edofsim.recipe import load_camera
+from edofsim.restore.gains import RIVALS
+from edofsim.restore.scores import image_psnr
+
+Command = Callable[..., tuple[int, str]]
+SCENE = """\
+name = "cat"
+frame = { width_px = 40, height_px = 32, margin_px = 12 }
+bands = { start_nm = 430, stop_nm = 700, count = 7 }
+
+[source]
+kind = "rgbd"
+image = "cat.png"
+
+[source.depth]
+path = "depth.npy"
+"""
+CAMERA = """\
+name = "NAME"
+MASK
+[sensor]
+response = "paper"
+saturation = true
+
+[psf]
+window_px = 24
+"""
+MASKS = {"clear": "", "cubic": '[mask]\nkind = "cubic"\nalpha_rad = 10.0\n'}
+OF_THE_MACHINE = ("seconds", "peak_memory", "plan.seconds", "plan.share", "plan.full_seconds", "plan.memory")
+SAME = 1e-9
+"""dB between two commands that take the very same photo."""
+ALIKE = 0.02
+"""dB between photos in full through 6 x 6 and through 4 x 4 sub-apertures."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A cat on two slanted surfaces, one before the other, and two cameras."""
+    depth = np.where(np.arange(64) < 30, 0.7, 1.6) + np.linspace(0, 0.1, 56)[:, None]
+    np.save(tmp_path / "depth.npy", depth)
+    Image.fromarray(pictures.chelsea()[100:156, 120:184]).save(tmp_path / "cat.png")
+    (tmp_path / "cat.toml").write_text(SCENE)
+    for name, mask in MASKS.items():
+        (tmp_path / f"{name}.toml").write_text(CAMERA.replace("NAME", name).replace("MASK", mask))
+    return tmp_path
+
+
+def figures_of(edofsim: Command, folder: Path, camera: str, *command: str) -> dict[str, float]:
+    """Those that a command prints for the cat through a camera."""
+    said = folder / "said.json"
+    name = "-".join(part.strip("-").replace("/", "_") for part in command)
+    where = ("--camera", folder / f"{camera}.toml", "--out", folder / f"{camera}-{name}", "--json", said)
+    words = [folder / "cat.toml" if word == "SCENE" else word for word in command]
+    status, error = edofsim(*words, *where, "--quiet")
+    assert status == 0, error
+    return json.loads(said.read_text())["figures"]
+
+
+def shared_figures(one: Mapping[str, float], other: Mapping[str, float]) -> list[str]:
+    """Names that both have, but those of time and memory, which tell of the machine; all are equal."""
+    shared = [name for name in one if name in other and not name.startswith(OF_THE_MACHINE)]
+    assert {name: one[name] for name in shared} == {name: other[name] for name in shared}
+    return shared
+
+
+@pytest.mark.parametrize("camera", MASKS)
+def test_commands_of_one_photo_agree(
+    edofsim: Command, folder: Path, camera: str, monkeypatch: pytest.MonkeyPatch
+):
+    """`run`, `expose`, `cost` and Python take it by the same plan, and restore it alike."""
+    run = figures_of(edofsim, folder, camera, "run", "SCENE")
+    expose = figures_of(edofsim, folder, camera, "expose", "SCENE", "--accuracy", "restored")
+    assert {"psnr_db.photo", "psnr_db_se.photo", "plan.psnr_db"} <= set(shared_figures(run, expose))
+    taker = package.camera(folder / f"{camera}.toml")
+    view = package.view(folder / "cat.toml", taker)
+    photo = package.photograph(view, taker, accuracy="restored")
+    assert image_psnr(photo.image, photo.ideal) == pytest.approx(run["psnr_db.photo"], abs=SAME)
+    for rival in RIVALS:
+        gain = run["psnr_db.restored"] - run[f"psnr_db.{rival}"]
+        assert run[f"gain_db.over_{rival}"] == pytest.approx(gain, abs=SAME)
+    monkeypatch.setattr(cost_stages, "shipped_checkpoints", dict)  # of other masks
+    loaded = load_camera(str(folder / f"{camera}.toml"))
+    points = cost_stages.figures(cost_stages.restore_points(view, loaded, folder, repeats=1))
+    assert points["psnr_db.restore.Wiener"] == pytest.approx(run["psnr_db.wiener"], abs=SAME)
+    assert points["psnr_db.restore.any-bank"] == pytest.approx(run["psnr_db.restored"], abs=SAME)
+
+
+def test_experiments_on_deep_scenes_agree_with_run(edofsim: Command, folder: Path):
+    """`evaluate scene3d` and `evaluate cameras` simulate more than a plan asks for: as `run` does in full."""
+    full = figures_of(edofsim, folder, "clear", "run", "SCENE", "--network", "wiener", "--accuracy", "full")
+    planned = figures_of(edofsim, folder, "clear", "run", "SCENE", "--network", "wiener")
+    names = ("evaluate", "scene3d", "SCENE", "--system", "wiener")
+    deep = figures_of(edofsim, folder, "clear", *names)
+    ours = {
+        "psnr_db.photo": "psnr_db.cat.sub_apertures.wiener.photo",
+        "psnr_db.lens_alone": "psnr_db.cat.sub_apertures.lens_alone",
+        "psnr_db.restored": "psnr_db.cat.sub_apertures.wiener",
+        "ssim.photo": "ssim.cat.sub_apertures.wiener.photo",
+        "ssim.restored": "ssim.cat.sub_apertures.wiener",
+        **{
+            f"gain_db.over_{r}": f"gain_db.cat.sub_apertures.wiener.over_{r}" for r in ("photo", "lens_alone")
+        },
+    }
+    for one, other in ours.items():
+        assert deep[other] == pytest.approx(full[one], abs=ALIKE), one
+        assert full[one] == pytest.approx(planned[one], abs=0.1), one
+    (taker,) = cameras.asked_for([str(folder / "clear.toml")])
+    by = {cameras.WIENER: ByWiener()}
+    judge = cameras.Judge(taker, by, Failures(), folder, 0, None)
+    found = judge.deep(str(folder / "cat.toml"))
+    figures = cameras.figures_of({"clear": {"cat": found}})
+    for rival in (*RIVALS, "restored"):
+        other = {"restored": "wiener"}.get(rival, f"wiener.{rival}")
+        other = "lens_alone" if rival == "lens_alone" else other
+        mine = figures[f"psnr_db.clear.cat.{'wiener' if rival == 'restored' else rival}"]
+        assert mine == pytest.approx(deep[f"psnr_db.cat.sub_apertures.{other}"], abs=SAME), rival
+    for rival in ("photo", "lens_alone"):
+        mine = figures[f"gain_db.clear.cat.wiener.over_{rival}"]
+        assert mine == pytest.approx(deep[f"gain_db.cat.sub_apertures.wiener.over_{rival}"], abs=SAME)
