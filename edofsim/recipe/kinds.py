@@ -49,6 +49,7 @@ LENSES: Registry[type[KindModel]] = Registry(
         "plano-convex": "edofsim.optics.lenses.plano_convex:PlanoConvexLens",
         "ideal": "edofsim.optics.lenses.ideal:IdealLens",
         "achromat": "edofsim.optics.lenses.achromat:AchromatLens",
+        "prescription": "edofsim.optics.lenses.prescription:PrescriptionLens",
     },
 )
 OBJECTS: Registry[type[KindModel]] = Registry(

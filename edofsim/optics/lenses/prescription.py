@@ -1,0 +1,231 @@
+"""Lenses by their surfaces, traced ray by ray over the whole field."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Annotated, Literal
+
+import torch
+from pydantic import Field as Key
+from torch import Tensor
+
+from ...errors import InputError
+from ...recipe.base import Positive
+from ..materials import Material
+from ..prescription.aim import Focused, axial, focused, on_sphere
+from ..prescription.first_order import first_order
+from ..prescription.outline import delay, disc, light, opening
+from ..prescription.polynomials import chebyshev
+from ..prescription.surfaces import Surface, stack
+from ..prescription.waves import Wave, landings, waves
+from .base import Lens
+
+BEYOND_RIM = 1.03
+"""Rays are traced out to so many radii of the aperture: cells that the edge crosses reach beyond it."""
+ORDER = 14
+"""Of the polynomial in the squared radius that the wave on the axis is interpolated by."""
+NEARBY = 1e-9
+"""Tangents with the axis below which light is from a point on it."""
+MM = 1e-3
+
+Place = tuple[float, float]
+"""In the field: tangents (right, up) with the axis."""
+
+
+class PrescriptionLens(Lens):
+    """A lens by its `surfaces`, in the order that light meets them; rays are traced through them from each
+    place in the field. Its aperture is `f_number`, or the `clear_radius_mm` of the surface that is the stop.
+    Surfaces with a `clear_radius_mm` shut parts of the pupil from outer places.
+
+    Wherever the camera is focused, aberrations are those of rays from `traced_at_m`.
+    """
+
+    kind: Literal["prescription"]
+    source: str = ""
+    """where the numbers are from"""
+    surfaces: Annotated[tuple[Surface, ...], Key(min_length=1, max_length=100)]
+    """the surfaces, from the scene to the sensor"""
+    focal_length_mm: Positive | None = None
+    """focal length that all lengths are scaled to, mm; left out, they are as they stand"""
+    f_number: Positive | None = None
+    """focal length over the diameter of the parallel light that the stop lets through on the axis"""
+    traced_at_m: Positive | None = None
+    """distance before the entrance pupil that rays are traced from, m; left out, infinity"""
+    traced_at_nm: Positive = 587.6
+    """wavelength of the focal length, the f-number and the chief rays, nm"""
+
+    @property
+    def aperture_radius(self) -> float:
+        held = _held(self)
+        return held.rim * held.scale * MM
+
+    def focal_length(self, wavelengths: Tensor | float) -> Tensor:
+        """That of the thin lens with the same focus, and the same size and blur of what lies near the axis,
+        for points before the entrance pupil."""
+        held = _held(self)
+        at = torch.as_tensor(wavelengths, dtype=torch.float64)
+        near = 1 / held.distance + 1 / held.scale
+        found = [MM / (near - _farther(self, each) / held.scale**2) for each in at.flatten().tolist()]
+        return torch.tensor(found, dtype=torch.float64).reshape(at.shape)
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        place = radius_squared.clamp_max((BEYOND_RIM * self.aperture_radius) ** 2)
+        place = place * (2 / (BEYOND_RIM * self.aperture_radius) ** 2) - 1  # -1 on the axis, 1 beyond the rim
+        coefficients = _on_axis(self, wavelength)
+        higher, highest = torch.zeros_like(place), torch.zeros_like(place)
+        for coefficient in coefficients[:0:-1]:  # Clenshaw's sum
+            higher, highest = coefficient + 2 * place * higher - highest, higher
+        return (coefficients[0] + place * higher - highest) * (2 * math.pi * MM / wavelength)
+
+    @property
+    def varies(self) -> bool:
+        return True
+
+    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Place) -> Tensor:
+        tangent, squared = math.hypot(*field), right.square() + up.square()
+        if tangent < NEARBY:
+            return torch.zeros_like(squared)
+        path = delay(_wave(self, tangent, wavelength), right / MM, up / MM, math.atan2(field[1], field[0]))
+        path = path - squared / MM**2 * (_farther(self, wavelength) / _held(self).scale ** 2 / 2)
+        return path * (2 * math.pi * MM / wavelength) - self.phase(squared, wavelength)
+
+    def field_open(self, right: Tensor, up: Tensor, field: Place) -> Tensor:
+        """Of the light within the disc of the aperture, on the axis as well: cells that its edge crosses
+        count as whole."""
+        wave = _wave(self, math.hypot(*field), self.traced_at_nm * 1e-9)
+        share = opening(wave, right / MM, up / MM, math.atan2(field[1], field[0]))
+        if right.numel() < 3:
+            return share
+        cell = float((right.flatten()[1] - right.flatten()[0]).abs())
+        return (share / disc(right, up, self.aperture_radius, cell).clamp_min(1e-3)).clamp(0, 1)
+
+    def illumination(self, field: Place) -> float:
+        """What is left beside `field_open`, whose area in direction cosines counts cosines and the pupil's
+        size: the light through parts of the pupil that lie beyond the disc of the aperture."""
+
+        def outside(tangent: float) -> float:
+            wave = _wave(self, tangent, self.traced_at_nm * 1e-9)
+            return light(wave) / light(wave, self.aperture_radius / MM)
+
+        return outside(math.hypot(*field)) / outside(0.0)
+
+    def landing(self, tangents: Tensor) -> Tensor:
+        """Where chief rays of tangents [field], not negative, land: the tangents that a lens without
+        distortion images there, at the wavelength `traced_at_nm`. Raises InputError where there is no such
+        ray."""
+        held = _held(self)
+        return landings(held, tangents.double()) / held.scale
+
+    def field_defocus(self, field: Place) -> tuple[float, float]:
+        """How many times the parabola of defocus counts (across, along) the direction of the field: off the
+        axis, a change of distance changes the wave by more than on it, and the pupil is narrower."""
+        held, tangent = _held(self), math.hypot(*field)
+        step = 1e-3 / held.first.focal
+        nearer = 1 / (1 / held.distance + step)
+        at = torch.tensor([held.wavelength], dtype=torch.float64)
+        moved = waves(held, torch.tensor([tangent], dtype=torch.float64), at, nearer)[0]
+        wave = _wave(self, tangent, held.wavelength)
+        axis = torch.linspace(-0.9, 0.9, 33, dtype=torch.float64) * wave.half
+        s, t = axis[None, :], (axis + wave.middle)[:, None]
+        inside = opening(wave, s, t, math.pi / 2) > 0.5
+        change = (delay(moved, s, t, math.pi / 2) - delay(wave, s, t, math.pi / 2))[inside]
+        s, t = (each.expand_as(inside)[inside] for each in (s, t))
+        terms = torch.stack([s.square(), t.square(), t, torch.ones_like(t)], -1)
+        across, along = torch.linalg.lstsq(terms, change[:, None]).solution[:2, 0].tolist()
+        return across * 2 / step, along * 2 / step
+
+    def focused_at(self, distance: float, wavelength: float) -> PrescriptionLens:
+        """The same lens with its aberrations at a distance [m] before the entrance pupil, and at a wavelength
+        [m]."""
+        return self.model_copy(update={"traced_at_m": distance, "traced_at_nm": wavelength * 1e9})
+
+    def wrong_numbers(self) -> list[str]:
+        """Of `problems`, those that keep rays from being traced at all."""
+        found: list[str] = []
+        for number, each in enumerate(self.surfaces):
+            found += each.problems(f"lens.surfaces[{number}]")
+        stops = [each for each in self.surfaces if each.stop]
+        if len(stops) != 1:
+            found.append(f"lens.surfaces: {len(stops)} of them are the stop; mark one with stop = true")
+        elif (self.f_number is None) == (stops[0].clear_radius_mm is None):
+            found.append("lens.f_number: give either it or the clear_radius_mm of the stop")
+        if self.surfaces[-1] != self.surfaces[-1].model_copy(
+            update={"glass": None, "nd": None, "sellmeier": ()}
+        ):
+            found.append(
+                f"lens.surfaces[{len(self.surfaces) - 1}]: light leaves the last surface into air, not glass"
+            )
+        return found
+
+    def problems(self) -> list[str]:
+        found = self.wrong_numbers()
+        if found:
+            return found
+        try:
+            _on_axis(self, self.traced_at_nm * 1e-9)
+            _wave(self, 0.0, self.traced_at_nm * 1e-9)
+        except InputError as error:
+            return [f"lens.surfaces: {problem}" for problem in error.problems]
+        return []
+
+    def glasses(self) -> tuple[Material, ...]:
+        media = [each.medium() for each in self.surfaces]
+        return tuple(dict.fromkeys(medium for medium in media if medium is not None))
+
+
+@lru_cache(maxsize=64)
+def _held(lens: PrescriptionLens) -> Focused:
+    """The lens with a sensor where it is traced to. Raises InputError where there is no image."""
+    problems = lens.wrong_numbers()
+    if problems:
+        raise InputError(problems)
+    wavelength, scale = lens.traced_at_nm * 1e-9, 1.0
+    surfaces = stack(lens.surfaces)
+    if lens.focal_length_mm is not None:
+        index = surfaces.index(torch.tensor([wavelength], dtype=torch.float64))
+        scale = lens.focal_length_mm / first_order(surfaces, index[0]).focal
+        if not 0 < scale < math.inf:
+            raise InputError("these surfaces do not focus light; look at the signs of their radii")
+        surfaces = stack(lens.surfaces, scale)
+    distance = math.inf if lens.traced_at_m is None else lens.traced_at_m / MM
+    opening_ = None
+    if lens.f_number is not None:
+        index = surfaces.index(torch.tensor([wavelength], dtype=torch.float64))
+        opening_ = first_order(surfaces, index[0]).focal / (2 * lens.f_number)
+    return focused(surfaces, wavelength, distance, opening_)
+
+
+@lru_cache(maxsize=1024)
+def _farther(lens: PrescriptionLens, wavelength: float) -> float:
+    """How far [mm] behind the sensor light of a wavelength is in focus near the axis."""
+    held = _held(lens)
+    index = held.lens.index(torch.tensor([wavelength], dtype=torch.float64))
+    return first_order(held.lens, index[0]).image(held.distance - held.first.entrance)[0] - held.sensor
+
+
+@lru_cache(maxsize=1024)
+def _on_axis(lens: PrescriptionLens, wavelength: float) -> tuple[float, ...]:
+    """How much [mm] the way of light from the axis is longer than along it, and than the parabola:
+    coefficients of Chebyshev polynomials of the squared radius, which goes from -1 on the axis to 1 beyond
+    the rim."""
+    held = _held(lens)
+    index = held.lens.index(torch.tensor([wavelength], dtype=torch.float64))
+    heights = (
+        torch.linspace(0, 1.1, 4 * ORDER, dtype=torch.float64).sqrt() * held.entrance_radius * BEYOND_RIM
+    )
+    rays, path = axial(held, index, heights[None])
+    _, place, back = on_sphere(held, rays, torch.zeros(1, dtype=torch.float64))
+    squared, longer = (place[0] * held.scale).square(), (path - back)[0]
+    longer = longer - longer[0] - squared * (_farther(lens, wavelength) / held.scale**2 / 2)
+    scaled = squared * (2 / (BEYOND_RIM * held.rim * held.scale) ** 2) - 1
+    fine = torch.isfinite(scaled) & (scaled < 1.05)
+    fit = torch.linalg.lstsq(chebyshev(scaled[fine], ORDER + 1), longer[fine, None], driver="gelsy")
+    return tuple(fit.solution[:, 0].tolist())
+
+
+@lru_cache(maxsize=4096)
+def _wave(lens: PrescriptionLens, tangent: float, wavelength: float) -> Wave:
+    at = torch.tensor([[tangent], [wavelength]], dtype=torch.float64)
+    with torch.no_grad():
+        return waves(_held(lens), at[0], at[1])[0]

@@ -1,0 +1,79 @@
+"""What of the pupil is open to light from a place in the field, and how much light that is."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from .polynomials import REACH, values_at, values_on
+from .waves import Wave
+
+SAMPLES = 258
+"""Across the disc, for the light that gets through."""
+
+
+def quantities_at(wave: Wave, right: Tensor, up: Tensor, turn: float) -> tuple[Tensor, Tensor]:
+    """What polynomials say at places [mm] of the pupil, [quantity, ...], and which of these they hold for.
+
+    right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn). On a grid, right
+    [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond, they stay as they
+    are at the edge.
+    """
+    cosine, sine = math.cos(turn), math.sin(turn)
+    x, y = (right - wave.middle * cosine) / wave.half, (up - wave.middle * sine) / wave.half
+    holds = torch.hypot(x, y) < REACH
+    x, y = x.clamp(-REACH, REACH), y.clamp(-REACH, REACH)
+    if x.ndim == 2 and x.shape[0] == 1 and y.shape[1:] == (1,):
+        return values_on(wave.even, wave.odd, x[0], y[:, 0], turn), holds
+    x, y = torch.broadcast_tensors(x, y)
+    return values_at(wave.even, wave.odd, x * sine - y * cosine, x * cosine + y * sine), holds
+
+
+def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
+    """Path [mm] beyond the chief ray's at places [mm]; beyond the disc, within what it is in there."""
+    found, holds = quantities_at(wave, right, up, turn)
+    path = found[0]
+    if not bool(holds.any()):
+        return torch.zeros_like(path)
+    return path.clamp(*path[holds].aminmax())
+
+
+def opening(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
+    """Fraction of each cell of a grid that stop and rims let light through, 0 to 1, by how far away each edge
+    is; between single places, 0 or 1."""
+    found, holds = quantities_at(wave, right, up, turn)
+    edges = [torch.hypot(found[1], found[-1]), *found[2:-1].clamp_min(0).sqrt()]
+    share = holds.to(torch.float64)
+    for edge in edges:
+        if bool((edge[holds] > 0.9).any()):
+            share = share * _grey(edge, right, up)
+    return share
+
+
+def _grey(edge: Tensor, right: Tensor, up: Tensor) -> Tensor:
+    """Share of each cell where `edge` is below 1."""
+    if edge.ndim != 2 or min(edge.shape) < 3:
+        return (edge < 1).to(torch.float64)
+    cell = float((right.flatten()[-1] - right.flatten()[0]).abs()) / (right.numel() - 1)
+    down, across = torch.gradient(edge, spacing=cell)
+    return (0.5 + (1 - edge) / (torch.hypot(down, across) * cell).clamp_min(1e-12)).clamp(0, 1)
+
+
+def light(wave: Wave, radius: float = math.inf) -> float:
+    """Area of the pupil [mm^2] that light gets through, within a radius [mm]: what of a bright sky lands on a
+    small part of the sensor is proportional to it."""
+    reach = REACH * wave.half
+    cell = 2 * reach / SAMPLES
+    axis = (torch.arange(SAMPLES, dtype=torch.float64) + 0.5) * cell - reach
+    right, up = axis[None, :], (axis + wave.middle)[:, None]
+    share = opening(wave, right, up, math.pi / 2)
+    if math.isfinite(radius):
+        share = torch.minimum(share, disc(right, up, radius, cell))
+    return float(share.sum()) * cell * cell
+
+
+def disc(right: Tensor, up: Tensor, radius: float, cell: float) -> Tensor:
+    """Fraction of each cell that a disc covers, by how far away its edge is."""
+    return (0.5 + (radius - torch.hypot(right, up)) / cell).clamp(0, 1)

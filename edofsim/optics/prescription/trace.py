@@ -1,0 +1,188 @@
+"""Rays through the surfaces of a lens, one after the other: float64, batched, differentiable.
+ Light goes along z. Conics are met in closed form, aspheres by Newton's method; a last step of it outside of
+the iteration carries the derivative of the implicit equation. Lost rays end as NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .surfaces import Stack
+
+STEPS = 20
+"""Of Newton's method at most."""
+CLOSE = 1e-12
+"""Its last step, in millimetres."""
+FOUND = 1e-9
+"""A longer last step does not lead to the surface."""
+TINY = 1e-30
+"""Below roots of what is not there."""
+REASONS = (
+    "miss surface {}",
+    "are totally reflected at surface {}",
+    "leave the glass before surface {} where it has no thickness left",
+)
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Rays behind the last surface, each [batch, ray]: place (x, y) on its vertex plane, direction (right,
+    up, along), optical path since the start. at: place (x, y) on each surface that was asked for. lost: 0, or
+    1 + number of the surface that a ray was lost at + surfaces times the number of the reason."""
+
+    x: Tensor
+    y: Tensor
+    right: Tensor
+    up: Tensor
+    along: Tensor
+    path: Tensor
+    at: dict[int, tuple[Tensor, Tensor]]
+    lost: Tensor
+
+    def to_plane(self, distance: Tensor | float) -> Rays:
+        """The same rays on a plane so far behind."""
+        way = distance / self.along
+        return Rays(
+            self.x + way * self.right,
+            self.y + way * self.up,
+            self.right,
+            self.up,
+            self.along,
+            self.path + way,
+            self.at,
+            self.lost,
+        )
+
+
+def trace(
+    lens: Stack,
+    index: Tensor,
+    start: tuple[Tensor, Tensor, Tensor],
+    direction: tuple[Tensor, Tensor, Tensor],
+    keep: Collection[int] = (),
+    surfaces: int | None = None,
+) -> Rays:
+    """Rays from `start` (x, y, z from the first vertex), each [batch, ray], through a lens in air.
+
+    index: [batch, 1, surface + 1], of the ray's wavelength; keep: surfaces whose places are kept; surfaces:
+    how many are met, None for all. Gradients reach the start and the tensors of the lens.
+    """
+    x, y, z = start
+    right, up, along = direction
+    path = torch.zeros_like(x + right)
+    lost = torch.zeros_like(path, dtype=torch.long)
+    at: dict[int, tuple[Tensor, Tensor]] = {}
+    count = len(lens)
+    last = count if surfaces is None else surfaces
+    for number in range(last):
+        before, after = index[..., number], index[..., number + 1]
+        flat = -z / along  # to the vertex plane, then to the surface
+        x, y = x + flat * right, y + flat * up
+        more, met, (x, y, z), normal = _meet(lens, number, (x, y), (right, up, along))
+        way = flat + more
+        path = path + before * way
+        if number in keep:
+            at[number] = x, y
+        cosine = normal[0] * right + normal[1] * up + normal[2] * along
+        ratio = before / after
+        square = 1 - ratio.square() * (1 - cosine.square())
+        hollow = (before > 1) & (way < -CLOSE) & (number > 0)
+        for reason, true in enumerate((~met, square <= 0, hollow)):
+            lost = torch.where((lost == 0) & true, 1 + number + reason * count, lost)
+        bent = torch.sqrt(square.clamp_min(TINY)) - ratio * cosine
+        right, up, along = (ratio * old + bent * n for old, n in zip((right, up, along), normal, strict=True))
+        if number + 1 < last:
+            z = z - lens.thickness[number]
+    way = -z / along
+    found = torch.stack([x + way * right, y + way * up, right, up, along, path + index[..., last] * way])
+    # lost rays went on as finite numbers until here, so that gradients of the others stay finite
+    x, y, right, up, along, path = torch.where(lost == 0, found, torch.nan)
+    return Rays(x, y, right, up, along, path, at, lost)
+
+
+def why_lost(lens: Stack, lost: Tensor) -> str:
+    """In words, of what most of the lost rays [ray] did; surfaces count from 0, as in a recipe."""
+    codes = lost[lost > 0] - 1
+    code = int(codes.mode().values)
+    return REASONS[code // len(lens)].format(code % len(lens))
+
+
+def sag_and_slope(lens: Stack, number: int, squared: Tensor) -> tuple[Tensor, Tensor]:
+    """How far a surface lies behind its vertex at squared distances from the axis, and how fast that grows
+    with the distance, over the distance."""
+    c = lens.curvature[number]
+    root = torch.sqrt((1 - (1 + lens.conic[number]) * c * c * squared).clamp_min(TINY))
+    sag, slope = c * squared / (1 + root), c / root
+    even, steeper = _series(lens.even[number], squared, 2)
+    if not bool((lens.odd[number] != 0).any()):
+        return sag + even * squared, slope + steeper
+    radius = squared.clamp_min(TINY).sqrt()
+    odd, steep = _series(lens.odd[number], squared, 3)
+    return sag + (even + odd * radius) * squared, slope + steeper + steep * radius
+
+
+def _series(factors: Tensor, squared: Tensor, first: int) -> tuple[Tensor, Tensor]:
+    """sum f_i q^i, and the same of f_i (first + 2 i), by Horner's scheme."""
+    total, steeper = torch.zeros_like(squared), torch.zeros_like(squared)
+    for term in range(len(factors) - 1, -1, -1):
+        total = total * squared + factors[term]
+        steeper = steeper * squared + (first + 2 * term) * factors[term]
+    return total, steeper
+
+
+def _meet(
+    lens: Stack, number: int, place: tuple[Tensor, Tensor], direction: tuple[Tensor, Tensor, Tensor]
+) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]:
+    """Way from the vertex plane to the surface, whether the ray meets it, where, and the normal of length 1
+    there."""
+    (x, y), (right, up, along) = place, direction
+    c, k = lens.curvature[number], lens.conic[number]
+    foot = along - c * (right * x + up * y)
+    left = c * (x.square() + y.square())
+    root = foot.square() - c * (1 + k * along.square()) * left
+    met = root > 0
+    way = left / (foot + torch.sqrt(root.clamp_min(TINY)))
+    aspheric = bool((lens.even[number] != 0).any() | (lens.odd[number] != 0).any())
+    if aspheric:
+        way, found = _newton(lens, number, place, direction, way)
+        met = met & found
+    x, y, z = x + way * right, y + way * up, way * along
+    if aspheric:
+        _, slope = sag_and_slope(lens, number, x.square() + y.square())
+        normal = -slope * x, -slope * y, torch.ones_like(x)
+    else:
+        normal = -c * x, -c * y, 1 - c * (1 + k) * z
+    scale = torch.rsqrt(normal[0].square() + normal[1].square() + normal[2].square())
+    return way, met, (x, y, z), (normal[0] * scale, normal[1] * scale, normal[2] * scale)
+
+
+def _newton(
+    lens: Stack,
+    number: int,
+    place: tuple[Tensor, Tensor],
+    direction: tuple[Tensor, Tensor, Tensor],
+    way: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Way to an aspheric surface, from that to its conic on, and whether it was found."""
+    (x, y), (right, up, along) = place, direction
+
+    def step(way: Tensor) -> Tensor:
+        x_, y_ = x + way * right, y + way * up
+        sag, slope = sag_and_slope(lens, number, x_.square() + y_.square())
+        return (way * along - sag) / (along - slope * (x_ * right + y_ * up))
+
+    with torch.no_grad():
+        known = way
+        moved = known
+        for _ in range(STEPS):
+            moved = step(known)
+            known = known - moved
+            if not bool((moved.abs() > CLOSE).any()):
+                break
+        found = moved.abs() < FOUND
+        known = torch.where(found, known, way)
+    return known - torch.where(found, step(known), 0.0), found
