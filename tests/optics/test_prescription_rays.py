@@ -18,6 +18,7 @@ from edofsim.optics.materials import Material
 from edofsim.optics.prescription.aim import chief_planes, focused, launch, on_sphere
 from edofsim.optics.prescription.first_order import first_order
 from edofsim.optics.prescription.outline import delay, opening
+from edofsim.optics.prescription.pupil import pupil
 from edofsim.optics.prescription.surfaces import Stack, Surface, by_abbe, stack
 from edofsim.optics.prescription.trace import sag_and_slope, trace, why_lost
 from edofsim.optics.prescription.waves import waves
@@ -93,7 +94,7 @@ def test_waves_are_those_of_optiland(name):
         distance = math.inf if each["distance"] is None else each["distance"]
         held = focused(surfaces(lens), wavelength, distance, lens["diameter"] / 2)
         tangent = numbers([each["tangent"]])
-        wave = waves(held, tangent, numbers([wavelength]))[0]
+        wave = waves(pupil(held, tangent), numbers([wavelength]))[0]
         assert wave.landing == pytest.approx(abs(each["landing"]), abs=1e-7)
         s = numbers(each["x"]) / each["radius"] * held.scale
         t = (numbers(each["y"]) - each["landing"]) / each["radius"] * held.scale

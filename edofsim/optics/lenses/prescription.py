@@ -6,6 +6,7 @@ import math
 from functools import lru_cache
 from typing import Annotated, Literal
 
+import numpy as np
 import torch
 from pydantic import Field as Key
 from torch import Tensor
@@ -17,9 +18,10 @@ from ..prescription.aim import Focused, axial, focused, on_sphere
 from ..prescription.first_order import first_order
 from ..prescription.outline import delay, disc, light, opening
 from ..prescription.polynomials import chebyshev
+from ..prescription.pupil import Pupil, pupil
 from ..prescription.surfaces import Surface, stack
 from ..prescription.waves import Wave, landings, waves
-from .base import Lens
+from .base import Field, Lens
 
 BEYOND_RIM = 1.03
 """Rays are traced out to so many radii of the aperture: cells that the edge crosses reach beyond it."""
@@ -28,9 +30,6 @@ ORDER = 14
 NEARBY = 1e-9
 """Tangents with the axis below which light is from a point on it."""
 MM = 1e-3
-
-Place = tuple[float, float]
-"""In the field: tangents (right, up) with the axis."""
 
 
 class PrescriptionLens(Lens):
@@ -72,17 +71,16 @@ class PrescriptionLens(Lens):
     def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
         place = radius_squared.clamp_max((BEYOND_RIM * self.aperture_radius) ** 2)
         place = place * (2 / (BEYOND_RIM * self.aperture_radius) ** 2) - 1  # -1 on the axis, 1 beyond the rim
-        coefficients = _on_axis(self, wavelength)
-        higher, highest = torch.zeros_like(place), torch.zeros_like(place)
-        for coefficient in coefficients[:0:-1]:  # Clenshaw's sum
-            higher, highest = coefficient + 2 * place * higher - highest, higher
-        return (coefficients[0] + place * higher - highest) * (2 * math.pi * MM / wavelength)
+        total = torch.zeros_like(place)
+        for factor in reversed(_on_axis(self, wavelength)):
+            total.mul_(place).add_(factor)
+        return total.mul_(2 * math.pi * MM / wavelength)
 
     @property
     def varies(self) -> bool:
         return True
 
-    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Place) -> Tensor:
+    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         tangent, squared = math.hypot(*field), right.square() + up.square()
         if tangent < NEARBY:
             return torch.zeros_like(squared)
@@ -90,7 +88,7 @@ class PrescriptionLens(Lens):
         path = path - squared / MM**2 * (_farther(self, wavelength) / _held(self).scale ** 2 / 2)
         return path * (2 * math.pi * MM / wavelength) - self.phase(squared, wavelength)
 
-    def field_open(self, right: Tensor, up: Tensor, field: Place) -> Tensor:
+    def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         """Of the light within the disc of the aperture, on the axis as well: cells that its edge crosses
         count as whole."""
         wave = _wave(self, math.hypot(*field), self.traced_at_nm * 1e-9)
@@ -100,7 +98,7 @@ class PrescriptionLens(Lens):
         cell = float((right.flatten()[1] - right.flatten()[0]).abs())
         return (share / disc(right, up, self.aperture_radius, cell).clamp_min(1e-3)).clamp(0, 1)
 
-    def illumination(self, field: Place) -> float:
+    def illumination(self, field: Field) -> float:
         """What is left beside `field_open`, whose area in direction cosines counts cosines and the pupil's
         size: the light through parts of the pupil that lie beyond the disc of the aperture."""
 
@@ -117,14 +115,14 @@ class PrescriptionLens(Lens):
         held = _held(self)
         return landings(held, tangents.double()) / held.scale
 
-    def field_defocus(self, field: Place) -> tuple[float, float]:
+    def field_defocus(self, field: Field) -> tuple[float, float]:
         """How many times the parabola of defocus counts (across, along) the direction of the field: off the
         axis, a change of distance changes the wave by more than on it, and the pupil is narrower."""
         held, tangent = _held(self), math.hypot(*field)
         step = 1e-3 / held.first.focal
         nearer = 1 / (1 / held.distance + step)
         at = torch.tensor([held.wavelength], dtype=torch.float64)
-        moved = waves(held, torch.tensor([tangent], dtype=torch.float64), at, nearer)[0]
+        moved = waves(pupil(held, torch.tensor([tangent], dtype=torch.float64), nearer), at)[0]
         wave = _wave(self, tangent, held.wavelength)
         axis = torch.linspace(-0.9, 0.9, 33, dtype=torch.float64) * wave.half
         s, t = axis[None, :], (axis + wave.middle)[:, None]
@@ -221,11 +219,15 @@ def _on_axis(lens: PrescriptionLens, wavelength: float) -> tuple[float, ...]:
     scaled = squared * (2 / (BEYOND_RIM * held.rim * held.scale) ** 2) - 1
     fine = torch.isfinite(scaled) & (scaled < 1.05)
     fit = torch.linalg.lstsq(chebyshev(scaled[fine], ORDER + 1), longer[fine, None], driver="gelsy")
-    return tuple(fit.solution[:, 0].tolist())
+    return tuple(np.polynomial.chebyshev.cheb2poly(fit.solution[:, 0].numpy()).tolist())
+
+
+@lru_cache(maxsize=1024)
+def _pupil(lens: PrescriptionLens, tangent: float) -> Pupil:
+    return pupil(_held(lens), torch.tensor([tangent], dtype=torch.float64))
 
 
 @lru_cache(maxsize=4096)
 def _wave(lens: PrescriptionLens, tangent: float, wavelength: float) -> Wave:
-    at = torch.tensor([[tangent], [wavelength]], dtype=torch.float64)
     with torch.no_grad():
-        return waves(_held(lens), at[0], at[1])[0]
+        return waves(_pupil(lens, tangent), torch.tensor([wavelength], dtype=torch.float64))[0]

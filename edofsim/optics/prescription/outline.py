@@ -14,8 +14,11 @@ SAMPLES = 258
 """Across the disc, for the light that gets through."""
 
 
-def quantities_at(wave: Wave, right: Tensor, up: Tensor, turn: float) -> tuple[Tensor, Tensor]:
-    """What polynomials say at places [mm] of the pupil, [quantity, ...], and which of these they hold for.
+def quantities_at(
+    wave: Wave, even: Tensor, odd: Tensor, right: Tensor, up: Tensor, turn: float
+) -> tuple[Tensor, Tensor]:
+    """What polynomials of a wave's disc say at places [mm] of the pupil, [quantity, ...], and which of these
+    they hold for.
 
     right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn). On a grid, right
     [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond, they stay as they
@@ -26,14 +29,14 @@ def quantities_at(wave: Wave, right: Tensor, up: Tensor, turn: float) -> tuple[T
     holds = torch.hypot(x, y) < REACH
     x, y = x.clamp(-REACH, REACH), y.clamp(-REACH, REACH)
     if x.ndim == 2 and x.shape[0] == 1 and y.shape[1:] == (1,):
-        return values_on(wave.even, wave.odd, x[0], y[:, 0], turn), holds
+        return values_on(even, odd, x[0], y[:, 0], turn), holds
     x, y = torch.broadcast_tensors(x, y)
-    return values_at(wave.even, wave.odd, x * sine - y * cosine, x * cosine + y * sine), holds
+    return values_at(even, odd, x * sine - y * cosine, x * cosine + y * sine), holds
 
 
 def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
     """Path [mm] beyond the chief ray's at places [mm]; beyond the disc, within what it is in there."""
-    found, holds = quantities_at(wave, right, up, turn)
+    found, holds = quantities_at(wave, wave.even[:, :1], wave.odd[:, :0], right, up, turn)
     path = found[0]
     if not bool(holds.any()):
         return torch.zeros_like(path)
@@ -43,12 +46,10 @@ def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
 def opening(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
     """Fraction of each cell of a grid that stop and rims let light through, 0 to 1, by how far away each edge
     is; between single places, 0 or 1."""
-    found, holds = quantities_at(wave, right, up, turn)
-    edges = [torch.hypot(found[1], found[-1]), *found[2:-1].clamp_min(0).sqrt()]
+    found, holds = quantities_at(wave, wave.even[:, 1:], wave.odd, right, up, turn)
     share = holds.to(torch.float64)
-    for edge in edges:
-        if bool((edge[holds] > 0.9).any()):
-            share = share * _grey(edge, right, up)
+    for edge in (torch.hypot(found[0], found[-1]), *found[1:-1].clamp_min(0).sqrt()):
+        share = share * _grey(edge, right, up)
     return share
 
 

@@ -15,6 +15,8 @@ from .surfaces import Stack
 
 STEPS = 20
 """Of Newton's method at most."""
+FEWEST = 6
+"""Of them, before a ray whose steps do not halve is given up."""
 CLOSE = 1e-12
 """Its last step, in millimetres."""
 FOUND = 1e-9
@@ -82,7 +84,7 @@ def trace(
         before, after = index[..., number], index[..., number + 1]
         flat = -z / along  # to the vertex plane, then to the surface
         x, y = x + flat * right, y + flat * up
-        more, met, (x, y, z), normal = _meet(lens, number, (x, y), (right, up, along))
+        more, met, (x, y, z), normal = _meet(lens, number, (x, y), (right, up, along), lost == 0)
         way = flat + more
         path = path + before * way
         if number in keep:
@@ -135,7 +137,11 @@ def _series(factors: Tensor, squared: Tensor, first: int) -> tuple[Tensor, Tenso
 
 
 def _meet(
-    lens: Stack, number: int, place: tuple[Tensor, Tensor], direction: tuple[Tensor, Tensor, Tensor]
+    lens: Stack,
+    number: int,
+    place: tuple[Tensor, Tensor],
+    direction: tuple[Tensor, Tensor, Tensor],
+    wanted: Tensor,
 ) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor]]:
     """Way from the vertex plane to the surface, whether the ray meets it, where, and the normal of length 1
     there."""
@@ -148,7 +154,7 @@ def _meet(
     way = left / (foot + torch.sqrt(root.clamp_min(TINY)))
     aspheric = bool((lens.even[number] != 0).any() | (lens.odd[number] != 0).any())
     if aspheric:
-        way, found = _newton(lens, number, place, direction, way)
+        way, found = _newton(lens, number, place, direction, way, wanted & met)
         met = met & found
     x, y, z = x + way * right, y + way * up, way * along
     if aspheric:
@@ -166,8 +172,10 @@ def _newton(
     place: tuple[Tensor, Tensor],
     direction: tuple[Tensor, Tensor, Tensor],
     way: Tensor,
+    wanted: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """Way to an aspheric surface, from that to its conic on, and whether it was found."""
+    """Way to an aspheric surface, from that to its conic on, and whether it was found; steps go on for rays
+    that are wanted, as long as theirs shrink."""
     (x, y), (right, up, along) = place, direction
 
     def step(way: Tensor) -> Tensor:
@@ -177,11 +185,14 @@ def _newton(
 
     with torch.no_grad():
         known = way
-        moved = known
-        for _ in range(STEPS):
-            moved = step(known)
+        moved = torch.full_like(known, torch.inf)
+        for count in range(STEPS):
+            last, moved = moved, step(known)
             known = known - moved
-            if not bool((moved.abs() > CLOSE).any()):
+            far = wanted & (moved.abs() > CLOSE)
+            if count >= FEWEST:
+                far &= moved.abs() < last.abs() / 2
+            if not bool(far.any()):
                 break
         found = moved.abs() < FOUND
         known = torch.where(found, known, way)

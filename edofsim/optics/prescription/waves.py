@@ -9,29 +9,22 @@ wavelength lands, so that lateral colour is a tilt.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ...errors import InputError
-from .aim import Focused, chief_planes, launch, on_sphere
-from .polynomials import REACH, fit, values_at
-from .trace import Rays, trace, why_lost
+from .aim import Focused, on_sphere
+from .polynomials import REACH, basis, fit
+from .pupil import Pupil, chief, refuse_lost
 
-LOOK = 17
-"""Rays along each side of the grid that the pupil is looked for with; it is half as wide across."""
-LOOKS = 3
-"""Each with a finer grid where light gets through."""
 RINGS = 12
 OUTSIDE = 0.03
 """Weight of rays that stop or rims shut out: they keep polynomials from growing beyond the edges."""
 EDGE = 1.05
 """Rays count as inside out to so many radii of what shuts them out."""
-
-
-Through = Callable[..., tuple[Rays, Tensor, Tensor, Tensor]]
+NEAR = 0.85
+"""Rims that no ray comes so near to, in radii, shut out nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,55 +41,28 @@ class Wave:
     landing: float
     middle: float
     half: float
+    residual: float
     even: Tensor
     odd: Tensor
-    residual: float
 
 
-def waves(held: Focused, tangents: Tensor, wavelengths: Tensor, distance: float | None = None) -> list[Wave]:
-    """Waves of places in the field at wavelengths [m], both [batch]; distance [mm] of the points before the
-    entrance pupil, along the axis, None for what is in focus.
+def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
+    """Waves of places in the field at wavelengths [m], [field], or of one place at several.
 
-    Raises InputError outside the data of a glass, and where no light gets through.
+    Raises InputError outside the data of a glass.
     """
-    lens = held.lens
-    away = held.distance if distance is None else distance
-    index = lens.index(wavelengths)[:, None, :]
-    tangent = tangents[:, None]
-    plane = chief_planes(held, tangents)[:, None]
-    vergence = 1 / (away + plane - held.first.entrance)
-    rims = tuple(n for n, clear in enumerate(lens.clear) if clear is not None and n != lens.stop)
-
-    def through(x: Tensor, y: Tensor, at: Tensor = index) -> tuple[Rays, Tensor, Tensor, Tensor]:
-        """Rays at places of the pupil's plane: on the sensor's plane, with their paths, squares of their
-        distances from the axis at stop and rims over the radii [rim, batch, ray], and places in the stop [2,
-        batch, ray]."""
-        start, direction, longer = launch(plane, tangent, vergence, x, y)
-        rays = trace(lens, at, start, direction, (lens.stop, *rims)).to_plane(held.sensor)
-        stop = torch.stack(rays.at[lens.stop]) / lens.stop_radius
-        shut = [stop.square().sum(0)]
-        for rim in rims:
-            clear = lens.clear[rim]
-            assert clear is not None
-            shut.append((rays.at[rim][0].square() + rays.at[rim][1].square()) / clear**2)
-        return rays, rays.path + longer, torch.stack(shut), stop
-
-    zero = torch.zeros_like(tangent)
-    reference = lens.index(torch.tensor([held.wavelength], dtype=torch.float64))[:, None, :]
-    landing = through(zero, zero, reference.expand_as(index))[0]
-    _refuse_lost(held, landing.lost[:, 0], tangents)
-    centre = landing.y[:, 0]
+    held = seen.held
+    index = held.lens.index(wavelengths)[:, None, :]
+    zero = torch.zeros(len(wavelengths), 1, dtype=torch.float64)
     chief = zero
-    for _ in range(3):
-        _, _, _, stop = through(zero.expand(-1, 2), torch.cat([chief, chief + 1e-4], -1))
+    for _ in range(2):  # by differences: through the stop's centre at each wavelength
+        stop = seen.through(index, zero.expand(-1, 2), torch.cat([chief, chief + 1e-4], -1))[3]
         chief = chief - stop[1, :, :1] * 1e-4 / (stop[1, :, 1:] - stop[1, :, :1])
-    with torch.no_grad():
-        middle, half = _look(held, through, centre, tangents)
     rings = _rings()
-    x, y = rings[0] * half[0], middle + rings[1] * half[1]
-    rays, path, shut, stop = through(torch.cat([zero, x], -1), torch.cat([chief, y], -1))
-    _refuse_lost(held, rays.lost[:, 0], tangents)
-    across, up, back = on_sphere(held, rays, centre)
+    x, y = zero + rings[0] * seen.half[0], zero + seen.middle + rings[1] * seen.half[1]
+    rays, path, shut, stop = seen.through(index, torch.cat([zero, x], -1), torch.cat([chief, y], -1))
+    refuse_lost(held, rays.lost[:, 0], seen.tangent[:, 0].expand(len(wavelengths)))
+    across, up, back = on_sphere(held, rays, seen.landing[:, 0])
     longer = path - back
     longer = longer - longer[:, :1]
     s, t = across * held.scale, (up - up[:, :1]) * held.scale
@@ -109,41 +75,21 @@ def waves(held: Focused, tangents: Tensor, wavelengths: Tensor, distance: float 
     used = fine & (torch.hypot(a, b) < REACH)
     weight = torch.where(inside, 1.0, OUTSIDE) * used
     a, b = a.where(used, 0.0), b.where(used, 0.0)
-    quantities = torch.stack([longer, stop[1], *shut[1:]], -1).where(used[..., None], 0.0)
+    near = [each for each in shut[1:] if bool((each.where(inside, 0.0) > NEAR**2).any())]
+    quantities = torch.stack([longer, stop[1], *near], -1).where(used[..., None], 0.0)
     even = fit(a, b, weight, quantities)
     odd = fit(a, b, weight, stop[0].where(used, 0.0)[..., None], odd=True)
-    found = []
-    for k in range(len(tangents)):
-        left = values_at(even[k], odd[k], a[k], b[k])[0] - quantities[k, :, 0]
-        residual = float(left[inside[k]].square().mean().sqrt())
-        found.append(Wave(-float(centre[k]), float(mid[k]), float(size[k]), even[k], odd[k], residual))
-    return found
+    left = (basis(a, b) @ even[..., :1] - quantities[..., :1])[..., 0].where(inside, 0.0)
+    residual = torch.sqrt(left.square().sum(-1) / inside.sum(-1))
+    landing = (-seen.landing[:, 0]).expand(len(wavelengths))
+    numbers = zip(landing.tolist(), mid.tolist(), size.tolist(), residual.tolist(), even, odd, strict=True)
+    return [Wave(*each) for each in numbers]
 
 
 def landings(held: Focused, tangents: Tensor) -> Tensor:
     """How far from the axis [mm] chief rays of tangents [field] land on the sensor, at the reference
-    wavelength."""
-    index = held.lens.index(torch.tensor([held.wavelength], dtype=torch.float64))[:, None, :]
-    plane = chief_planes(held, tangents)[None]
-    vergence = 1 / (held.distance + plane - held.first.entrance)
-    zero = torch.zeros_like(plane)
-    start, direction, _ = launch(plane, tangents[None], vergence, zero, zero)
-    rays = trace(held.lens, index, start, direction).to_plane(held.sensor)
-    _refuse_lost(held, rays.lost[0], tangents)
-    return -rays.y[0]
-
-
-def _refuse_lost(held: Focused, lost: Tensor, tangents: Tensor) -> None:
-    """Raise InputError where a chief ray [field] is lost."""
-    if bool((lost > 0).any()):
-        raise InputError(
-            f"rays from {_degrees(tangents[lost > 0][0])} degrees off the axis through the centre of the stop"
-            f" {why_lost(held.lens, lost)}"
-        )
-
-
-def _degrees(tangent: Tensor) -> str:
-    return f"{math.degrees(math.atan(float(tangent))):.3g}"
+    wavelength. Raises InputError where there is no such ray."""
+    return -chief(held, tangents).landing[:, 0]
 
 
 def _rings() -> Tensor:
@@ -154,46 +100,3 @@ def _rings() -> Tensor:
         angles = torch.linspace(-math.pi / 2, math.pi / 2, max(6, round(3.2 * ring)), dtype=torch.float64)
         places.append(radius * torch.stack([torch.cos(angles), torch.sin(angles)]))
     return torch.cat(places, -1)
-
-
-def _look(
-    held: Focused, through: Through, centre: Tensor, tangents: Tensor
-) -> tuple[Tensor, tuple[Tensor, Tensor]]:
-    """Where in the pupil's plane light gets through: (middle along the field, (half width across, along)) of
-    an ellipse, each [batch, 1], that the disc of polynomials comes from. Raises InputError where there is no
-    light."""
-    side = LOOK // 2
-    y, x = torch.meshgrid(
-        torch.linspace(-1, 1, LOOK, dtype=torch.float64),
-        torch.linspace(0, 1, side + 1, dtype=torch.float64),
-        indexing="ij",
-    )
-    across = along = torch.full((len(tangents), 1), 2 * held.entrance_radius, dtype=torch.float64)
-    middle = torch.zeros_like(across)
-
-    def seen() -> tuple[Tensor, Tensor, Rays, Tensor, Tensor]:
-        """Places, rays, which are inside, and the least of what shuts them out."""
-        at_x, at_y = x.flatten() * across, middle + y.flatten() * along
-        rays, _, shut, _ = through(at_x, at_y)
-        worst = shut.amax(0).where(rays.lost == 0, torch.inf)
-        least = worst.amin(-1, keepdim=True)
-        # the ray that is nearest to getting through, where none does
-        return at_x, at_y, rays, worst < least.clamp_min(1) + 1e-9, least
-
-    for _ in range(LOOKS - 1):
-        at_x, at_y, _, inside, _ = seen()
-        low = at_y.where(inside, torch.inf).amin(-1, keepdim=True) - along / side
-        high = at_y.where(inside, -torch.inf).amax(-1, keepdim=True) + along / side
-        across = at_x.where(inside, 0.0).amax(-1, keepdim=True) + across / side
-        middle, along = (low + high) / 2, (high - low) / 2
-    _, _, rays, inside, least = seen()
-    dark = ~(least[:, 0] < 1)
-    if bool(dark.any()):
-        raise InputError(
-            f"no light from {_degrees(tangents[dark][0])} degrees off the axis gets through the lens"
-        )
-    s, t, _ = on_sphere(held, rays, centre)
-    s = s.abs().where(inside, 0.0).amax(-1, keepdim=True)
-    t = t.where(inside, -torch.inf).amax(-1, keepdim=True) - t.where(inside, torch.inf).amin(-1, keepdim=True)
-    size = torch.maximum(s, t / 2)
-    return middle, (across * size / s.maximum(size / 8), along * size / (t / 2).maximum(size / 8))
