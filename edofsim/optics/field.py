@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -17,8 +18,8 @@ from torch import Tensor
 from ..errors import InputError
 from .camera import Camera, focus_distance
 from .grid import PupilGrid
-from .lenses.base import AXIS, Field
-from .masks import mask_amplitude
+from .lenses.base import AXIS, Field, Lens
+from .masks import Mask, mask_amplitude
 from .nodes import contrast_transfer, transfers_apart
 from .psf import psf_bank
 from .sensor import response
@@ -109,15 +110,16 @@ def relative_light(camera: Camera) -> float:
     """Light on the sensor from the camera's place in the field over that from the axis."""
     if not camera.lens.varies:
         return 1.0
-    grid = PupilGrid(LIGHT_SAMPLES, 2 * camera.aperture_radius / (LIGHT_SAMPLES - 2), camera.aperture_radius)
+    return _light(camera.lens, camera.mask, camera.field) / _light(camera.lens, camera.mask, AXIS)
+
+
+@lru_cache(maxsize=4096)
+def _light(lens: Lens, mask: Mask, field: Field) -> float:
+    radius = lens.aperture_radius
+    grid = PupilGrid(LIGHT_SAMPLES, 2 * radius / (LIGHT_SAMPLES - 2), radius)
     right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
-    light = _mask_light(camera, grid)
-    here, axis = (float((light * camera.lens.field_open(right, up, at)).sum()) for at in (camera.field, AXIS))
-    return here / axis * camera.lens.illumination(camera.field) / camera.lens.illumination(AXIS)
-
-
-def _mask_light(camera: Camera, grid: PupilGrid) -> Tensor:
-    return mask_amplitude(camera.mask, grid)[1]
+    light = mask_amplitude(mask, grid)[1] * lens.field_open(right, up, field)
+    return float(light.sum()) * lens.illumination(field)
 
 
 def landing(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]) -> Tensor:
