@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
@@ -22,7 +22,8 @@ from edofsim.optics import cache as psf_memory
 from edofsim.optics.masks.cubic import CubicMask
 from edofsim.optics.threads import one_thread
 from edofsim.plan.rates import PACE, Rates, paces
-from edofsim.plan.work import STAGES, shape_of, work_of
+from edofsim.plan.shape import shape_of
+from edofsim.plan.work import KINDS, STAGES, work_of
 from edofsim.recipe import CameraRecipe
 from edofsim.record import machine
 from edofsim.render.view import View
@@ -103,7 +104,7 @@ def _fastest(
 def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     rows: dict[str, list[tuple[float, ...]]] = {stage: [] for stage in STAGES}
     times: dict[str, list[float]] = {stage: [] for stage in STAGES}
-    moments: list[tuple[float, ...]] = []
+    moments: list[Mapping[str, float]] = []
     small, large = (_made_up(*size, camera) for size in SIZES)
     flat = _made_up(160, 192, camera, flat=True)
     cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
@@ -133,20 +134,23 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
             )
             work = work_of(shape, with_mask, run, layers, groups, colours)
             for stage in STAGES:
-                if any(work.amounts[stage]):
-                    rows[stage].append(work.amounts[stage])
-                    times[stage].append(found[stage] / sum(moments[-1]))
+                if any(work.amounts[stage].values()):
+                    rows[stage].append(tuple(work.amounts[stage].get(kind, 0.0) for kind in KINDS))
+                    times[stage].append(found[stage] / sum(moments[-1].values()))
     psf_memory.forget()
-    usual = tuple(min(kind) for kind in zip(*moments, strict=True))
+    usual = {kind: min(each[kind] for each in moments) for kind in KINDS}
     solved = {stage: _solved(np.array(rows[stage]), np.array(times[stage])) for stage in STAGES}
-    return {
-        **{stage: tuple(sum(usual) * each for each in solved[stage]) for stage in STAGES},
-        PACE: usual,
+    found = {
+        stage: {
+            kind: sum(usual.values()) * each for kind, each in zip(KINDS, solved[stage], strict=True) if each
+        }
+        for stage in STAGES
     }
+    return {**found, PACE: usual}
 
 
 def _solved(rows: np.ndarray, seconds: np.ndarray) -> tuple[float, ...]:
-    scale = np.abs(rows).max(0)
+    scale = np.maximum(np.abs(rows).max(0), 1e-30)
     seconds = np.maximum(seconds, 1e-4)
     found, _ = nnls(rows / scale / seconds[:, None], np.ones(len(rows)))
     return tuple((found / scale).tolist())

@@ -14,7 +14,8 @@ from .effect import Effect
 from .estimate import levels_of
 from .facts import Facts
 from .rates import SHIPPED, Rates
-from .work import Shape, Work, work_of
+from .shape import Shape
+from .work import Work, work_of
 
 BASE_MIB = 450.0
 """Memory of the process before any photo: Python, torch, the renderer."""
@@ -106,6 +107,6 @@ class Costs:
 
 def _weighed(work: Work, rates: Rates) -> dict[str, float]:
     return {
-        stage: sum(rate * amount for rate, amount in zip(rates[stage], amounts, strict=True))
+        stage: sum(rates[stage].get(kind, 0.0) * amount for kind, amount in amounts.items())
         for stage, amounts in work.amounts.items()
     }

@@ -21,18 +21,10 @@ from ..optics.threads import all_threads, threads_allowed
 from ..record import machine
 from .work import STAGES
 
-Rates = Mapping[str, tuple[float, ...]]
-"""Seconds a unit of each amount of work, by stage (see `Work`); and the paces that they were measured at."""
+Rates = Mapping[str, Mapping[str, float]]
+"""Seconds a unit of each kind of work, by stage (see `Work`); and under `PACE`, those of a moment's work
+of each kind where they were measured."""
 PACE = "pace"
-KINDS: Mapping[str, tuple[str, ...]] = {
-    "prepare": ("calls", "elements", "moves", "moves", "elements", "calls"),
-    "psf": (*("calls",) * 2, *("elements",) * 4, "products", *("elements",) * 2),
-    "blur": (*("calls",) * 3, "transforms", "elements", *("moves",) * 2, "elements"),
-    "sub_apertures": ("calls", "products", "elements", "transforms", "elements"),
-    "sensor": ("calls", "elements", "moves", "elements", "moves"),
-}
-"""Of work that each rate is of: calls of little operations, products of matrices, Fourier transforms,
-elements that are reckoned with, fragments that are moved. Machines differ in each of them by itself."""
 IN_MOMENTS = ("psf", "sub_apertures")
 """Stages whose threads work on pieces of their own, and wait for each other now and then; those of the others
 share each operation."""
@@ -40,14 +32,21 @@ SHARED = 0.4
 """What threads gain that wait: n of them are n to this power times as fast as one."""
 
 SHIPPED: Rates = {
-    "prepare": (0.001458, 0.0, 2.635e-11, 7.992e-09, 2.288e-08, 3.777e-06),
-    "psf": (0.0, 0.0006309, 2.161e-08, 1.798e-08, 2.986e-10, 2.28e-08, 9.485e-11, 7.65e-09, 0.0),
-    "blur": (0.002235, 0.0, 0.000103, 8.279e-11, 2.831e-09, 1.235e-09, 6.035e-08, 0.0),
-    "sub_apertures": (0.002373, 2.322e-10, 1.257e-09, 0.0, 5.867e-09),
-    "sensor": (0.0001124, 1.671e-08, 4.784e-12, 2.669e-11, 9.648e-10),
-    PACE: (0.0003107, 0.001231, 0.0006072, 0.0005626, 0.0003522),
+    "prepare": {"calls": 0.0015, "moves": 8e-09, "elements": 2.3e-08},
+    "psf": {"calls": 0.00063, "elements": 1.9e-08, "products": 9.5e-11},
+    "blur": {"calls": 0.0001, "transforms": 8.3e-11, "elements": 2.8e-09, "moves": 6e-08},
+    "sub_apertures": {"calls": 0.0024, "products": 2.3e-10, "elements": 5.9e-09},
+    "sensor": {"elements": 1.7e-08},
+    PACE: {
+        "calls": 0.0003107,
+        "products": 0.001231,
+        "transforms": 0.0006072,
+        "elements": 0.0005626,
+        "moves": 0.0003522,
+    },
 }
-"""Of one thread of an Intel Xeon with AMX, as `benchmarks/photo_rates.py` measures them."""
+"""Of one thread of an Intel Xeon with AMX, as `benchmarks/photo_rates.py` measures them. Machines differ in
+each kind by itself."""
 KEPT = 9
 """Photos that the correction of a stage is the median of; the latest count."""
 SHORTEST_S = 0.02
@@ -67,18 +66,15 @@ def rates() -> Rates:
     return _known[name]
 
 
-def _corrected(now: tuple[float, ...]) -> Rates:
+def _corrected(now: Mapping[str, float]) -> Rates:
     """now: the paces of this machine, for all threads."""
-    of_pieces = [each * threads_allowed() ** (1 - SHARED) for each in now]
     corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
-    found: dict[str, tuple[float, ...]] = {PACE: now}
+    found = {PACE: now}
     for stage in STAGES:
-        own = of_pieces if stage in IN_MOMENTS else now
-        slower = {kind: each / usual for kind, each, usual in zip(_MOMENTS, own, SHIPPED[PACE], strict=True)}
-        by = corrections.get(stage, 1.0)
-        found[stage] = tuple(
-            by * slower[kind] * each for kind, each in zip(KINDS[stage], SHIPPED[stage], strict=True)
-        )
+        by = corrections.get(stage, 1.0) * (threads_allowed() ** (1 - SHARED) if stage in IN_MOMENTS else 1.0)
+        found[stage] = {
+            kind: by * rate * now[kind] / SHIPPED[PACE][kind] for kind, rate in SHIPPED[stage].items()
+        }
     return found
 
 
@@ -131,18 +127,18 @@ def _name() -> str:
 def pace() -> float:
     """Seconds for a piece of work of each kind: times that were taken at different paces are compared as
     multiples of it."""
-    return sum(paces())
+    return sum(paces().values())
 
 
-def paces(repeats: int = 4) -> tuple[float, ...]:
-    """Seconds for a fixed piece of work of each kind, see `KINDS`, each about a millisecond, on as many
+def paces(repeats: int = 4) -> Mapping[str, float]:
+    """Seconds for a fixed piece of work of each of `KINDS`, each about a millisecond, on as many
     threads as photos have: of the processor where that is one. The fastest of the repeats.
 
     Even these grow when other work keeps the cores' shared parts busy.
     """
     clock = time.thread_time if threads_allowed() == 1 else time.perf_counter  # of all counts busy waiting
     with all_threads():
-        return tuple(_fastest(work, repeats, clock) for work in _MOMENTS.values())
+        return {kind: _fastest(work, repeats, clock) for kind, work in _MOMENTS.items()}
 
 
 def _fastest(work: Callable[[], object], repeats: int, clock: Callable[[], float]) -> float:

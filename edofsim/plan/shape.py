@@ -4,61 +4,44 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from ..capture.crop import crop, with_margin
 from ..capture.occlusion.hidden import Tile, tiles_to_composite
-from ..capture.occlusion.slabs import Hides, cuts
-from ..capture.prepare import blur_per_dioptre
+from ..capture.occlusion.slabs import Hides
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
 
-BINS = 4096
+BINS = 512
 """Cells of inverse depth over the range of the view, in which depths are counted."""
 
 
 @dataclass(frozen=True)
 class Slabs:
-    """The slabs that a part of a view is composited in.
+    """The slabs that parts of a view are composited in, those of all parts one after the other.
 
-    occupied: bool [slab, bin], the depths at which each holds fragments; fragments: [slab], how many;
-    extents: (rows, columns) that each spans.
+    part: int64 [slab, 2], rows and columns of the part of the frame that each is of, without surroundings;
+    extent: int64 [slab, 2], that each spans; around: [slab], fragments of its part, surroundings included;
+    occupied: bool [slab, bin], the depths at which each holds some.
     """
 
+    part: Tensor
+    extent: Tensor
+    around: Tensor
     occupied: Tensor
-    fragments: tuple[int, ...]
-    extents: tuple[tuple[int, int], ...]
-    _used: dict[tuple[int, int | None], int] = field(default_factory=dict, repr=False, compare=False)
-
-    def nodes_used(self, layers: int, slab: int | None = None) -> int:
-        """Depth nodes that some fragment of a slab (None: of all of them) has a share in."""
-        if (layers, slab) not in self._used:
-            self._used[layers, slab] = self._nodes_used(layers, slab)
-        return self._used[layers, slab]
-
-    def _nodes_used(self, layers: int, slab: int | None) -> int:
-        if layers == 1:
-            return 1
-        here = self.occupied.any(0) if slab is None else self.occupied[slab]
-        cells = (torch.nonzero(here).squeeze(1) * (layers - 1) // BINS).clamp_max(layers - 2)
-        used = torch.zeros(layers, dtype=torch.bool)
-        used[cells] = used[cells + 1] = True
-        return int(used.sum())
 
 
 @dataclass(frozen=True)
 class Shape:
     """A view, counted.
 
-    height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; visible:
-    fragments that are seen; ends: the range of inverse depths; wavelengths: of the bands, in metres; whole:
-    slabs of the view; edges: pixels that hide something; reach: half a PSF of the recipe; gap: in
-    inverse depth, from which on one surface hides another; dark: the view with that margin and no light;
-    counted: work that was.
+    height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; fragments,
+    visible: how many there are, and are seen; ends: the range of inverse depths; wavelengths: of the bands,
+    in metres; reach: half a PSF of the recipe; slabs: none where nothing hides anything; in_tiles: whether
+    parts of the frame are composited, else all of it in one go; occupied: bool [bin], of all slabs; counted:
+    work that was.
     """
 
     height: int
@@ -66,14 +49,14 @@ class Shape:
     margin: int
     bands: int
     one_each: bool
+    fragments: int
     visible: int
     ends: tuple[float, float]
     wavelengths: tuple[float, ...]
-    whole: Slabs
-    edges: Tensor
     reach: int
-    gap: float
-    dark: View
+    slabs: Slabs | None
+    in_tiles: bool
+    occupied: Tensor
     counted: Once = field(default_factory=Once, repr=False, compare=False)
 
     @property
@@ -81,70 +64,71 @@ class Shape:
         """(rows, columns) of the frame with its margin."""
         return self.height + 2 * self.margin, self.width + 2 * self.margin
 
-    @property
-    def fragments(self) -> int:
-        return sum(self.whole.fragments)
 
-    @cached_property
-    def tiles(self) -> list[Tile]:
-        """The parts of the frame that are composited; none: all of it in one go."""
-        return tiles_to_composite(self.edges, self, self.reach)
-
-    def slabs(self, tile: Tile) -> Slabs:
-        """The slabs of a part of the frame, with surroundings of `reach` pixels."""
-
-        def slabs() -> Slabs:
-            part = crop(self.dark, tile.top, tile.left, tile.height, tile.width, self.reach)
-            return _slabs_of(part, cuts(part, self.gap), self.ends)
-
-        return self.counted.get(tile, slabs)
+def nodes_used(occupied: Tensor, layers: int) -> Tensor:
+    """Of so many depth nodes, how many have a share in fragments at some depths: float64 [slab] for bool
+    [slab, bin]."""
+    if layers == 1:
+        return torch.ones(len(occupied), dtype=torch.float64)
+    cell = (torch.arange(BINS) * (layers - 1) // BINS).clamp_max(layers - 2)
+    used = torch.zeros(len(occupied), layers)
+    for node in (cell, cell + 1):
+        used.index_add_(1, node, occupied.float())
+    return (used > 0).sum(1).double()
 
 
-def shape_of(view: View, camera: Camera, hidden: Hides, slabs: Sequence[float]) -> Shape:
-    """Count a view once, for the work of any simulation of it. hidden: which fragments hide which; slabs:
-    inverse depths at which it is cut into them."""
+def shape_of(view: View, camera: Camera, hidden: Hides, cuts: Sequence[float]) -> Shape:
+    """Count a view once, for the work of any simulation of it. hidden: which fragments hide which; cuts:
+    inverse depths between slabs, which parts of the frame are taken to share."""
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
-    gap = 1 / blur_per_dioptre(camera)
     reach = camera.recipe.psf.window_px // 2
-    dark = view.with_light(view.radiance[:0], view.wavelengths[:0])
-    hiding = torch.zeros(view.padded_shape, dtype=torch.bool).flatten()
-    hiding[view.pixel[hidden.front]] = True
+    depth = view.inverse_depth.double()
+    place = ((depth - low) / max(high - low, 1e-12) * BINS).long().clamp(0, BINS - 1)
+    slab = torch.searchsorted(torch.tensor(sorted(cuts), dtype=torch.float64), depth)
+    edges = torch.unique(view.pixel[hidden.front])
+    tiles = tiles_to_composite(edges, view, reach)
+    whole = Tile(-view.margin, -view.margin, *view.padded_shape)
+    found = [_slabs_within(view, slab, place, part, reach if tiles else 0) for part in tiles or [whole]]
+    occupied = torch.zeros(BINS, dtype=torch.bool)
+    occupied[place] = True
     return Shape(
         height=view.height,
         width=view.width,
         margin=view.margin,
         bands=view.bands,
         one_each=view.one_each,
+        fragments=view.pixel.numel(),
         visible=int((~view.hidden).sum()),
         ends=(low, high),
         wavelengths=tuple(view.wavelengths.tolist()),
-        whole=_slabs_of(view, slabs, (low, high)),
-        edges=torch.nonzero(hiding).squeeze(1),
         reach=reach,
-        gap=gap,
-        dark=with_margin(dark, reach),
+        slabs=Slabs(*(torch.cat(each) for each in zip(*found, strict=True))) if edges.numel() else None,
+        in_tiles=bool(tiles),
+        occupied=occupied,
     )
 
 
-def _slabs_of(view: View, cut: Sequence[float], ends: tuple[float, float]) -> Slabs:
-    low, high = ends
-    depth = view.inverse_depth.double()
-    place = ((depth - low) / max(high - low, 1e-12) * BINS).long().clamp(0, BINS - 1)
-    at = torch.tensor(sorted(cut), dtype=torch.float64)
-    slab = torch.searchsorted(at, depth)
-    occupied = torch.zeros(at.numel() + 1, BINS, dtype=torch.bool)
-    occupied[slab, place] = True
-    counts = torch.bincount(slab, minlength=at.numel() + 1)
-    some = counts > 0
-    rows, columns = view.padded_shape
-    high = _spans(slab, view.pixel // columns, len(counts), rows)
-    wide = _spans(slab, view.pixel % columns, len(counts), columns)
-    extents = torch.stack([high, wide], 1)[some].tolist()
-    return Slabs(occupied[some], tuple(counts[some].tolist()), tuple((y, x) for y, x in extents))
+def _slabs_within(view: View, slab: Tensor, place: Tensor, part: Tile, reach: int) -> tuple[Tensor, ...]:
+    """The fields of `Slabs` of one part of the frame, with surroundings of so many pixels."""
+    columns = view.padded_shape[1]
+    y = view.pixel // columns - view.margin - part.top + reach
+    x = view.pixel % columns - view.margin - part.left + reach
+    rows, wide = part.height + 2 * reach, part.width + 2 * reach
+    here = torch.nonzero((y >= 0) & (y < rows) & (x >= 0) & (x < wide)).squeeze(1)
+    at, count = slab[here], int(slab.max()) + 1
+    occupied = torch.zeros(count, BINS, dtype=torch.bool)
+    occupied[at, place[here]] = True
+    some = occupied.any(1)
+    extent = torch.stack([_span(at, where[here], count) for where in (y, x)], 1)[some]
+    many = int(some.sum())
+    size = torch.tensor([[part.height, part.width]]).expand(many, 2)
+    return size, extent, torch.full((many,), len(here), dtype=torch.float64), occupied[some]
 
 
-def _spans(slab: Tensor, place: Tensor, count: int, size: int) -> Tensor:
-    """From the first to the last place [fragment], below `size`, of each of so many slabs: int64 [slab]."""
-    there = torch.zeros(count, size, dtype=torch.uint8)
-    there[slab, place] = 1
-    return size - there.argmax(1) - there.flip(1).argmax(1)
+def _span(slab: Tensor, place: Tensor, count: int) -> Tensor:
+    """From the first to the last place [fragment] of each of so many slabs: int64 [slab]."""
+    first, last = (
+        torch.zeros(count, dtype=torch.long).scatter_reduce_(0, slab, place, how, include_self=False)
+        for how in ("amin", "amax")
+    )
+    return last - first + 1

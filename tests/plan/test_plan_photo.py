@@ -508,7 +508,7 @@ def test_what_was_counted_before_changes_no_count():
     """Work that simulations share is counted once: every field of a fidelity by itself, and with
     sub-apertures, after all others, is as if nothing had been counted yet."""
     shape = facts_of(scene(STEP, hidden=True), CAMERA).shape
-    assert shape.edges.numel()
+    assert shape.slabs is not None
     tried = []
     for start in (Fidelity(), Fidelity(sub_apertures=3), Fidelity(sub_apertures=4, sub_aperture_pixel=2)):
         for knob in describe():
@@ -525,7 +525,7 @@ def test_what_was_counted_before_changes_no_count():
         assert known == alone, fidelity
         counts.append(known.amounts)
     for stage in ("psf", "blur", "sub_apertures"):
-        assert len({each[stage] for each in counts}) > 3
+        assert len({tuple(sorted(each[stage].items())) for each in counts}) > 2
 
 
 def test_what_takes_longest_are_effects():

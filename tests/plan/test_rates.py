@@ -10,6 +10,7 @@ import torch
 
 from edofsim.optics.threads import one_thread_an_operation
 from edofsim.plan import rates
+from edofsim.plan.work import KINDS, STAGES
 
 MEASURED_PACES = rates.paces
 
@@ -26,7 +27,7 @@ def another_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 def predicted() -> dict[str, float]:
     """Seconds of each stage for amounts of work that take a second by the shipped rates."""
     return {
-        stage: sum(now) / sum(rates.SHIPPED[stage])
+        stage: sum(now.values()) / sum(rates.SHIPPED[stage].values())
         for stage, now in rates.rates().items()
         if stage != rates.PACE
     }
@@ -55,18 +56,21 @@ def test_what_photos_took_is_known_while_each_operation_has_one_thread():
 
 
 def test_a_slower_pace_makes_everything_slower(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(rates, "paces", lambda: tuple(3 * each for each in rates.SHIPPED[rates.PACE]))
+    monkeypatch.setattr(
+        rates, "paces", lambda: {kind: 3 * each for kind, each in rates.SHIPPED[rates.PACE].items()}
+    )
     assert all(seconds == pytest.approx(3.0) for seconds in predicted().values())
 
 
 def test_a_machine_that_is_slow_at_one_kind_of_work_is_slow_at_that_alone(monkeypatch: pytest.MonkeyPatch):
-    calls, products, *others = rates.SHIPPED[rates.PACE]
-    monkeypatch.setattr(rates, "paces", lambda: (calls, 10 * products, *others))
+    usual = rates.SHIPPED[rates.PACE]
+    monkeypatch.setattr(rates, "paces", lambda: {**usual, "products": 10 * usual["products"]})
+    found = rates.rates()
     slower = {
         (stage, kind)
-        for stage, kinds in rates.KINDS.items()
-        for kind, now, before in zip(kinds, rates.rates()[stage], rates.SHIPPED[stage], strict=True)
-        if now > 5 * before
+        for stage, kinds in rates.SHIPPED.items()
+        for kind, before in kinds.items()
+        if stage != rates.PACE and found[stage][kind] > 5 * before
     }
     assert slower == {("psf", "products"), ("sub_apertures", "products")}
 
@@ -99,12 +103,12 @@ def test_threads_with_pieces_of_their_own_gain_less_than_those_that_share_each_o
 
 
 def test_each_rate_is_of_a_kind_of_work():
-    assert {stage: len(kinds) for stage, kinds in rates.KINDS.items()} == {
-        stage: len(of_stage) for stage, of_stage in rates.SHIPPED.items() if stage != rates.PACE
-    }
+    assert rates.SHIPPED.keys() == {*STAGES, rates.PACE} and all(
+        0 < rate < 0.01 and kind in KINDS for kinds in rates.SHIPPED.values() for kind, rate in kinds.items()
+    )
 
 
 def test_paces_are_measured_in_a_moment():
     started = time.perf_counter()
-    assert len(MEASURED_PACES()) == len(rates.SHIPPED[rates.PACE]) and min(MEASURED_PACES()) > 0
+    assert MEASURED_PACES().keys() == set(KINDS) and min(MEASURED_PACES().values()) > 0
     assert time.perf_counter() - started < 1

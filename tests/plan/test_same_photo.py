@@ -69,8 +69,10 @@ def planners(cache: Path) -> dict[tuple[str, str], Planner]:
 def at_other_rates(planner: Planner, draw: random.Random) -> Planner:
     """The planner on a machine whose seconds of each kind of work are 0.3 to 3 times as long."""
     other = {
-        stage: tuple(rate * 10 ** draw.uniform(math.log10(0.3), math.log10(3)) for rate in of_stage)
-        for stage, of_stage in planner.costs.rates.items()
+        stage: {
+            kind: rate * 10 ** draw.uniform(math.log10(0.3), math.log10(3)) for kind, rate in kinds.items()
+        }
+        for stage, kinds in planner.costs.rates.items()
     }
     slower = draw.uniform(0.3, 3)
     rendering = replace(planner.costs.rendering, seconds=lambda fidelity: slower * (fidelity.bounces or 9))
