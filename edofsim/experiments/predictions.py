@@ -121,7 +121,8 @@ def run(
     """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
     learned), on one thread. Interrupt it at any time: the same command goes on from there.
 
-    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5,time_within_1.7}, worst_{optimism,pessimism}_db,
+    Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5,time_within_1.7},
+    worst_{optimism,pessimism}_db,
     worst_target_missed_db, share.score_within_{0.15,0.3}_db, worst_score_shift_db (of the restored image, for
     `restored`), times_faster.SCENE.MASK (the default choice against everything in full),
     times_faster_score.SCENE.MASK (that for `restored`).
