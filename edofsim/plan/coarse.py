@@ -12,15 +12,21 @@ from ..capture.fidelity import Fidelity
 from ..capture.imaging import layout_within
 from ..capture.occlusion.hidden import Layout
 from ..capture.photograph import capture, sub_aperture_change
-from ..capture.prepare import blur_per_dioptre
+from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..core.once import Once
 from ..optics import Camera
 from ..render.view import View
+from .fragments import hat
 
 PIXELS = 30_000
 """Pixels of the coarse frame with its surroundings, or somewhat more."""
 BINS = 512
 """Over the view's inverse depths: what lies in one pixel and bin, seen or hidden, becomes one fragment."""
+
+
+BANDS = 5
+"""Of the light whose gathering is looked at, evenly over the view's."""
+LAYERS = 4
 
 
 @dataclass(frozen=True)
@@ -55,6 +61,25 @@ class Coarse:
             return self._clean(fidelity.changed({"sub_apertures": 1})) + change
 
         return self._known.get(fidelity, clean)
+
+    def by_gathering(self, full: Fidelity) -> float:
+        """Root mean square of what one group of bands a channel changes only because surfaces hide others:
+        where little is known of what lies behind, light is divided by its coverage, and the light and the
+        coverage of a group are blurred alike, those of its bands are not."""
+
+        def found() -> float:
+            known = Once()
+            known.get("layout", lambda: self._layout)
+            some = replace(self, view=with_few_bands(self.view, self.camera), _known=known)
+            usual = full.changed({"layers": LAYERS, "sub_apertures": 1, "sub_aperture_pixel": 1})
+            change = torch.zeros(())
+            for way, sign in (("hidden", 1), ("none", -1)):
+                each = usual.changed({"occlusion": way})
+                one = each.changed({"band_groups": 1, "group_wavelengths": 0})
+                change = change + sign * (some.photo(one) - some.photo(each))
+            return float(change.double().square().mean().sqrt())
+
+        return self._known.get("gathering", found)
 
     @property
     def _layout(self) -> Layout:
@@ -126,6 +151,19 @@ def coarser(view: View, times: int) -> View:
         hidden=view.hidden[first],
         pixel_angle=view.pixel_angle * times,
     )
+
+
+def with_few_bands(view: View, camera: Camera) -> View:
+    """The view with `BANDS` bands at most, each the mean light of those around it, or, where a channel sees
+    none of these, with all that the sensor sees."""
+    weights = channel_weights(camera, view.wavelengths)
+    there = torch.nonzero(weights.sum(0) > 0).squeeze(1)
+    some = there[torch.linspace(0, len(there) - 1, min(len(there), BANDS)).round().long()]
+    if not bool((weights[:, some].sum(1) > 0).all()):
+        some = there
+    shares = hat(view.wavelengths.double(), view.wavelengths[some].double())
+    light = (shares / shares.sum(0)).T.to(view.radiance) @ view.radiance
+    return view.with_light(light, view.wavelengths[some])
 
 
 def _even(side: float) -> int:

@@ -98,11 +98,17 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
         ("optics", window, *optics), lambda: _optics_of(shape, camera, fidelity, window)
     )
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
-    between = waves_between(camera, shape, layers) * colours
+    between = shape.counted.get(("between", layers), lambda: waves_between(camera, shape, layers)) * colours
     waves = Waves(samples, (window * finest + 2) / 2, relief, colours, between)
     how = (fidelity.occlusion, window, layers, groups)
     blur, largest = shape.counted.get(("blur", *how), lambda: _blur_of(shape, *how))
-    parts, held = _parts_of(shape, camera, fidelity, window, layers, waves, finest)
+    coarse = of_sub_apertures(fidelity)
+    few = min(layers, coarse.layers or layers)
+    of_parts = (fidelity.occlusion, fidelity.sub_apertures, fidelity.sub_aperture_pixel)
+    parts, held = shape.counted.get(
+        ("parts", window, few, *of_parts, *optics),
+        lambda: _parts_of(shape, camera, coarse, window, few, samples, finest),
+    )
     fragments = shape.fragments * _frame(shape, window) / math.prod(shape.padded_shape)
     pixels = 3.0 * shape.height * shape.width
     looked = 0.0 if shape.one_each else shape.fragments + fragments
@@ -189,22 +195,18 @@ def _boxes(shape: Shape, reach: int, side: int = 1) -> Tensor:
 
 
 def _parts_of(
-    shape: Shape, camera: Camera, fidelity: Fidelity, window: int, layers: int, waves: Waves, finest: int
+    shape: Shape, camera: Camera, coarse: Fidelity, window: int, layers: int, samples: int, finest: int
 ) -> tuple[Amounts, float]:
-    """Amounts of compositing sub-apertures, and the bytes of their PSFs and light."""
-    across, slabs = fidelity.sub_apertures, shape.slabs
-    if across == 1 or fidelity.occlusion != "hidden" or slabs is None:
+    """Amounts of compositing sub-apertures, and the bytes of their PSFs and light. coarse: see
+    `of_sub_apertures`."""
+    across, slabs = coarse.sub_apertures, shape.slabs
+    if across == 1 or coarse.occlusion != "hidden" or slabs is None:
         return {}, 0.0
-    coarse = of_sub_apertures(fidelity)
-    layers = min(layers, coarse.layers or layers)
     colours = min(shape.bands, COVERAGES * coarse.group_wavelengths)
     count, side = parts_of_disc(across), coarse.sub_aperture_pixel
-    grids = ((layers, waves.samples),)
+    grids = ((layers, samples),)
     if coarse.pupil_sampling_um is None and pupil_is_free(camera):
-        optics = tuple(getattr(fidelity, name) for name in OPTICS)
-        grids = shape.counted.get(
-            ("coarse", window, layers, *optics), lambda: _coarse_grids(shape, camera, coarse, window, layers)
-        )
+        grids = _coarse_grids(shape, camera, coarse, window, layers)
     width = coarse_window(window, side)
     out = (width * coarse_oversampling(finest, side) + 2) / 2
     along = sum(

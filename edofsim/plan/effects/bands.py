@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from torch import Tensor
 
-from ..effect import Effect, Level
-from ..facts import Facts
+from ..effect import Effect, Level, overall
+from ..facts import Facts, rms
 
 GATHERED = ((1, 1), (1, 2), (1, 0), (2, 2), (2, 0), (3, 2), (4, 0), (6, 0))
 """Groups of bands a channel, and wavelengths a group (0: all of them), from coarse to fine."""
@@ -42,7 +43,17 @@ def why(facts: Facts) -> str:
 
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
-    return [facts.spectra.by_bands(facts.full.changed(level.change)) for level in levels]
+    """By spectra, which know no division by what covers what: this adds as much as coarse photos show of it,
+    the less the more groups there are."""
+    found = []
+    for level in levels:
+        change = facts.spectra.by_bands(facts.full.changed(level.change))
+        size = overall(rms(change))
+        if facts.full.occlusion == "hidden" and len(facts.cuts) > 1 and size > 0:
+            besides = facts.coarse.by_gathering(facts.full) / level.change["band_groups"]
+            change = change * math.hypot(1, besides / size)
+        found.append(change)
+    return found
 
 
 EFFECT = Effect("bands", levels, why, absent, differences)
