@@ -12,7 +12,7 @@ from edofsim.optics import Camera, psf_bank
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.lenses.achromat import AchromatLens
 from edofsim.optics.lenses.prescription import PrescriptionLens, _held, _wave
-from edofsim.optics.prescription.aim import chief_planes, launch
+from edofsim.optics.prescription.aim import chief_planes, launch, on_sphere
 from edofsim.optics.prescription.outline import light
 from edofsim.optics.prescription.trace import trace
 from edofsim.recipe.camera import CameraRecipe
@@ -231,6 +231,9 @@ def test_rims_shut_the_pupil_to_a_sliver_and_then_all_of_it():
     wavelength = lens.traced_at_nm * 1e-9
     areas = [light(_wave(lens, t, wavelength)) for t in (0.0, 0.1, 0.2, 0.3, 0.4)]
     assert areas == sorted(areas, reverse=True)
+    for tangent, area in zip((0.1, 0.2, 0.3), areas[1:4], strict=True):
+        assert area == pytest.approx(counted(lens, tangent), rel=5e-3)
+    assert areas[3] < 0.8 * light(_wave(lens_of(), 0.3, wavelength))
     dark = next(t / 100 for t in range(41, 62) if not lit(lens, t / 100))
     low, high = dark - 0.01, dark
     for _ in range(12):
@@ -241,6 +244,19 @@ def test_rims_shut_the_pupil_to_a_sliver_and_then_all_of_it():
     assert sliver == pytest.approx(counted(lens, low), abs=2e-3 * areas[0])
     with pytest.raises(InputError, match="no light from"):
         lens.field_open(*cells(lens, 66)[1:], (0.0, high + 0.05))
+
+
+def test_a_lens_scales_with_its_focal_length():
+    """Lengths, aspheres and clear radii among them: the wave is twice as long, at places twice as far out."""
+    lens = shipped("aspheres-5mm-f3").model_copy(update={"traced_at_m": None})
+    twice = lens.model_copy(update={"focal_length_mm": 2 * _held(lens).first.focal})
+    assert twice.aperture_radius == pytest.approx(2 * lens.aperture_radius, rel=1e-9)
+    _, right, up = cells(lens, 66)
+    phase = lens.field_phase(right, up, GREEN, (0.0, 0.3)) + lens.phase(right.square() + up.square(), GREEN)
+    right, up = 2 * right, 2 * up
+    other = twice.field_phase(right, up, GREEN, (0.0, 0.3)) + twice.phase(right.square() + up.square(), GREEN)
+    open_ = twice.field_open(right, up, (0.0, 0.3)) > 0.5
+    assert float((other - 2 * phase)[open_].abs().max()) < 1e-3
 
 
 def lit(lens: PrescriptionLens, tangent: float) -> bool:
@@ -265,7 +281,10 @@ def counted(lens: PrescriptionLens, tangent: float) -> float:
     rays = trace(held.lens, index, start, direction, (held.lens.stop, rim))
     fine = (torch.hypot(*rays.at[held.lens.stop]) <= held.lens.stop_radius) & (rays.lost == 0)
     fine &= torch.hypot(*rays.at[rim]) <= held.lens.clear[rim]
-    alpha, beta = (e.reshape(across, across) for e in (rays.right, rays.up))
+    centre, _, _ = launch(plane, one * tangent, 0 * one, 0 * one, 0 * one)
+    lands = trace(held.lens, index, centre, tuple(each[:, :1] for each in direction)).to_plane(held.sensor)
+    at = on_sphere(held, rays.to_plane(held.sensor), lands.y[:, 0])
+    alpha, beta = (e.reshape(across, across) for e in at[:2])
     by_y, by_x = zip(*(torch.gradient(each) for each in (alpha, beta)), strict=True)
     area = (by_x[0] * by_y[1] - by_x[1] * by_y[0]).abs().flatten()
     return float(area[fine[0] & torch.isfinite(area)].sum()) * held.scale**2
