@@ -94,12 +94,14 @@ def _of_today(given: dict[str, object], where: str) -> dict[str, object]:
 
 
 def _content(path: Path) -> Json:
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: no fidelity can be read there (no ordinary file)")
     try:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix.lower() == ".toml" else json.loads(text)
     except OSError as error:
         raise InputError(f"{path}: no fidelity can be read there ({error.strerror})") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: neither JSON nor TOML of a fidelity ({error})") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no fields of a fidelity")

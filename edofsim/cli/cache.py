@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from ..core.words import counted
 from ..options import CacheOption, JsonOption
 from .shared import Done, begun, finish
 
@@ -27,7 +28,7 @@ def ls(cache: CacheOption = None, json: JsonOption = None) -> Done:
             used = time.strftime("%Y-%m-%d %H:%M", time.localtime(entry.used))
             table.add_row(entry.key[:16], entry.scene, f"{entry.bytes / 2**20:.1f}", used)
         numbers = {"entries": len(entries), "size_mib": sum(entry.bytes for entry in entries) / 2**20}
-        lines = [table, f"{len(entries)} views, {numbers['size_mib']:.1f} MiB"]
+        lines = [table, f"{counted(len(entries), 'view')}, {numbers['size_mib']:.1f} MiB"]
         return finish("cache ls", lines, numbers, {"cache": folder}, json)
 
 
@@ -63,5 +64,5 @@ def prune(
         folder = cache or store.default_folder()
         removed = store.prune(folder, older_than_days)
         numbers = {"removed": removed.files, "freed_mib": removed.bytes / 2**20}
-        lines = [f"{removed.files} files removed, {numbers['freed_mib']:.1f} MiB"]
+        lines = [f"{counted(removed.files, 'file')} removed, {numbers['freed_mib']:.1f} MiB"]
         return finish("cache prune", lines, numbers, {"cache": folder}, json)

@@ -13,6 +13,7 @@ import torch
 from PIL import Image
 
 from ..core.images import srgb_decode
+from ..core.words import counted
 from ..report.crops import Detail
 from ..report.figures import score_plot
 from ..report.model import ImageScore, RunReport
@@ -160,7 +161,7 @@ def _keys(outcome: SceneScores, network: str) -> list[Key]:
     low = worst(outcome, network)
     keys = [
         Key(f"Restored by {network}, mean", number(_mean(every, OURS, network, "restored")), "dB",
-            f"{len(every)} scenes, ours", strong=True),
+            f"{counted(len(every), 'scene')}, ours", strong=True),
         Key("By the paper's protocol, mean", number(_mean(every, PAPER, network, "restored")), "dB",
             f"the paper on its one scene: {PAPER_DB}"),
         Key("Above the lens alone, mean", number(mean(m.gain(OURS, network) for m in every)), "dB", "ours"),

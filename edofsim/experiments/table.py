@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from ..core.progress import Progress, part
+from ..core.words import counted
 from ..options import LensOption, LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..report import Column, Key, Keys, Page, Section, Text
 from ..report import Table as PageTable
@@ -205,9 +206,9 @@ def methods(result: Result, protocol: Protocol) -> PageTable:
             own = (*singles, *charts) if number_ == 0 else (None,) * (len(singles) + len(charts))
             rows.append((f"the paper: {method}\n{scene}", None, None, None, value, *own))
     said = (
-        f"{protocol.title}. Mean of {len(result.data.pictures)} pictures, read noise 0.005, height errors "
-        "of 30 nm; below a system the method of the paper that it stands for. The paper's are of its own "
-        "draw of depths, its two pictures of Kodak's at a fixed depth, and its USAF chart."
+        f"{protocol.title}. Mean of {counted(len(result.data.pictures), 'picture')}, read noise 0.005, "
+        "height errors of 30 nm; below a system the method of the paper that it stands for. The paper's are "
+        "of its own draw of depths, its two pictures of Kodak's at a fixed depth, and its USAF chart."
     )
     return PageTable(columns, tuple(rows), said)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.progress import Progress, silent
+from ..core.words import counted
 from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import cache as store
@@ -49,7 +50,7 @@ class Forecast:
 
     def __str__(self) -> str:
         todo = self.views - self.in_cache - self.pictures
-        found = f"{self.views} views, {self.in_cache} of them in the cache"
+        found = f"{counted(self.views, 'view')}, {self.in_cache} of them in the cache"
         if self.pictures:
             found += f", {self.pictures} read from pictures"
         if not todo:

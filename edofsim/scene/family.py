@@ -54,7 +54,11 @@ def member(recipe: SceneRecipe, seed: int) -> SceneRecipe:
 
 
 def members(recipe: SceneRecipe, count: int, seed: int | None = None) -> list[SceneRecipe]:
-    """`count` members with the seeds `seed`, `seed` + 1, ... (from the recipe's own seed on if None)."""
+    """`count` members with the seeds `seed`, `seed` + 1, ... (from the recipe's own seed on if None).
+
+    Raises InputError for fewer than one."""
+    if count < 1:
+        raise InputError(f"members = {count}: at least 1")
     first = recipe.seed if seed is None else seed
     return [member(recipe, first + index) for index in range(count)]
 

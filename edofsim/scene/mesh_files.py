@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ..core.json_values import Json
+from ..core.words import counted
 from ..errors import InputError
 from . import solids
 from .mesh_colours import Paint, paint_of
@@ -145,8 +146,8 @@ def _say(path: Path, what: str, lost: list[str]) -> None:
 def _of_obj(content: bytes) -> list[str]:
     """What of an OBJ file is not as it says."""
     bent = not_convex(content)
-    advice = "are not convex, but cut into triangles as if they were: triangulate them where it was made"
-    return [f"{bent} polygons {advice}"] if bent else []
+    advice = "not convex, but cut into triangles as if convex: triangulate where it was made"
+    return [f"{counted(bent, 'polygon')} {advice}"] if bent else []
 
 
 def _of_gltf(path: Path, content: bytes, what: str) -> list[str]:

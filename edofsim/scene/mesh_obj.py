@@ -30,7 +30,7 @@ def _absolute(corner: bytes, counts: Sequence[int]) -> bytes:
     """A corner of a face (vertex/texture/normal); counts: of each so far."""
     parts = corner.split(b"/")
     for place, (part, count) in enumerate(zip(parts, counts, strict=False)):
-        if part.startswith(b"-") and part[1:].isdigit():
+        if re.fullmatch(rb"-\d{1,9}", part):
             parts[place] = b"%d" % (count + 1 + int(part))
     return b"/".join(parts)
 
@@ -39,16 +39,17 @@ def not_convex(content: bytes) -> int:
     """How many of the faces have more than three corners and are not convex. All are cut into triangles from
     their first corner, which is wrong for some of those. The faces count their corners from the front."""
     by_count: dict[int, list[list[int]]] = {}
-    for match in re.finditer(rb"(?m)^[ \t]*f((?:[ \t]+\d\S*){4,})[ \t\r]*$", content):
+    for match in re.finditer(rb"(?m)^[ \t]*f((?:[ \t]+\d{1,9}(?:/[-\d/]*)?){4,})[ \t\r]*$", content):
         corners = [int(word.split(b"/")[0]) for word in match[1].split()]
         by_count.setdefault(len(corners), []).append(corners)
     if not by_count:
         return 0
     lines = re.findall(rb"(?m)^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", content)
     try:
-        vertices = np.array(lines, float)
+        vertices = np.array(lines, float).reshape(-1, 3)
     except ValueError:
         return 0  # trimesh says what is wrong
+    vertices = np.where(np.isfinite(vertices), vertices, 0)
     found = 0
     for polygons in by_count.values():
         index = np.array(polygons) - 1

@@ -39,6 +39,8 @@ def small() -> edofsim.View:
             "name a checkpoint",
         ),
         (lambda: edofsim.photograph([small()], edofsim.camera()), "one View"),
+        (lambda: edofsim.photograph(small(), edofsim.camera(), device="odd"), "none of auto, cpu, cuda"),
+        (lambda: next(edofsim.views("clutter", members=0)), "at least 1"),
         (lambda: edofsim.View.from_image(np.full((8, 8, 3), 200.0), 1.0), "divide by 255"),
         (
             lambda: edofsim.photograph(

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from edofsim.core.words import counted
 from edofsim.errors import InputError
 from edofsim.scene.mesh_files import read_content, read_mesh
 from edofsim.scene.model import TriangleMesh
@@ -86,7 +87,7 @@ def test_polygons_that_are_not_convex_are_counted(
         count += corners
     (tmp_path / "m.obj").write_text("\n".join(lines))
     read_mesh(tmp_path / "m.obj", "mesh")
-    assert (f"{bent} polygons are not convex" in caplog.text) == (bent > 0)
+    assert (f"{counted(bent, 'polygon')} not convex" in caplog.text) == (bent > 0)
 
 
 def gltf(folder: Path, change: Callable[[dict], None]) -> Path:

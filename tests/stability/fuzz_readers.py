@@ -11,11 +11,14 @@ import json
 import os
 import resource
 import signal
+import struct
 import sys
 import tempfile
 import warnings
+import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -83,19 +86,19 @@ def mutated(seed: bytes, number: int, base: int) -> bytes:
     return bytes(content)
 
 
-def recipe(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def recipe(folder: Path) -> Made:
     from edofsim.recipe.load import load_scene, shipped_folder
 
     return (shipped_folder("scenes") / "bench.toml").read_bytes(), "scene.toml", load_scene
 
 
-def training(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def training(folder: Path) -> Made:
     from edofsim.recipe.load import load_train, shipped_folder
 
     return (shipped_folder("train") / "paper-dcnn.toml").read_bytes(), "train.toml", load_train
 
 
-def view(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def view(folder: Path) -> Made:
     """A spectral EXR with fragments; as the cache reads it, with a damaged one's reason as a ValueError."""
     from edofsim.render.exr import read_view, write_view
     from edofsim.render.fragments import Fragments
@@ -114,7 +117,7 @@ def view(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return path.read_bytes(), "view.exr", read
 
 
-def photo(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def photo(folder: Path) -> Made:
     import torch
 
     from edofsim.capture import read_image, write_image
@@ -123,7 +126,7 @@ def photo(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return path.read_bytes(), "photo.exr", read_image
 
 
-def picture(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def picture(folder: Path) -> Made:
     from skimage import io
 
     from edofsim.capture import read_image
@@ -133,7 +136,7 @@ def picture(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return path.read_bytes(), "photo.png", read_image
 
 
-def checkpoint(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def checkpoint(folder: Path) -> Made:
     from edofsim.restore.checkpoint import load_checkpoint, save_checkpoint
     from edofsim.restore.network import build_network
 
@@ -141,7 +144,7 @@ def checkpoint(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return path.read_bytes(), "net.safetensors", load_checkpoint
 
 
-def response(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def response(folder: Path) -> Made:
     import torch
 
     from edofsim.optics import Camera
@@ -157,45 +160,187 @@ def response(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return f"wavelength_nm,r,g,b\n{rows}\n".encode(), "response.csv", read
 
 
-def depth(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], object]]]:
-    def make(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
-        from edofsim.core.measurements import read_numbers
+Made: TypeAlias = tuple[bytes, str, Callable[[Path], object]]
+"""A good file, what to call it, and what reads it."""
 
-        values = np.linspace(0.5, 3, 77, dtype=np.float32).reshape(7, 11)
-        path = folder / f"seed{suffix}"
-        if suffix == ".npy":
+
+def write_array(path: Path, values: np.ndarray) -> None:
+    """An array as a file of any kind that is read."""
+    match path.suffix:
+        case ".npy":
             np.save(path, values)
-        elif suffix == ".npz":
+        case ".npz":
             np.savez_compressed(path, depth=values)
-        elif suffix == ".mat":
+        case ".mat":
             from scipy.io import savemat
 
             savemat(path, {"depth": values})
-        else:
-            path.write_bytes(b"Pf\n11 7\n-1.0\n" + values.tobytes())
-        return (
-            path.read_bytes(),
-            f"depth{suffix}",
-            lambda path: read_numbers(path.name, None, path.parent, "depth"),
-        )
+        case ".h5":
+            import h5py
 
-    return make
+            with h5py.File(path, "w") as file:
+                file.create_dataset("depth", data=values, compression="gzip")
+        case ".tif":
+            import tifffile
+
+            tifffile.imwrite(path, values, photometric="minisblack", compression="zlib")
+        case ".csv":
+            np.savetxt(path, values, delimiter=",", fmt="%.4f")
+        case ".png":
+            from PIL import Image
+
+            Image.fromarray((values * 10000).astype(np.uint16)).save(path)
+        case ".exr":
+            from edofsim.core.images import write_exr
+
+            write_exr(path, {"Z": values}, {})
+        case ".pfm":
+            rows, columns = values.shape
+            path.write_bytes(b"Pf\n%d %d\n-1.0\n" % (columns, rows) + values.astype("<f4").tobytes())
+        case ".dpt":
+            size = np.array(values.shape[::-1], "<i4").tobytes()
+            path.write_bytes(np.float32(202021.25).tobytes() + size + values.astype("<f4").tobytes())
 
 
-def mesh(suffix: str) -> Callable[[Path], tuple[bytes, str, Callable[[Path], object]]]:
-    def make(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
-        import trimesh
-
-        from edofsim.scene.mesh_files import read_mesh
+def depth(suffix: str) -> Callable[[Path], Made]:
+    def make(folder: Path) -> Made:
+        from edofsim.recipe.sources import DepthMap
+        from edofsim.scene.depth_maps import read_inverse_depth
 
         path = folder / f"seed{suffix}"
-        trimesh.creation.icosahedron().export(path)
-        return path.read_bytes(), f"mesh{suffix}", lambda path: read_mesh(path, "mesh")
+        write_array(path, np.linspace(0.5, 3, 77, dtype=np.float32).reshape(7, 11))
+
+        def read(path: Path) -> object:
+            return read_inverse_depth(DepthMap(path=path.name), path.parent)
+
+        return path.read_bytes(), f"depth{suffix}", read
 
     return make
 
 
-def foreign(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
+def height(suffix: str) -> Callable[[Path], Made]:
+    def make(folder: Path) -> Made:
+        from edofsim.optics.height import load_height_map
+
+        path = folder / f"seed{suffix}"
+        write_array(path, np.linspace(0, 3, 81).reshape(9, 9))
+        return path.read_bytes(), f"mask{suffix}", lambda path: load_height_map(path, unit="nm")
+
+    return make
+
+
+def cube(suffix: str) -> Callable[[Path], Made]:
+    def make(folder: Path) -> Made:
+        from edofsim.recipe.sources import CubeFile
+        from edofsim.scene.cube_files import read_stored
+        from edofsim.scene.wavelengths import chosen_nm
+
+        path = folder / f"seed{suffix}"
+        values = np.linspace(0, 1, 5 * 7 * 11, dtype=np.float32).reshape(5, 7, 11)
+        if suffix == ".hdr":
+            from spectral.io import envi
+
+            about = {"wavelength": [450, 500, 550, 600, 650], "wavelength units": "nm"}
+            envi.save_image(str(path), np.moveaxis(values, 0, 2), ext=".raw", force=True, metadata=about)
+            (folder / "cube.raw").write_bytes(path.with_suffix(".raw").read_bytes())
+        else:
+            write_array(path, values)
+
+        def read(path: Path) -> object:
+            given = {} if suffix == ".hdr" else {"start_nm": 450, "step_nm": 50}
+            source = CubeFile(path=path.name, **given)
+            found = read_stored(source, path.parent, "cube")
+            return chosen_nm(source, found.waves, found.unit, len(found.values), "cube")
+
+        return path.read_bytes(), f"cube{suffix}", read
+
+    return make
+
+
+def colours(suffix: str) -> Callable[[Path], Made]:
+    """Pictures with all that a file may say of them: 16 bits, a profile, how it was held."""
+
+    def make(folder: Path) -> Made:
+        from PIL import Image, ImageCms
+
+        from edofsim.core.colours import read_colours
+        from edofsim.core.images import write_exr
+
+        path = folder / f"seed{suffix}"
+        pixels = np.arange(9 * 11 * 3).reshape(9, 11, 3)
+        if suffix == ".exr":
+            write_exr(path, {f"L.{name}": np.ones((9, 11), np.float32) for name in "RGB"}, {})
+        elif suffix == ".png":
+            path.write_bytes(png_of_16_bits(pixels.astype(np.uint16) * 200))
+        elif suffix == ".tif":
+            import tifffile
+
+            tifffile.imwrite(path, pixels.astype(np.float32), photometric="rgb", compression="zlib")
+        elif suffix == ".hdr":
+            head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 9 +X 11\n"
+            rgbe = np.concatenate([pixels.astype(np.uint8), np.full((9, 11, 1), 129, np.uint8)], axis=2)
+            path.write_bytes(head + rgbe.tobytes())
+        else:
+            image = Image.fromarray(pixels.astype(np.uint8))
+            exif = image.getexif()
+            exif[274] = 6
+            profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
+            image.save(path, exif=exif, icc_profile=profile)
+        return path.read_bytes(), f"picture{suffix}", lambda path: read_colours(path, "picture")
+
+    return make
+
+
+def png_of_16_bits(pixels: np.ndarray) -> bytes:
+    rows, columns, _ = pixels.shape
+    body = b"".join(b"\0" + row.astype(">u2").tobytes() for row in pixels)
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 16, 2, 0, 0, 0)),
+        (b"IDAT", zlib.compress(body)),
+        (b"IEND", b""),
+    ]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        for name, content in chunks
+    )
+
+
+def fidelity(folder: Path) -> Made:
+    from edofsim.capture.fidelity import Fidelity
+
+    return Fidelity(layers=13).save(folder / "seed.json").read_bytes(), "how.json", Fidelity.load
+
+
+def mesh(suffix: str) -> Callable[[Path], Made]:
+    """With colours of its corners, or a picture where the format has such."""
+
+    def make(folder: Path) -> Made:
+        import trimesh
+        from PIL import Image
+
+        from edofsim.scene.mesh_colours import painted_parts
+        from edofsim.scene.mesh_files import read_content
+
+        path = folder / f"mesh{suffix}"
+        body = trimesh.creation.icosahedron()
+        if suffix in (".obj", ".glb"):
+            image = Image.new("RGB", (4, 4), (200, 50, 9))
+            material = trimesh.visual.material.PBRMaterial(baseColorTexture=image)
+            body.visual = trimesh.visual.TextureVisuals(body.vertices[:, :2], material)
+        elif suffix != ".stl":
+            body.visual.vertex_colors = np.arange(48, dtype=np.uint8).reshape(12, 4) * 5
+        body.export(path)
+
+        def read(path: Path) -> object:
+            content = read_content(path, "mesh")
+            return painted_parts(content.mesh, content.paint, np.array([500e-9, 600e-9]))
+
+        return path.read_bytes(), f"mesh{suffix}", read
+
+    return make
+
+
+def foreign(folder: Path) -> Made:
     """A Mitsuba scene; what it cannot carry is told in one message too."""
     from edofsim.scene.foreign import MitsubaSource, NotCarried, read_scene
 
@@ -220,6 +365,21 @@ def foreign(folder: Path) -> tuple[bytes, str, Callable[[Path], object]]:
     return scene, "scene.xml", read
 
 
+def dictionary(folder: Path) -> Made:
+    """A Mitsuba scene as JSON."""
+    _, _, read = foreign(folder)
+    scene = {
+        "type": "scene",
+        "ball": {"type": "sphere", "skin": {"type": "ref", "id": "paint"}, "center": [0, 0, 4]},
+        "paint": {"type": "plastic", "diffuse_reflectance": {"type": "rgb", "value": [0.1, 0.2, 0.3]}},
+        "sky": {"type": "constant"},
+        "way": {"type": "path", "max_depth": 4},
+        "camera": {"type": "perspective", "fov": 40, "to_world": np.eye(4).tolist()},
+    }
+    return json.dumps(scene, indent=1).encode(), "scene.json", read
+
+
+ARRAYS = (".npy", ".npz", ".mat", ".h5", ".tif", ".csv", ".png")
 READERS = {
     "recipe": recipe,
     "training": training,
@@ -229,8 +389,16 @@ READERS = {
     "checkpoint": checkpoint,
     "response": response,
     "foreign": foreign,
-    **{f"depth{suffix}": depth(suffix) for suffix in (".npy", ".npz", ".mat", ".pfm")},
-    **{f"mesh{suffix}": mesh(suffix) for suffix in (".obj", ".ply", ".stl", ".glb")},
+    "dictionary": dictionary,
+    "fidelity": fidelity,
+    **{
+        f"depth{s}": depth(s)
+        for s in (".npy", ".npz", ".mat", ".h5", ".pfm", ".dpt", ".tif", ".csv", ".png", ".exr")
+    },
+    **{f"height{s}": height(s) for s in (".npy", ".npz", ".mat", ".h5", ".tif", ".csv", ".png")},
+    **{f"cube{s}": cube(s) for s in (".npy", ".npz", ".mat", ".h5", ".tif", ".hdr")},
+    **{f"colours{s}": colours(s) for s in (".png", ".jpg", ".tif", ".webp", ".exr", ".hdr")},
+    **{f"mesh{s}": mesh(s) for s in (".obj", ".ply", ".stl", ".glb", ".off")},
 }
 
 

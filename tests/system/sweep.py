@@ -234,6 +234,7 @@ def good_files(folder: Path) -> None:
     np.save(folder / "mask.npy", np.zeros((239, 239)))
     savemat(folder / "good.mat", {"cube": np.stack([plane] * 5, axis=2)})
     savemat(folder / "depth.mat", {"depth": plane + 1})
+    new_files(folder, plane)
     ball = trimesh.creation.icosphere(subdivisions=1)
     for suffix in ("obj", "ply", "stl", "glb", "off"):
         ball.export(folder / f"good.{suffix}")
@@ -259,8 +260,45 @@ def good_files(folder: Path) -> None:
     (folder / "good.safetensors").write_bytes(shipped[0].read_bytes())
 
 
+def new_files(folder: Path, plane: np.ndarray) -> None:
+    """Measurements, cubes and heights in formats of other programs, and meshes with colours."""
+    import h5py
+    import tifffile
+    import trimesh
+    from PIL import Image
+    from scipy.io import savemat
+    from spectral.io import envi
+
+    stack = np.stack([plane] * 5)
+    np.save(folder / "cube.npy", stack)
+    tifffile.imwrite(folder / "cube.tif", stack, photometric="minisblack")
+    for name, array in (("cube", stack), ("depth", plane + 1)):
+        with h5py.File(folder / f"{name}.h5", "w") as file:
+            file[name] = array
+    envi.save_image(str(folder / "cube.hdr"), np.moveaxis(stack, 0, 2), ext=".raw", force=True)
+    (folder / "hostile.raw").write_bytes((folder / "cube.raw").read_bytes())  # beside a hostile header
+    np.savetxt(folder / "depth.csv", plane + 1, delimiter=",")
+    tifffile.imwrite(folder / "depth.tif", plane + 1)
+    Image.fromarray((plane * 60000).astype(np.uint16)).save(folder / "depth.png")
+    height = np.zeros((239, 239))
+    np.savez(folder / "mask.npz", height=height)
+    savemat(folder / "mask.mat", {"height": height})
+    np.savetxt(folder / "mask.csv", height, delimiter=",", fmt="%g")
+    Image.fromarray(height.astype(np.uint16)).save(folder / "mask.png")
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.visual.vertex_colors = np.arange(4 * len(ball.vertices)).reshape(-1, 4).astype(np.uint8)
+    ball.export(folder / "painted.ply")
+    image = Image.fromarray((plane * 255).astype(np.uint8)).convert("RGB")
+    ball.visual = trimesh.visual.TextureVisuals(ball.vertices[:, :2], image=image)
+    ball.export(folder / "painted.obj")
+    ball.visual.material = ball.visual.material.to_pbr()
+    ball.export(folder / "painted.glb")
+    (folder / "fidelity.json").write_text(json.dumps({"layers": 13, "band_groups": 1}))
+
+
 def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     """What reads a file, by the name of the right one."""
+    from edofsim.capture.fidelity import Fidelity
     from edofsim.capture.files import read_image
     from edofsim.optics import Camera
     from edofsim.render.readers.pictures import picture_view
@@ -285,7 +323,7 @@ def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
 
     def cube(path: Path) -> object:
         source = {"kind": "cube", "path": path.name, "depth_m": 1.0}
-        if path.suffix == ".mat":
+        if path.suffix != ".exr":
             source |= {"start_nm": 400, "step_nm": 50}
         return picture_view(SceneRecipe.model_validate(scene(source=source)), folder)
 
@@ -303,8 +341,15 @@ def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     def mask(path: Path) -> object:
         return camera(mask={"kind": "height-map", "file": path.name, "pitch_um": 21.0})
 
+    def measured(path: Path) -> object:
+        return camera(mask={"kind": "height-map", "file": path.name, "pitch_um": 21.0, "unit": "um"})
+
     def mesh(path: Path) -> object:
         return read_mesh(path, "thing")
+
+    def painted(path: Path) -> object:
+        return built(objects=[{"kind": "mesh", "path": path.name, "size_mm": 9, "depth_m": 1.0}],
+                     lights=[{"kind": "environment"}])  # fmt: skip
 
     table: dict[str, Callable[[Path], object]] = {
         "scene.toml": load_scene,
@@ -323,6 +368,11 @@ def readers(folder: Path) -> dict[str, Callable[[Path], object]]:
     table |= {f"good.{suffix}": lit for suffix in ("hdr", "exr")}
     table |= {f"good.{suffix}": deep for suffix in ("npy", "npz", "pfm", "dpt")}
     table |= {f"good.{suffix}": textured for suffix in ("png", "jpg", "tif")}
+    table |= {f"cube.{suffix}": cube for suffix in ("npy", "tif", "h5", "hdr")}
+    table |= {f"depth.{suffix}": deep for suffix in ("h5", "csv", "tif", "png")}
+    table |= {f"mask.{suffix}": measured for suffix in ("npz", "mat", "csv", "png")}
+    table |= {f"painted.{suffix}": painted for suffix in ("ply", "obj", "glb")}
+    table["fidelity.json"] = Fidelity.load
     return table | {"photo.png": read_image, "photo.jpg": read_image, "photo.exr": read_image}
 
 
