@@ -21,6 +21,15 @@ LIBRARIES = ("mitsuba", "drjit", "colour-science", "scikit-image", "trimesh")
 """Their versions decide pixels: they trace, or they bring spectra, photographs and meshes."""
 
 
+NAMES = {
+    **dict.fromkeys((".xml", ".json", ".gltf"), r'"([^"\n]{1,1000})"'),
+    ".obj": r"(?m)^[ \t]*mtllib[ \t]+([^\r\n]{1,1000})",
+    ".mtl": r"(?mi)^[ \t]*map_kd[ \t]+([^\r\n]{1,1000})",
+    ".ply": r"(?mi)^comment[ \t]+texturefile[ \t]+([^\r\n]{1,1000})",
+}
+"""How files name others, by their suffixes."""
+
+
 def canonical(recipe: SceneRecipe) -> Json:
     """A recipe as JSON-able data, defaults filled in; independent of how and in which order it was
     written."""
@@ -109,18 +118,25 @@ def _strings(data: object) -> list[str]:
     return []
 
 
-def _file_digest(path: Path, seen: set[Path]) -> str:
-    """Checksum of a file and, if it is a scene of Mitsuba's (XML, JSON), of the files that it names."""
+def _file_digest(path: Path, seen: set[Path], folders: tuple[Path, ...] = ()) -> str:
+    """Checksum of a file and, if it is a scene of Mitsuba's or a mesh, of the files that it names.
+
+    folders: where those may lie besides its own folder."""
     seen.add(path.resolve())
     digest = hashlib.sha256()
     with path.open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
-    if path.suffix.lower() in (".xml", ".json"):
-        for name in sorted(
-            set(re.findall(r'"([^"\n]{1,1000})"', path.read_text(encoding="utf-8", errors="replace")))
-        ):
-            inner = path.parent / name
+    pattern = NAMES.get(path.suffix.lower())
+    if pattern is not None:
+        text = path.read_text(encoding="utf-8", errors="replace")
+        named = sorted({name.strip() for name in re.findall(pattern, text)} - {""})
+        near = (path.parent, *folders)
+        found = [at / name for at in near for name in named]
+        # a scene's <path> is a folder to look in
+        further = [place for place in found if place.is_dir()]
+        found += [at / name for at in further for name in named]
+        for inner in found:
             if inner.is_file() and inner.resolve() not in seen:
-                digest.update(_file_digest(inner, seen).encode())
+                digest.update(_file_digest(inner, seen, (*near, *further)).encode())
     return digest.hexdigest()

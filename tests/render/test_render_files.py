@@ -202,6 +202,40 @@ def test_key_is_what_decides_the_pixels(tmp_path):
     assert view_key(named, tmp_path) != before
 
 
+NAMING = {
+    "m.obj": ("mtllib m.mtl\nv 0 0 0\n", "m.mtl", "newmtl a\nKd 1 0 0\n"),
+    "n.obj": ("mtllib n.mtl\n", "t.png", "another picture"),
+    "m.ply": ("ply\ncomment TextureFile t.png\nend_header\n", "t.png", "another picture"),
+    "m.gltf": ('{"images": [{"uri": "t.png"}]}', "t.png", "another picture"),
+    "s.xml": (
+        '<scene><path value="parts"/><string value="inner.png"/></scene>',
+        "parts/inner.png",
+        "another",
+    ),
+    "i.xml": ('<scene><path value="parts"/><include filename="i.xml"/></scene>', "parts/deep.png", "another"),
+}
+
+
+@pytest.mark.parametrize("name", NAMING)
+def test_views_are_made_anew_where_a_file_that_a_file_names_changes(tmp_path, name):
+    text, changed, content = NAMING[name]
+    (tmp_path / "parts").mkdir()
+    for each in ("t.png", "parts/inner.png", "parts/deep.png"):
+        (tmp_path / each).write_text("a picture")
+    (tmp_path / "n.mtl").write_text("newmtl a\nmap_Kd t.png\n")
+    (tmp_path / "m.mtl").write_text("newmtl a\n")
+    (tmp_path / "parts" / "i.xml").write_text('<scene><string value="deep.png"/></scene>')
+    (tmp_path / name).write_text(text)
+    kind = {"kind": "mitsuba"} if name.endswith("xml") else None
+    item = {"kind": "mesh", "path": name, "size_mm": 9, "depth_m": 1.0}
+    data = {"name": "own", "source": {**kind, "path": name}} if kind else {"name": "own", "objects": [item]}
+    named = SceneRecipe.model_validate({**data, "lights": [{"kind": "sky"}]})
+    before = view_key(named, tmp_path)
+    assert view_key(named, tmp_path) == before
+    (tmp_path / changed).write_text(content)
+    assert view_key(named, tmp_path) != before
+
+
 def test_rendered_once(mi, tmp_path):
     """The second time a view comes from the cache, and is the same."""
     messages = []
