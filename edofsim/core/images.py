@@ -143,6 +143,8 @@ def _read_exr(
                     first = next(iter(found.values()), pixels)
                     other = name in found or pixels.shape != first.shape
                     found[f"{prefix}.{name}" if other else name] = pixels
+        if not found:
+            raise InputError(f"{what}: {str(path)!r} holds no channels; it is damaged")
         return found, None
     except InputError:
         raise

@@ -271,11 +271,11 @@ def _envi(path: Path, what: str) -> StoredCube:
                 raise InputError(f"{what}: {str(header)!r} is compressed; save it without")
             image = envi.open(str(header), str(data))
             values = np.array(image.load(dtype=np.float64, scale=True))
+        return _of_envi(values, said, header, what)
     except InputError:
         raise
     except Exception as error:  # of many kinds
         raise InputError(f"{what}: {str(header)!r} cannot be read as ENVI: {first_line(error)}") from error
-    return _of_envi(values, said, header, what)
 
 
 def _of_envi(values: np.ndarray, header: dict[str, object], path: Path, what: str) -> StoredCube:
