@@ -150,7 +150,8 @@ def sub_aperture_imaging(
     """The optics that tell what sub-apertures change, as `of_sub_apertures` says; None for a single one."""
     if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
         return None
-    coarse = of_sub_apertures(fidelity)
+    spread = float(axes.nodes[-1] - axes.nodes[0]) * blur_per_dioptre(camera)
+    coarse = of_sub_apertures(fidelity, spread)
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
     through = kernels_of_sub_apertures(

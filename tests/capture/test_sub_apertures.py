@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from edofsim.capture.convolution import Grid
+from edofsim.capture.fidelity import SUB_APERTURE_STEP_PX, Fidelity, of_sub_apertures
 from edofsim.capture.light import Light
 from edofsim.capture.occlusion import sub_apertures
 from edofsim.capture.occlusion.sub_apertures import Slab
@@ -45,3 +46,14 @@ def test_a_slab_is_blurred_as_in_the_whole_frame(
 
 def test_small_slabs_take_small_transforms() -> None:
     assert Slab.of(_light(20, 30), GRID, FRAME).place.grid.transform < GRID.transform
+
+
+def test_a_fast_lens_has_as_many_nodes_as_its_blur_asks_for():
+    """Nine and thirteen for the paper's camera; no step of more than eight pixels of blur, up to a limit."""
+    fine, coarse = Fidelity(sub_apertures=6), Fidelity(sub_apertures=6, sub_aperture_pixel=2)
+    paper, fast, widest = 61.0, 176.0, 700.0
+    assert [of_sub_apertures(each, paper).layers for each in (fine, coarse)] == [13, 9]
+    assert [of_sub_apertures(each, fast).layers for each in (fine, coarse)] == [23, 23]
+    assert fast / 22 <= SUB_APERTURE_STEP_PX < fast / 21
+    assert of_sub_apertures(fine, widest).layers == 25
+    assert of_sub_apertures(fine.changed({"layers": 5}), fast).layers == 5
