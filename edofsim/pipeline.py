@@ -48,7 +48,7 @@ from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network
 from .restore.gains import gain_figures, gains
-from .restore.scores import DepthScore, Score, score_by_depth
+from .restore.scores import DepthScore, Score, TruthNoise, score_by_depth
 from .restore.truth import Truth, noise_figures, samples_for
 
 
@@ -59,7 +59,8 @@ class Run:
     wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
     `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
     from far to near, that stand for the scene (`nodes_between`); plan_lens_alone: of the photo through the
-    lens alone, to the same accuracy; gains: of the restored image in dB, see `restore.gains`.
+    lens alone, to the same accuracy; noise: of the photo, and noises: what images are scored without, by the
+    names of scores; gains: of the restored image in dB, see `restore.gains`.
     """
 
     scene: Loaded[SceneRecipe]
@@ -78,6 +79,7 @@ class Run:
     wiener: Tensor | None
     lens_alone: Photo
     noise: PhotoNoise
+    noises: Mapping[str, TruthNoise]
     scores: Mapping[str, Score]
     by_depth: Mapping[str, tuple[DepthScore, ...]]
     gains: Mapping[str, float]
@@ -203,10 +205,12 @@ def run(
             images["wiener"] = wiener, truth.restored_noise(photo.image, wiener, by_wiener)
         images["lens_alone"] = lens_alone.image, noise_alone.image
 
-        def judged(pair: tuple[Tensor, Tensor | None]) -> tuple[Score, tuple[DepthScore, ...]]:
-            return score_by_depth(*truth.compared(*pair), inverse_depth)
+        compared = {name: truth.compared(*pair) for name, pair in images.items()}
 
-        found = in_threads(judged, list(images.values()), photo.image.device)
+        def judged(each: tuple[Tensor, Tensor, TruthNoise]) -> tuple[Score, tuple[DepthScore, ...]]:
+            return score_by_depth(*each, inverse_depth)
+
+        found = in_threads(judged, list(compared.values()), photo.image.device)
         scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
         by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
     return Run(
@@ -226,6 +230,7 @@ def run(
         wiener=wiener,
         lens_alone=lens_alone,
         noise=truth.noise,
+        noises={name: noise for name, (_, _, noise) in compared.items()},
         scores=scores,
         by_depth=by_depth,
         gains=gains({name: whole.psnr_db for name, whole in scores.items()}),

@@ -60,7 +60,7 @@ def cost(
     predicted_seconds.CASE for each case target.N_dB, chosen, target.restored, without.EFFECT and full;
     shift_db.CASE.WHAT of the scores NETWORK, Wiener and gain_over_the_lens_alone, noise_db.CASE.WHAT from
     seed to seed; times_faster.chosen;
-    render_noise.render.N_samples, seconds.render.N_samples; psnr_db.restore.NETWORK, seconds.restore.NETWORK.
+    render_noise.render.N_samples, seconds.render.N_samples; {psnr_db,psnr_db_se,seconds}.restore.NETWORK.
     """
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
     how = spread_of(jobs, cluster, shard)

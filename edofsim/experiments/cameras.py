@@ -26,13 +26,11 @@ from ..optics import Camera
 from ..optics.sampling import plan_sampling
 from ..options import SYSTEM_HELP, CacheOption, LimitOption, PicturesOption, SeedOption
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
-from ..record import write_csv
 from ..render import render
-from ..report import Column, Page, Section, Table, Text
-from ..report.page import Cell
+from ..report import Page, Section, Text
 from ..restore.checkpoint import ANY_CAMERA, camera_with_mask, network_of
-from ..restore.gains import RIVALS, gain_figures, gains
-from ..restore.scores import image_psnr
+from ..restore.scores import level_and_error
+from .camera_figures import ANY, OWN, PHOTO, WIENER, figures_of, restored_in, table, write_gains
 from .experiment import Findings
 from .failures import Failures
 from .kept import Kept, key_of
@@ -62,15 +60,6 @@ OWN_MAP = "fourier-wiener"
 CUBIC = "cubic-dcnn"
 """The network that was trained for the cubic mask."""
 REFOCUSED_M = 0.8
-PHOTO, WIENER, ANY, OWN = "photo", "wiener", "any", "own"
-WHAT = {
-    PHOTO: "photo",
-    LENS_ALONE: "lens alone",
-    WIENER: "Wiener",
-    ANY: "for any camera",
-    OWN: "for this camera",
-}
-NOT_RESTORED = (PHOTO, LENS_ALONE)
 
 
 @dataclass(frozen=True)
@@ -184,6 +173,7 @@ def run(
     cameras that differ in their masks alone tell what the mask is worth.
 
     Figures: psnr_db.CAMERA.{random,SCENE}.IMAGE with IMAGE one of {photo,lens_alone,wiener,any,own,SYSTEM},
+    psnr_db_se.CAMERA.SCENE.IMAGE (standard errors by the noise of the rendering),
     gain_db.CAMERA.{random,SCENE} (of the first system over Wiener deconvolution), gain_db.{mean,least},
     gain_db.mean.{random,deep}; gain_db.CAMERA.{random,SCENE}.IMAGE.over_{photo,lens_alone,wiener} of what is
     restored; any: the first network for any camera; own, where something was trained for the camera, and
@@ -204,6 +194,7 @@ def run(
         with failures.of(source.name):
             every.append(_taker(source.name, source.camera(None), source.restoration))
     scores: dict[str, dict[str, dict[str, float]]] = {}
+    errors: dict[str, dict[str, float]] = {}
     rows: list[PictureScore] = []
     for number, taker in enumerate(every):
         tell = part(progress, number / len(every), (number + 1) / len(every), taker.name)
@@ -215,22 +206,24 @@ def run(
         for index, scene in enumerate(taker.scenes if taker.name in scores else ()):
             tell(0.6 + 0.4 * index / len(taker.scenes), scene)
             with failures.of(f"{taker.name}, {scene}"):
-                scores[taker.name][scene] = judge.deep(scene)
+                judged = judge.deep(scene)
+                scores[taker.name][scene] = {what: level for what, (level, _) in judged.items()}
+                errors[f"{taker.name}.{scene}"] = {what: error for what, (_, error) in judged.items()}
     failures.check(len(scores))
-    figures = figures_of(scores)
+    figures = figures_of(scores, errors)
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
-    table = _table(scores, every)
+    shown = table(scores, {taker.name: taker.said for taker in every}, errors)
     page = Page(
         "Any camera",
         "Photos of any camera, and what is restored from them.",
-        (Section("Scores", (table,)),),
+        (Section("Scores", (shown,)),),
         (Text("PSNR of photos and restorations. All know the camera and the range of depths."),),
     )
     outputs = {"planes": write_rows(folder / "cameras.csv", rows, "depth")}
-    outputs["gains"] = _write_gains(folder / "cameras-gains.csv", scores)
+    outputs["gains"] = write_gains(folder / "cameras-gains.csv", scores)
     inputs = {"data": found.source, "systems": [source.name for source in sources]}
     problems = [*found.problems, *failures.sentences]
-    return Findings(figures, page, [table], outputs, problems, inputs)
+    return Findings(figures, page, [shown], outputs, problems, inputs)
 
 
 def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:
@@ -243,41 +236,6 @@ def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:
         if not isinstance(each, ByWiener):
             found[name] = each
     return found
-
-
-def figures_of(scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> dict[str, float]:
-    """Flat, from PSNRs by camera, condition and what was judged."""
-    figures: dict[str, float] = {}
-    above: dict[str, list[float]] = {RANDOM: [], "deep": []}
-    for camera, conditions in scores.items():
-        for condition, values in conditions.items():
-            place = f"{camera}.{condition}"
-            figures |= {f"psnr_db.{place}.{what}": value for what, value in values.items()}
-            for what in restored_in(values):
-                figures |= gain_figures(gains(values, what), f"{place}.{what}")
-            if (first := first_of(values)) is not None and WIENER in values:
-                gain = figures[f"gain_db.{place}"] = values[first] - values[WIENER]
-                above[RANDOM if condition == RANDOM else "deep"].append(gain)
-                if OWN in values and first != OWN:
-                    figures[f"gap_db.{place}"] = values[OWN] - values[first]
-    for name, values in above.items():
-        if values:
-            figures[f"gain_db.mean.{name}"] = sum(values) / len(values)
-    if together := [value for values in above.values() for value in values]:
-        figures |= {"gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
-    gaps = [value for name, value in figures.items() if name.startswith("gap_db.")]
-    return {**figures, **({"gap_db.greatest": max(gaps)} if gaps else {})}
-
-
-def restored_in(values: Mapping[str, float]) -> list[str]:
-    """What was restored, of all that was judged."""
-    return [what for what in values if what not in NOT_RESTORED]
-
-
-def first_of(values: Mapping[str, float]) -> str | None:
-    """The first system that was judged, the network of the camera itself where there is no other."""
-    others = [what for what in restored_in(values) if what not in (WIENER, OWN)]
-    return others[0] if others else OWN if OWN in values else None
 
 
 @dataclass(frozen=True)
@@ -324,25 +282,28 @@ class Judge:
             raise InputError("nothing restored its photos")
         return values, rows
 
-    def deep(self, name: str) -> dict[str, float]:
-        """A scene with depth, the middle of its frame, as a sensor that saturates sees it."""
+    def deep(self, name: str) -> dict[str, tuple[float, float]]:
+        """A scene with depth, the middle of its frame, as a sensor that saturates sees it: PSNR and its
+        standard error."""
         loaded = load_scene(name)
         recipe = _with_pixels(scored_version(loaded.recipe, quick=True), self.taker.camera)
         kept = Kept(self.folder / "finished.jsonl")
         digests = {name: by.digest for name, by in self.restorers.items()}
         scene = recipe.model_dump(mode="json")
-        key = key_of(camera=camera_digest(self.taker.camera), by=digests, scene=scene, seed=self.seed)
+        key = key_of(
+            errors=True, camera=camera_digest(self.taker.camera), by=digests, scene=scene, seed=self.seed
+        )
         known = kept.get(key)
         if known is not None:
             return known
         view = render(recipe, loaded.base, cache=self.cache)
         camera = replace(self.taker.camera, recipe=saturating(self.taker.camera.recipe))
         way = next(way for way in WAYS if way.name == OURS)
-        found: dict[str, float] = {}
+        found: dict[str, tuple[float, float]] = {}
 
         def judged(what: str, image: str, taken: Taken) -> None:
             compared, truth, noise = taken.compared(image)
-            found[what] = image_psnr(compared, truth, noise=noise)
+            found[what] = level_and_error(compared, truth, noise)
 
         failed = len(self.failures.found)
         with torch.inference_mode():
@@ -364,37 +325,3 @@ def _with_pixels(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:
     """A scene whose pixels see what the camera's do."""
     frame = recipe.frame.model_copy(update={"pixel_angle_mrad": "auto"})
     return framed(recipe.model_copy(update={"frame": frame}), camera)
-
-
-def _table(scores: Mapping[str, Mapping[str, Mapping[str, float]]], every: Sequence[Taker]) -> Table:
-    known = [values for conditions in scores.values() for values in conditions.values()]
-    more = dict.fromkeys(what for values in known for what in values if what not in WHAT)
-    shown = {what: said for what, said in WHAT.items() if any(what in values for values in known)}
-    shown |= {what: what for what in more}
-    columns = (
-        Column("Camera"),
-        Column("What it photographs"),
-        *(Column(said, "dB", 2) for said in shown.values()),
-        *(Column(f"Gain over {said}", "dB", 2) for said in RIVALS.values()),
-    )
-    rows: list[tuple[Cell, ...]] = []
-    for taker in every:
-        for condition, values in scores.get(taker.name, {}).items():
-            said = "pictures, random depths" if condition == RANDOM else condition
-            above = gains(values, first_of(values) or WIENER)
-            found = (values.get(what) for what in shown)
-            rows.append((taker.said, said, *found, *(above.get(rival) for rival in RIVALS)))
-    said = "Gains: of the first system, or of Wiener deconvolution where there is no other."
-    return Table(columns, tuple(rows), said)
-
-
-def _write_gains(path: Path, scores: Mapping[str, Mapping[str, Mapping[str, float]]]) -> Path:
-    """A row for each camera, condition and image: PSNR, and gains of what is restored."""
-    rows = []
-    for camera, conditions in scores.items():
-        for condition, values in conditions.items():
-            for what, value in values.items():
-                above = gains(values, what) if what in restored_in(values) else {}
-                rows.append((camera, condition, what, value, *(above.get(rival, "") for rival in RIVALS)))
-    header = ("camera", "condition", "image", "psnr_db", *(f"gain_db_over_{rival}" for rival in RIVALS))
-    return write_csv(path, header, rows)

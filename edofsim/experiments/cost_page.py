@@ -259,5 +259,9 @@ def stage_table(points: Sequence[cost_stages.Point]) -> Table:
     rendering = points[0].stage == "render"
     value = Column("noise", "%", 2) if rendering else Column("PSNR", "dB", 2, "largest")
     scale = 100.0 if rendering else 1.0
-    rows = tuple((point.name, point.value * scale, point.seconds, point.chosen) for point in points)
-    return Table((Column("with"), value, Column("time", "s", 3), Column("by default")), rows)
+    error = () if rendering else (Column("standard error", "dB", 3),)
+    rows = tuple(
+        (point.name, point.value * scale, point.seconds, point.chosen, *(point.error for _ in error))
+        for point in points
+    )
+    return Table((Column("with"), value, Column("time", "s", 3), Column("by default"), *error), rows)

@@ -39,7 +39,7 @@ from ..restore.checkpoint import (
 )
 from ..restore.choice import usual_network
 from ..restore.conditioning import forget as forget_conditioned
-from ..restore.scores import image_psnr
+from ..restore.scores import level_and_error
 from ..restore.truth import Truth
 from .kept import Kept, key_of
 
@@ -49,13 +49,15 @@ FEWEST_SAMPLES = 4
 @dataclass(frozen=True)
 class Point:
     """One way through a stage. stage: `render` or `restore`; value: noise of a pixel relative to the mean, or
-    PSNR against the all-in-focus image in dB; chosen: what `run` does by default."""
+    PSNR against the all-in-focus image in dB; chosen: what `run` does by default; error: standard error of a
+    PSNR by the noise of the rendering."""
 
     stage: str
     name: str
     value: float
     seconds: float
     chosen: bool = False
+    error: float = 0.0
 
     @property
     def better(self) -> float:
@@ -128,7 +130,7 @@ def restore_points(
         rivals.append((name, checkpoint, checkpoint))
         if checkpoint.height is not None and _place(checkpoint) != default:
             rivals.append((f"Wiener, mask of {name}", checkpoint, None))
-    scores: dict[str, float] = {}
+    scores: dict[str, tuple[float, float]] = {}
     photos: dict[Path | None, tuple[Camera, Camera, Photo, PhotoNoise]] = {}
     seconds: dict[str, list[float]] = {name: [] for name, _, _ in rivals}
     for turn in range(repeats):
@@ -144,11 +146,18 @@ def restore_points(
                 found = _restored(view, *photos[where], network)
                 kept.put(key, found)
             seconds[name].append(found["seconds"])
-            scores[name] = found["psnr_db"]
+            scores[name] = (found["psnr_db"], found.get("psnr_db_se", math.nan))
     chosen = {name for name, _, network in rivals if network and _place(network) == default}
     chosen = chosen or {"Wiener"}
     return [
-        Point("restore", name, scores[name], statistics.median(seconds[name]), name in chosen)
+        Point(
+            "restore",
+            name,
+            scores[name][0],
+            statistics.median(seconds[name]),
+            name in chosen,
+            scores[name][1],
+        )
         for name, _, _ in rivals
     ]
 
@@ -209,7 +218,8 @@ def _restored(
     seconds = time.perf_counter() - started
     left = truth.restored_noise(photo.image, restored, restores)
     image, ideal, known = truth.compared(restored, left)
-    return {"seconds": seconds, "psnr_db": image_psnr(image, ideal, noise=known)}
+    level, error = level_and_error(image, ideal, known)
+    return {"seconds": seconds, "psnr_db": level, "psnr_db_se": error}
 
 
 def front(points: Sequence[Point]) -> list[Point]:
@@ -229,12 +239,14 @@ def figures(points: Sequence[Point]) -> dict[str, float]:
         what = "render_noise.render" if point.stage == "render" else "psnr_db.restore"
         found[f"{what}.{name}"] = point.value
         found[f"seconds.{point.stage}.{name}"] = point.seconds
+        if point.stage == "restore":
+            found[f"psnr_db_se.restore.{name}"] = point.error
     return found
 
 
 def write_table(path: Path, points: Sequence[Point]) -> Path:
     """All points as CSV."""
-    header = ("stage", "name", "render_noise", "psnr_db", "seconds", "chosen")
+    header = ("stage", "name", "render_noise", "psnr_db", "seconds", "chosen", "psnr_db_se")
     rows = (
         (
             point.stage,
@@ -243,6 +255,7 @@ def write_table(path: Path, points: Sequence[Point]) -> Path:
             point.value if point.stage == "restore" else "",
             point.seconds,
             int(point.chosen),
+            point.error if point.stage == "restore" else "",
         )
         for point in points
     )

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..core.images import srgb_encode
+from ..restore.scores import Noise, TruthNoise
 from .model import DepthRange
 
 ENOUGH = 0.01  # a depth range counts as present from this fraction of the pixels on
@@ -29,6 +30,10 @@ class Detail:
     def cut(self, image: Tensor) -> Tensor:
         """The square out of an image [..., y, x]."""
         return image[..., self.y : self.y + self.size, self.x : self.x + self.size]
+
+    def cut_noise(self, noise: TruthNoise) -> TruthNoise:
+        """The square out of what an image is scored without."""
+        return Noise(self.cut(noise.truth), self.cut(noise.image)) if isinstance(noise, Noise) else noise
 
 
 def choose_crops(

@@ -69,6 +69,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         wiener=result.wiener,
         inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
         scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
+        noises=result.noises,
         psfs=Psfs(result.psfs[shown].flip(0), depths_m, camera.pixel * 1e6),
         height_m=height,
         mask_width_m=width,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from torch import Tensor
 
-from ..restore.scores import DepthScore, Score
+from ..restore.scores import DepthScore, Score, TruthNoise
 from .plot import Plot
 from .words import depth_range
 
@@ -86,7 +86,7 @@ class RunReport:
         else restored; the last three may be missing
     inverse_depth: [y, x] in 1/m; 0 is infinity
     scores: by image, under the image's name (`photo`, `restored`, `wiener`, `lens_alone`), in the order of
-        the table
+        the table; noises: what they are without, likewise
     psfs: of the camera, optional; height_m: [y, x] height map of the mask in metres, seen from the
         sensor, with mask_width_m the width that it covers, optional
     focus_m: distance in focus without a mask, marked in the figures
@@ -111,6 +111,7 @@ class RunReport:
     lens_alone: Tensor | None = None
     wiener: Tensor | None = None
     scores: Mapping[str, ImageScore] = field(default_factory=dict)
+    noises: Mapping[str, TruthNoise] = field(default_factory=dict)
     psfs: Psfs | None = None
     height_m: Tensor | None = None
     mask_width_m: float | None = None

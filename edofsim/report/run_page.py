@@ -203,7 +203,8 @@ def _crops(
         pictures = []
         for name, image in images.items():
             part = crop.cut(image)
-            note = "" if name == "ideal" else decibels(image_psnr(part, truth))
+            noise = crop.cut_noise(report.noises.get(name, "none"))
+            note = "" if name == "ideal" else decibels(image_psnr(part, truth, noise=noise))
             alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
             pictures.append(picture(part, report.label(name), alt, gain=gain, note=note))
         title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"

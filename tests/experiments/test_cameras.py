@@ -11,7 +11,8 @@ from torch import Tensor
 from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import cameras
-from edofsim.experiments.cameras import ANY, OWN, PHOTO, WIENER, Taker, asked_for, figures_of, takers
+from edofsim.experiments.camera_figures import ANY, OWN, PHOTO, WIENER, figures_of, table
+from edofsim.experiments.cameras import Taker, asked_for, takers
 from edofsim.experiments.failures import Failures
 from edofsim.experiments.planes import RANDOM
 from edofsim.experiments.protocols import LENS_ALONE
@@ -28,7 +29,11 @@ def test_gains_are_above_wiener_deconvolution_and_their_means_over_cameras() -> 
         "one": {RANDOM: {PHOTO: 20.0, WIENER: 24.0, ANY: 27.0}, "desk": {PHOTO: 18, WIENER: 20, ANY: 21}},
         "two": {RANDOM: {PHOTO: 22.0, WIENER: 23.0, ANY: 24.0}, "desk": {PHOTO: 19, WIENER: 20, ANY: 19.5}},
     }
-    figures = figures_of(scores)
+    errors = {"one.desk": {PHOTO: 0.01, ANY: 0.03}}
+    figures = figures_of(scores, errors)
+    assert figures["psnr_db_se.one.desk.any"] == 0.03
+    rows = table(scores, {"one": "first", "two": "second"}, errors).rows
+    assert [(row[0], row[-1]) for row in rows] == [("first", None), ("first", 0.03), *[("second", None)] * 2]
     assert figures["psnr_db.one.random.any"] == 27.0 and figures["psnr_db.two.desk.photo"] == 19
     assert figures["gain_db.one.random"] == 3.0 and figures["gain_db.two.desk"] == -0.5
     assert figures["gain_db.mean.random"] == 2.0 and figures["gain_db.mean.deep"] == 0.25

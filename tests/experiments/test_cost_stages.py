@@ -106,13 +106,15 @@ def test_all_stages_are_drawn_and_written(tmp_path: Path):
         Point("render", "8 samples", 0.35, 2.0, True),
         Point("restore", "Wiener", 24.0, 0.5),
         Point("restore", "slow", 23.0, 0.8),
-        Point("restore", "good", 28.0, 1.0, True),
+        Point("restore", "good", 28.0, 1.0, True, 0.02),
     ]
     assert [point.name for point in front(points[2:])] == ["Wiener", "good"]
     found = cost_stages.figures(points)
     assert found["render_noise.render.8_samples"] == 0.35 and found["psnr_db.restore.good"] == 28.0
+    assert found["psnr_db_se.restore.good"] == 0.02 and "psnr_db_se.render.8_samples" not in found
     lines = list(csv.DictReader(cost_stages.write_table(tmp_path / "stages.csv", points).open()))
     assert [line["chosen"] for line in lines] == ["0", "1", "0", "0", "1"]
+    assert [line["psnr_db_se"] for line in lines][1::3] == ["", "0.02"]
     rows = [
         cost.Measured(cost.Case("30 dB", "target", Fidelity(), 30.0, 31.0, 0.1), 32.0, 0.1),
         cost.Measured(cost.Case("chosen", "chosen", Fidelity(), 50.0, 51.0, 0.2), 52.0, 0.2),

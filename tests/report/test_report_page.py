@@ -34,7 +34,7 @@ from edofsim.report import (
     write_page,
     write_report,
 )
-from edofsim.restore.scores import DepthScore, Score, score_by_depth
+from edofsim.restore.scores import DepthScore, Noise, Score, score_by_depth
 
 VOID = {"meta", "img", "input", "source", "br", "link"}
 
@@ -265,6 +265,25 @@ def test_smallest_report_of_any_size(tmp_path, depth, shape):
     assert read.open == []
     assert "Scene: " in read.words and "Farthest" not in read.words
     assert verdict(made) == ""
+
+
+def test_enlarged_parts_are_scored_without_the_noise_of_the_rendering():
+    """A grey image, 20 dB off, whose truth has noise of 20 dB: without it, 20 dB in every square, not 17."""
+    grey = torch.full((3, 90, 90), 0.5)
+    noise, half = (0.1 * torch.randn(3, 90, 90, generator=torch.Generator().manual_seed(n)) for n in (1, 2))
+    made = report(90, 90, ideal=grey + noise, photo=grey + 0.1, restored=None, lens_alone=None)
+    found = []
+    for noises in ({}, {"photo": Noise(half, torch.zeros_like(half))}):
+        galleries = [
+            block
+            for section in report_page(replace(made, noises=noises)).sections
+            for block in section.blocks
+            if isinstance(block, Gallery) and block.pixels
+        ]
+        notes = [each.note for gallery in galleries for each in gallery.pictures if each.note]
+        found.append([float(note.split("\u00a0")[0]) for note in notes])
+    assert found[0] and found[0] == pytest.approx([17.0] * len(found[0]), abs=0.3)
+    assert found[1] == pytest.approx([20.0] * len(found[1]), abs=0.5)
 
 
 def test_verdict_tells_losses_too():

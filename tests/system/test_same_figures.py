@@ -12,7 +12,7 @@ from PIL import Image
 from skimage import data as pictures
 
 import edofsim as package
-from edofsim.experiments import cameras, cost_stages
+from edofsim.experiments import camera_figures, cameras, cost_stages
 from edofsim.experiments.failures import Failures
 from edofsim.experiments.restorations import ByWiener
 from edofsim.recipe import load_camera
@@ -124,8 +124,8 @@ def test_experiments_on_deep_scenes_agree_with_run(edofsim: Command, folder: Pat
     (taker,) = cameras.asked_for([str(folder / "clear.toml")])
     by = {cameras.WIENER: ByWiener()}
     judge = cameras.Judge(taker, by, Failures(), folder, 0, None)
-    found = judge.deep(str(folder / "cat.toml"))
-    figures = cameras.figures_of({"clear": {"cat": found}})
+    found = {what: level for what, (level, _) in judge.deep(str(folder / "cat.toml")).items()}
+    figures = camera_figures.figures_of({"clear": {"cat": found}})
     for rival in (*RIVALS, "restored"):
         other = {"restored": "wiener"}.get(rival, f"wiener.{rival}")
         other = "lens_alone" if rival == "lens_alone" else other
