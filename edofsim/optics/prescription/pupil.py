@@ -59,7 +59,7 @@ class Pupil:
         return rays, rays.path + longer, torch.stack(shut), stop
 
 
-def chief(held: Focused, tangents: Tensor, distance: float | None = None) -> Pupil:
+def chief_of(held: Focused, tangents: Tensor, distance: float | None = None) -> Pupil:
     """The pupil from places of tangents [field], not negative, as wide as seen from the axis; distance [mm]
     of the points before the entrance pupil, along the axis, None for what is in focus.
 
@@ -96,8 +96,8 @@ def _degrees(tangent: Tensor) -> str:
 
 @torch.no_grad()
 def pupil(held: Focused, tangents: Tensor, distance: float | None = None) -> Pupil:
-    """As `chief`, and where light gets through. Raises InputError where none does."""
-    whole, index = chief(held, tangents, distance), reference(held)
+    """As `chief_of`, and where light gets through. Raises InputError where none does."""
+    whole, index = chief_of(held, tangents, distance), reference(held)
     side = LOOK // 2
     y, x = torch.meshgrid(
         torch.linspace(-1, 1, LOOK, dtype=torch.float64),

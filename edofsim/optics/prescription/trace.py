@@ -29,6 +29,8 @@ REASONS = (
     "leave the glass before surface {} where it has no thickness left",
 )
 
+Shape = tuple[float | Tensor, float | Tensor, list[float] | list[Tensor], list[float] | list[Tensor]]
+
 
 @dataclass(frozen=True)
 class Rays:
@@ -113,21 +115,33 @@ def why_lost(lens: Stack, lost: Tensor) -> str:
     return REASONS[code // len(lens)].format(code % len(lens))
 
 
-def sag_and_slope(lens: Stack, number: int, squared: Tensor) -> tuple[Tensor, Tensor]:
+def _plain(values: Tensor) -> list[float] | list[Tensor]:
+    """Numbers as they are quickest: tensors only where gradients reach them."""
+    return list(values.unbind()) if values.requires_grad else values.tolist()
+
+
+def _shape(lens: Stack, number: int) -> Shape:
+    """Curvature, conic, even and odd aspheres of a surface."""
+    ends = slice(number, number + 1)
+    (c,), (k,) = _plain(lens.curvature[ends]), _plain(lens.conic[ends])
+    return c, k, _plain(lens.even[number]), _plain(lens.odd[number])
+
+
+def sag_and_slope(shape: Shape, squared: Tensor) -> tuple[Tensor, Tensor]:
     """How far a surface lies behind its vertex at squared distances from the axis, and how fast that grows
-    with the distance, over the distance."""
-    c = lens.curvature[number]
-    root = torch.sqrt((1 - (1 + lens.conic[number]) * c * c * squared).clamp_min(TINY))
-    sag, slope = c * squared / (1 + root), c / root
-    even, steeper = _series(lens.even[number], squared, 2)
-    if not bool((lens.odd[number] != 0).any()):
-        return sag + even * squared, slope + steeper
-    radius = squared.clamp_min(TINY).sqrt()
-    odd, steep = _series(lens.odd[number], squared, 3)
-    return sag + (even + odd * radius) * squared, slope + steeper + steep * radius
+    with the distance, over the distance. shape: its curvature, conic, even and odd aspheres."""
+    c, k, even, odd = shape
+    root = torch.sqrt((1 - squared * ((1 + k) * c * c)).clamp_min(TINY))
+    sag, slope = squared * c / (1 + root), c / root
+    height, steep = _series(even, squared, 2)
+    if any(odd):
+        radius = squared.clamp_min(TINY).sqrt()
+        odd_height, odd_steep = _series(odd, squared, 3)
+        height, steep = height + odd_height * radius, steep + odd_steep * radius
+    return sag + height * squared, slope + steep
 
 
-def _series(factors: Tensor, squared: Tensor, first: int) -> tuple[Tensor, Tensor]:
+def _series(factors: list[float] | list[Tensor], squared: Tensor, first: int) -> tuple[Tensor, Tensor]:
     """sum f_i q^i, and the same of f_i (first + 2 i), by Horner's scheme."""
     total, steeper = torch.zeros_like(squared), torch.zeros_like(squared)
     for term in range(len(factors) - 1, -1, -1):
@@ -146,19 +160,19 @@ def _meet(
     """Way from the vertex plane to the surface, whether the ray meets it, where, and the normal of length 1
     there."""
     (x, y), (right, up, along) = place, direction
-    c, k = lens.curvature[number], lens.conic[number]
+    shape = c, k, even, odd = _shape(lens, number)
     foot = along - c * (right * x + up * y)
     left = c * (x.square() + y.square())
     root = foot.square() - c * (1 + k * along.square()) * left
     met = root > 0
     way = left / (foot + torch.sqrt(root.clamp_min(TINY)))
-    aspheric = bool((lens.even[number] != 0).any() | (lens.odd[number] != 0).any())
+    aspheric = any(even) or any(odd)
     if aspheric:
-        way, found = _newton(lens, number, place, direction, way, wanted & met)
+        way, found = _newton(shape, place, direction, way, wanted & met)
         met = met & found
     x, y, z = x + way * right, y + way * up, way * along
     if aspheric:
-        _, slope = sag_and_slope(lens, number, x.square() + y.square())
+        _, slope = sag_and_slope(shape, x.square() + y.square())
         normal = -slope * x, -slope * y, torch.ones_like(x)
     else:
         normal = -c * x, -c * y, 1 - c * (1 + k) * z
@@ -167,8 +181,7 @@ def _meet(
 
 
 def _newton(
-    lens: Stack,
-    number: int,
+    shape: Shape,
     place: tuple[Tensor, Tensor],
     direction: tuple[Tensor, Tensor, Tensor],
     way: Tensor,
@@ -177,11 +190,12 @@ def _newton(
     """Way to an aspheric surface, from that to its conic on, and whether it was found; steps go on for rays
     that are wanted, as long as theirs shrink."""
     (x, y), (right, up, along) = place, direction
+    squared, beside, across = x.square() + y.square(), x * right + y * up, right.square() + up.square()
 
     def step(way: Tensor) -> Tensor:
-        x_, y_ = x + way * right, y + way * up
-        sag, slope = sag_and_slope(lens, number, x_.square() + y_.square())
-        return (way * along - sag) / (along - slope * (x_ * right + y_ * up))
+        outwards = beside + way * across  # half of what the square of the distance grows by along the ray
+        sag, slope = sag_and_slope(shape, squared + way * (beside + outwards))
+        return (way * along - sag) / (along - slope * outwards)
 
     with torch.no_grad():
         known = way

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from .aim import Focused, on_sphere
 from .polynomials import REACH, basis, fit
-from .pupil import Pupil, chief, refuse_lost
+from .pupil import Pupil, chief_of, refuse_lost
 
 RINGS = 12
 OUTSIDE = 0.03
@@ -54,13 +54,9 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     held = seen.held
     index = held.lens.index(wavelengths)[:, None, :]
     zero = torch.zeros(len(wavelengths), 1, dtype=torch.float64)
-    chief = zero
-    for _ in range(2):  # by differences: through the stop's centre at each wavelength
-        stop = seen.through(index, zero.expand(-1, 2), torch.cat([chief, chief + 1e-4], -1))[3]
-        chief = chief - stop[1, :, :1] * 1e-4 / (stop[1, :, 1:] - stop[1, :, :1])
     rings = _rings()
     x, y = zero + rings[0] * seen.half[0], zero + seen.middle + rings[1] * seen.half[1]
-    rays, path, shut, stop = seen.through(index, torch.cat([zero, x], -1), torch.cat([chief, y], -1))
+    rays, path, shut, stop = seen.through(index, torch.cat([zero, x], -1), torch.cat([zero, y], -1))
     refuse_lost(held, rays.lost[:, 0], seen.tangent[:, 0].expand(len(wavelengths)))
     across, up, back = on_sphere(held, rays, seen.landing[:, 0])
     longer = path - back
@@ -81,6 +77,15 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     odd = fit(a, b, weight, stop[0].where(used, 0.0)[..., None], odd=True)
     left = (basis(a, b) @ even[..., :1] - quantities[..., :1])[..., 0].where(inside, 0.0)
     residual = torch.sqrt(left.square().sum(-1) / inside.sum(-1))
+    chief = -mid / size  # of the reference wavelength; the others' go through the stop's centre beside it
+    for _ in range(3):
+        at = basis(torch.zeros(2, 1, dtype=torch.float64), torch.stack([chief, chief + 1e-4]))
+        height, beyond = (at * even[..., 1]).sum(-1)
+        chief = chief - height * 1e-4 / (beyond - height)
+    here = basis(torch.zeros_like(chief), chief)
+    even = even.clone()
+    even[:, 0, 0] -= (here * even[..., 0]).sum(-1)  # the first term is constant
+    mid = -chief * size
     landing = (-seen.landing[:, 0]).expand(len(wavelengths))
     numbers = zip(landing.tolist(), mid.tolist(), size.tolist(), residual.tolist(), even, odd, strict=True)
     return [Wave(*each) for each in numbers]
@@ -89,7 +94,7 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
 def landings(held: Focused, tangents: Tensor) -> Tensor:
     """How far from the axis [mm] chief rays of tangents [field] land on the sensor, at the reference
     wavelength. Raises InputError where there is no such ray."""
-    return -chief(held, tangents).landing[:, 0]
+    return -chief_of(held, tangents).landing[:, 0]
 
 
 def _rings() -> Tensor:
