@@ -249,17 +249,22 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
     return min(across, FULL_SUB_APERTURES) if across > 2 else 1
 
 
-def of_sub_apertures(fidelity: Fidelity, blur_spread: float = 0.0) -> Fidelity:
+def of_sub_apertures(fidelity: Fidelity, camera: Camera, span: float) -> Fidelity:
     """How that which sub-apertures change in a photo is simulated: in one group of bands a channel and few
     layers, whatever the photo itself has. It is a small part of the photo, and costs a composite each. In
-    coarse pixels it has fewer layers and wavelengths, too. Their pupil may be sampled as coarsely as may be,
+    coarse pixels it has fewer layers and wavelengths, too, but for a mask that is wrapped as it is made: its
+    blur is another one a few nanometres on. Their pupil may be sampled as coarsely as may be,
     where recipe and fidelity leave it free: a fine one is for the light that a height map scatters far, next
-    to nothing of the change. blur_spread: change of the blur's diameter over all depths, in pixels."""
+    to nothing of the change. span: of all inverse depths, 1/m."""
     coarse = fidelity.sub_aperture_pixel > 1
     least = COARSE_LAYERS if coarse else SUB_APERTURE_LAYERS
-    most = max(least, min(1 + math.ceil(blur_spread / SUB_APERTURE_STEP_PX), MOST_SUB_APERTURE_LAYERS))
+    steps = math.ceil(span * blur_per_dioptre(camera) / SUB_APERTURE_STEP_PX)
+    most = max(least, min(1 + steps, MOST_SUB_APERTURE_LAYERS))
     layers = most if fidelity.layers is None else min(fidelity.layers, most)
-    return replace(fidelity, band_groups=1, group_wavelengths=1 if coarse else 2, layers=layers)
+    made = camera.recipe.fabrication if fidelity.fabrication else None
+    wrapped = made is not None and made.wrap_wavelength_nm is not None
+    wavelengths = 1 if coarse and not wrapped else 2
+    return replace(fidelity, band_groups=1, group_wavelengths=wavelengths, layers=layers)
 
 
 def edge_pixels(view: View, gap: float) -> int:

@@ -150,8 +150,7 @@ def sub_aperture_imaging(
     """The optics that tell what sub-apertures change, as `of_sub_apertures` says; None for a single one."""
     if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
         return None
-    spread = float(axes.nodes[-1] - axes.nodes[0]) * blur_per_dioptre(camera)
-    coarse = of_sub_apertures(fidelity, spread)
+    coarse = of_sub_apertures(fidelity, camera, float(axes.nodes[-1] - axes.nodes[0]))
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
     through = kernels_of_sub_apertures(

@@ -17,7 +17,6 @@ from torch import Tensor
 from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
 from ..capture.layers import BLOCK_PIXELS
 from ..capture.light import SMALLER
-from ..capture.prepare import blur_per_dioptre
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
@@ -103,7 +102,7 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     waves = Waves(samples, (window * finest + 2) / 2, relief, colours, between)
     how = (fidelity.occlusion, window, layers, groups)
     blur, largest = shape.counted.get(("blur", *how), lambda: _blur_of(shape, *how))
-    coarse = of_sub_apertures(fidelity, abs(shape.ends[1] - shape.ends[0]) * blur_per_dioptre(camera))
+    coarse = of_sub_apertures(fidelity, camera, abs(shape.ends[1] - shape.ends[0]))
     few = min(layers, coarse.layers or layers)
     of_parts = (fidelity.occlusion, fidelity.sub_apertures, fidelity.sub_aperture_pixel)
     parts, held = shape.counted.get(

@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 import torch
 
+import edofsim
 from edofsim.capture.convolution import Grid
 from edofsim.capture.fidelity import SUB_APERTURE_STEP_PX, Fidelity, of_sub_apertures
 from edofsim.capture.light import Light
 from edofsim.capture.occlusion import sub_apertures
 from edofsim.capture.occlusion.sub_apertures import Slab
+from edofsim.capture.prepare import blur_per_dioptre
 
 GRID = Grid(50, 60, 12, 16)
 FRAME = 26, 36
@@ -51,9 +53,20 @@ def test_small_slabs_take_small_transforms() -> None:
 def test_a_fast_lens_has_as_many_nodes_as_its_blur_asks_for():
     """Nine and thirteen for the paper's camera; no step of more than eight pixels of blur, up to a limit."""
     fine, coarse = Fidelity(sub_apertures=6), Fidelity(sub_apertures=6, sub_aperture_pixel=2)
-    paper, fast, widest = 61.0, 176.0, 700.0
-    assert [of_sub_apertures(each, paper).layers for each in (fine, coarse)] == [13, 9]
-    assert [of_sub_apertures(each, fast).layers for each in (fine, coarse)] == [23, 23]
-    assert fast / 22 <= SUB_APERTURE_STEP_PX < fast / 21
-    assert of_sub_apertures(fine, widest).layers == 25
-    assert of_sub_apertures(fine.changed({"layers": 5}), fast).layers == 5
+    paper, widest = edofsim.camera("paper-clear"), edofsim.camera("lens-50mm-f2")
+    fast = edofsim.camera(focal_length=35e-3, f_number=4, pixel=3.45e-6, focus=1.0)
+    assert [of_sub_apertures(each, paper, 2.0).layers for each in (fine, coarse)] == [13, 9]
+    layers = of_sub_apertures(fine, fast, 1.9).layers
+    assert layers == of_sub_apertures(coarse, fast, 1.9).layers > 13
+    blur = 1.9 * blur_per_dioptre(fast)
+    assert blur / (layers - 1) <= SUB_APERTURE_STEP_PX < blur / (layers - 2)
+    assert of_sub_apertures(fine, widest, 2.0).layers == 25
+    assert of_sub_apertures(fine.changed({"layers": 5}), fast, 1.9).layers == 5
+
+
+def test_a_mask_that_is_wrapped_as_it_is_made_is_told_two_wavelengths_in_coarse_pixels():
+    coarse = Fidelity(sub_apertures=6, sub_aperture_pixel=2)
+    device = edofsim.camera("paper-device")
+    assert of_sub_apertures(coarse, device, 2.0).group_wavelengths == 2
+    assert of_sub_apertures(coarse.changed({"fabrication": False}), device, 2.0).group_wavelengths == 1
+    assert of_sub_apertures(coarse, edofsim.camera("paper-cubic"), 2.0).group_wavelengths == 1

@@ -298,7 +298,7 @@ def test_ours_is_the_photo_through_parts_of_the_pupil(view: View, monkeypatch: p
     by_name = {way.name: way for way in WAYS}
     ours, whole = (take(layered, by_name[name], System("lens_alone", CAMERA)) for name in (OURS, "hidden"))
     across = min(by_name[OURS].sub_apertures, full_fidelity(CAMERA, layered).sub_apertures)
-    monkeypatch.setattr("edofsim.capture.imaging.of_sub_apertures", lambda fidelity, _: fidelity)
+    monkeypatch.setattr("edofsim.capture.imaging.of_sub_apertures", lambda fidelity, *_: fidelity)
     slow, one = (
         capture(layered, CAMERA, Fidelity(sub_apertures=count, layers=41), exposure=ours.photo.exposure).clean
         for count in (across, 1)

@@ -465,7 +465,7 @@ def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in
         )
     )
     factor = capture(view, CAMERA, full).exposure
-    monkeypatch.setattr("edofsim.capture.imaging.of_sub_apertures", lambda fidelity, _: fidelity)
+    monkeypatch.setattr("edofsim.capture.imaging.of_sub_apertures", lambda fidelity, *_: fidelity)
     finest = [Fidelity(sub_apertures=n, layers=41) for n in (1, 3)]
     slow = [factor * capture(view, finely, each, exposure=1.0).clean for each in finest]
     change = slow[1] - slow[0]
