@@ -39,6 +39,7 @@ from .plan import (
     plan_photo,
     plan_scene,
     simpler_recipe,
+    with_predicted,
 )
 from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
@@ -161,7 +162,7 @@ def run(
         )
     taken, taken_alone = plan.fidelity.of_photo(), rival.fidelity.of_photo()
     with watch.stage("expose", 0.7, 0.82):
-        photo = capture(view, optics, taken, seed=seed, device=compute)
+        photo = with_predicted(capture(view, optics, taken, seed=seed, device=compute), plan)
     if compute == "cpu":
         learn_rates(plan.seconds, photo.seconds)
     with watch.stage("lens alone", 0.82, 0.92):

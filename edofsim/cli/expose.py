@@ -224,7 +224,7 @@ def _photographed(
     from ..capture.noise import photographed_noise
     from ..optics import Camera
     from ..pipeline import Stopwatch, planned_view
-    from ..plan import learn_rates, plan_figures
+    from ..plan import learn_rates, plan_figures, with_predicted
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
     from ..restore.scores import level_and_error, psnr
@@ -255,6 +255,8 @@ def _photographed(
         check_crop(view, where)
     with watch.stage("expose", 0.7, 0.8):
         photo = capture(view, optics, fidelity, seed=seed, device=compute)
+    if bands is None:
+        photo = with_predicted(photo, plan)
     if compute == "cpu" and bands is None:
         learn_rates(plan.seconds, photo.seconds)
     noise = photographed_noise(view, optics, fidelity, photo, compute)

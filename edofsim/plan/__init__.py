@@ -6,7 +6,7 @@ from .costs import Rendering
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
 from .facts import Facts, facts_of, through_mask_like
-from .figures import plan_figures
+from .figures import plan_figures, with_predicted
 from .overrule import checked_overrule, insisted_rendering
 from .photo import Planner, plan_photo, planner_of
 from .rates import learn as learn_rates
@@ -47,4 +47,5 @@ __all__ = [
     "simpler_recipe",
     "through_mask_like",
     "thumbnail",
+    "with_predicted",
 ]

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from ..capture.photo import Photo
 from .effect import Plan, decibels, overall
 
 
@@ -23,3 +28,16 @@ def plan_figures(plan: Plan, planning: float | None = None) -> dict[str, float]:
             found[f"psnr_db.without_{name}"] = decibels(overall(decision.error))
             found[f"plan.seconds.{name}"] = decision.seconds
     return found
+
+
+def with_predicted(photo: Photo, plan: Plan) -> Photo:
+    """The photo of a plan, which also says in `how`, and so in its file, what the plan predicts of it: the
+    PSNR against everything in full, and that by what each effect leaves out, in dB."""
+    if plan.replayed:
+        return photo
+    left = {each.effect: decibels(overall(each.left)) for each in plan.decisions if each.left}
+    said: Mapping[str, object] = {
+        "psnr_db": round(plan.error_db, 2) if math.isfinite(plan.error_db) else None,
+        "left_out_db": {name: round(db, 2) for name, db in left.items() if math.isfinite(db)},
+    }
+    return replace(photo, how={**photo.how, "predicted": said})

@@ -72,6 +72,9 @@ def test_what_a_run_wrote_gives_its_photo_again(edofsim: Command, card: Path, tm
     assert written["fidelity"]["layers"] == 3 and written["figures"]["plan.psnr_db"] < 80
     header = json.loads(openexr().File(str(first / "photo.exr")).header()["how"])
     assert header["fidelity"] == written["fidelity"]
+    assert header["predicted"]["psnr_db"] == pytest.approx(written["figures"]["plan.psnr_db"], abs=0.01)
+    left = header["predicted"]["left_out_db"]
+    assert left["bands"] == pytest.approx(written["figures"]["psnr_db.without_bands"], abs=0.01)
     status, said = edofsim("run", card, "--fidelity", tmp_path / "run.json", "--out", again)
     assert status == 0, said
     assert float((photo_of(first) - photo_of(again)).abs().max()) < 1e-6
