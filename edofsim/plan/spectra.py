@@ -377,12 +377,8 @@ class Spectra:
     @cached_property
     def _scale(self) -> Tensor:
         """Of tiles in a vector, [tile, 1, 1]."""
-        return (self.shares / self._sums(2)).sqrt().to(torch.float32)[:, None, None]
-
-    @property
-    def size(self) -> int:
-        """Entries of a channel of a vector."""
-        return self.inside.numel()
+        seen = self.shares.double() @ (self.inside * self.taper.square()).double().sum((1, 2))
+        return (self.shares / seen).sqrt().to(torch.float32)[:, None, None]
 
     @cached_property
     def taper(self) -> Tensor:
@@ -397,20 +393,6 @@ class Spectra:
         in_rows = (rows >= 0) & (rows < self.view.height)
         in_columns = (columns >= 0) & (columns < self.view.width)
         return (in_rows[:, :, None] & in_columns[:, None]).to(torch.float32)
-
-    def images(self, vector: Tensor) -> Tensor:
-        """A change given as a vector, under the window, 0 outside of the frame: [tile, channel, y, x]."""
-        return vector.unflatten(1, self.inside.shape).transpose(0, 1) / self._scale[:, None]
-
-    def mean(self, tiles: Tensor, seen: int = 0) -> float:
-        """Mean over the frame and channels from what is in tiles [tile, channel, y, x]; seen: how often under
-        the window."""
-        each = (tiles.mean(1) * self.inside).double().sum((1, 2))
-        return float(each @ self.shares.double()) / float(self._sums(seen))
-
-    def _sums(self, seen: int) -> Tensor:
-        """What `mean` is relative to."""
-        return self.shares.double() @ (self.inside * self.taper**seen).double().sum((1, 2))
 
 
 def spectra_of(
