@@ -499,6 +499,7 @@ OTHER = {
     "pupil_sampling_um": 9.0,
     "margin_px": 8,
     "samples": 16,
+    "field_step_px": 40,
     "bounces": 2,
     "simplifications": (),
 }
