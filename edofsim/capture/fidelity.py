@@ -107,7 +107,7 @@ class Fidelity:
         None,
         "field dependence",
         "px",
-        "between places of the frame with PSFs of their own, of a lens that varies; None: by `layers_db`",
+        "between places with PSFs of their own, of a lens that varies; None: by `layers_db`; 0: one place",
     )
     window_px: int | None = _knob(
         None, "PSF window", "px", "side of the PSFs, light beyond is veiling glare; None: the recipe's"
@@ -170,8 +170,8 @@ class Fidelity:
             )
         if self.sub_apertures < 1:
             problems.append(f"{self.sub_apertures} sub-apertures: give a whole number of at least 1")
-        if self.field_step_px is not None and self.field_step_px < 1:
-            problems.append(f"field_step_px = {self.field_step_px}: give a whole number of at least 1")
+        if self.field_step_px is not None and self.field_step_px < 0:
+            problems.append(f"field_step_px = {self.field_step_px}: give a whole number of at least 0")
         if not self.layers_db > 0:
             problems.append(f"layers_db = {self.layers_db}: give a positive number of decibels")
         if problems:

@@ -32,8 +32,9 @@ def frame_of(views: Sequence[View]) -> Frame:
 
 
 def field_step(camera: Camera, fidelity: Fidelity, frame: Frame, axes: Axes) -> int | None:
-    """Pixels between the places that PSFs are computed at; None for a lens that does not vary."""
-    if not camera.lens.varies:
+    """Pixels between the places that PSFs are computed at; None for one place: where a lens does not vary, or
+    no more are asked for."""
+    if not camera.lens.varies or fidelity.field_step_px == 0:
         return None
     if fidelity.field_step_px is not None:
         return fidelity.field_step_px

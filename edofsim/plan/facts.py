@@ -205,7 +205,7 @@ def facts_of(
     facts = Facts(
         view=view,
         camera=camera,
-        full=full_fidelity(camera, view, edges),
+        full=full_fidelity(camera, view, edges).changed(_of_one_place(camera)),
         edges=edges,
         response=response,
         spectrum=spectrum,
@@ -234,9 +234,15 @@ def through_mask_like(facts: Facts, camera: Camera) -> Facts:
     before, after = (each.recipe.model_dump(exclude=MASKED) for each in (facts.camera, camera))
     if before != after:
         raise ValueError("another camera in more than its mask")
-    full = full_fidelity(camera, facts.view, facts.edges).changed({"layers": facts.full.layers})
+    full = full_fidelity(camera, facts.view, facts.edges)
+    full = full.changed({"layers": facts.full.layers, **_of_one_place(camera)})
     shape = replace(facts.shape, counted=Once())  # the pupil's work is the mask's
     return replace(facts, camera=camera, full=full, shape=shape)
+
+
+def _of_one_place(camera: Camera) -> dict[str, object]:
+    """Effects are looked at with the PSFs of the axis; how many places a photo has is chosen apart."""
+    return {"field_step_px": 0} if camera.lens.varies else {}
 
 
 def _fingerprint(view: View) -> str:

@@ -115,8 +115,10 @@ class Planner:
     def _over_field(self, fidelity: Fidelity, asked: float) -> Fidelity:
         """With PSFs of their own at as many places as a photo of `asked` dB needs, for a lens that varies."""
         view, camera = self.facts.view, self.facts.camera
-        if not camera.lens.varies or not math.isfinite(asked):
+        if not camera.lens.varies:
             return fidelity
+        if not math.isfinite(asked):
+            return fidelity.changed({"field_step_px": None})
         ends = (float(view.inverse_depth.min()), float(view.inverse_depth.max()))
         step = step_for(camera, frame_of([view]), view.wavelengths, ends, asked + FIELD_SAFETY_DB)
         return fidelity.changed({"field_step_px": step})

@@ -18,6 +18,7 @@ from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.optics.field import Frame, places, relative_light, step_for
+from edofsim.plan import parse_target, plan_photo
 from edofsim.recipe import CameraRecipe
 from edofsim.render.view import View
 from edofsim.restore import restore
@@ -197,6 +198,15 @@ def test_a_batch_looks_one_way(corner: tuple[View, Camera]):
     view, seen_by = corner
     with pytest.raises(InputError, match="one by one"):
         capture([view, replace(view, axis=(0.0, 0.0))], seen_by, Fidelity(field_step_px=64))
+
+
+def test_plans_have_as_many_places_as_the_target_asks_for(corner: tuple[View, Camera]):
+    view, seen_by = corner
+    plans = [plan_photo(view, seen_by, None, parse_target(asked, None)) for asked in ("40dB", "60dB", "full")]
+    steps = [plan.fidelity.field_step_px for plan in plans]
+    assert steps[0] > steps[1] > 0 and steps[2] is None
+    photo, finest = (capture(view, seen_by, each).clean for each in (plans[0].fidelity, plans[2].fidelity))
+    assert db(photo - finest) > 40
 
 
 def test_each_place_is_restored_by_its_own_psfs():
