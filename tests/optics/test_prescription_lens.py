@@ -13,8 +13,10 @@ from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.lenses.achromat import AchromatLens
 from edofsim.optics.lenses.prescription import PrescriptionLens, _held, _wave
 from edofsim.optics.prescription.aim import chief_planes, launch, on_sphere
-from edofsim.optics.prescription.outline import light
+from edofsim.optics.prescription.outline import delay, light, opening
+from edofsim.optics.prescription.pupil import pupil
 from edofsim.optics.prescription.trace import trace
+from edofsim.optics.prescription.waves import waves
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import load_camera
 
@@ -298,6 +300,39 @@ def test_defocus_counts_more_off_the_axis():
     across, along = lens_of(thin, f_number=20.0).field_defocus((0.0, 0.2))
     cosine = math.cos(math.atan(0.2))
     assert (across, along) == pytest.approx((1 / cosine, 1 / cosine**3), rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    "name, tangent", [(SHIPPED[0], 0.1), (SHIPPED[1], 0.16), (SHIPPED[1], 0.23), (SHIPPED[2], 0.4)]
+)
+def test_the_parabola_is_what_a_change_of_distance_does(name, tangent):
+    """The wave of points nearer or farther than those in focus, less that of these and the thin lens's
+    parabola: lambda/200 on the axis, lambda/10 off it at the most, of up to five waves; less by
+    `field_defocus`."""
+    lens = shipped(name)
+    held = _held(lens)
+    wavelength = torch.tensor([GREEN], dtype=torch.float64)
+    left = {}
+    for place in (0.0, tangent):
+        at = torch.tensor([place], dtype=torch.float64)
+        focused = _wave(lens, place, GREEN)
+        factors = lens.field_defocus((0.0, place))
+        axis = torch.linspace(-1, 1, 41, dtype=torch.float64) * focused.half
+        s, t = axis[None, :], (axis + focused.middle)[:, None]
+        for distance in (math.inf, 2 * held.distance, held.distance / 2):
+            other = waves(pupil(held, at, distance), wavelength)[0]
+            inside = (opening(focused, s, t, math.pi / 2) > 0.5) & (opening(other, s, t, math.pi / 2) > 0.5)
+            change = delay(other, s, t, math.pi / 2) - delay(focused, s, t, math.pi / 2)
+            vergence = (1 / distance - 1 / held.distance) / 2
+            for kind, (across, along) in (("parabola", (1.0, 1.0)), ("factors", factors)):
+                rest = (change - vergence * (across * s.square() + along * t.square()))[inside]
+                terms = torch.stack([torch.ones_like(rest), t.expand_as(inside)[inside]], -1)
+                rest = rest - (terms @ torch.linalg.lstsq(terms, rest[:, None]).solution)[:, 0]
+                found = float(rest.square().mean().sqrt()) / (GREEN * 1e3)
+                left[place, kind] = max(left.get((place, kind), 0.0), found)
+    assert left[0.0, "parabola"] < 0.005
+    assert left[tangent, "parabola"] < 0.1
+    assert left[tangent, "factors"] < 0.8 * left[tangent, "parabola"]
 
 
 @pytest.mark.parametrize("name", SHIPPED)
