@@ -1,4 +1,4 @@
-"""Photos as `run` takes them, each by its own plan, against converged ones: a camera and four scenes a case.
+"""Photos by their own plans, as commands take them, against converged ones: a camera and four scenes a case.
 
 A promise of decibels holds for any camera, and for the lens alone as well as through the mask: six hundred
 depth layers, all bands, the recipe's window and pupil, and 6 x 6 sub-apertures in full are what it is held
@@ -19,7 +19,7 @@ from edofsim.capture import capture, full_fidelity
 from edofsim.capture.crop import crop
 from edofsim.capture.framing import framed, seen_through
 from edofsim.optics import Camera
-from edofsim.plan import Plan, facts_of, plan_alone, plan_photo
+from edofsim.plan import RESTORED, Plan, Target, facts_of, plan_alone, plan_photo
 from edofsim.recipe import CameraRecipe, load_camera, load_scene
 from edofsim.render import render
 from edofsim.render.view import View
@@ -40,12 +40,13 @@ CUBIC = {"kind": "cubic", "alpha_rad": 60.0}
 class Taker:
     """A camera with a mask; None in its place where that of another case has the same lens, which is then not
     judged alone once more. within: inverse depths [1/m] that scenes are moved and squeezed into, where lenses
-    are so fast that a pupil for all depths would take minutes a PSF."""
+    are so fast that a pupil for all depths would take minutes a PSF. target: what is asked for."""
 
     make: Callable[[], Camera]
     masked: bool = True
     alone: bool = True
     within: tuple[float, float] | None = None
+    target: Target = Target()
 
 
 def shipped(name: str, mask: Mapping[str, object] | None = None) -> Camera:
@@ -124,13 +125,13 @@ def photos(taker: Taker, scenes: tuple[str, ...]) -> Iterator[tuple[str, float, 
         view = view_of(scene, camera, taker.within)
         begun = time.process_time()
         facts = facts_of(view, camera)
-        plan = plan_photo(view, camera, every_effect=False, facts=facts)
+        plan = plan_photo(view, camera, None, taker.target, every_effect=False, facts=facts)
         if taker.masked:
             found = reached(view, camera, plan)
             yield f"{scene}, masked", _asked(plan), found, plan.fidelity.layers, time.process_time() - begun
         if taker.alone:
             begun = time.process_time()
-            bare = plan_alone(plan, facts, alone) if taker.masked else plan
+            bare = plan_alone(plan, facts, alone, None, taker.target) if taker.masked else plan
             found = reached(view, alone, bare)
             yield f"{scene}, alone", _asked(bare), found, bare.fidelity.layers, time.process_time() - begun
 
@@ -158,7 +159,7 @@ def _case(name: str, taker: Taker, scenes: tuple[str, ...] = SCENES) -> Case:
 
 
 CASES: tuple[Case, ...] = (
-    _case(QUICK, Taker(lambda: ideal(35, 4, 3.45, 1.0, 64)), (PICTURE,)),
+    _case(QUICK, Taker(lambda: ideal(35, 4, 3.45, 1.0, 64), target=RESTORED), (PICTURE,)),
     *(_case(f"{name} as promised", taker) for name, taker in CAMERAS.items()),
 )
 SLOW = {case.name for case in CASES[1:]}
