@@ -246,6 +246,21 @@ def test_rims_shut_the_pupil_to_a_sliver_and_then_all_of_it():
         lens.field_open(*cells(lens, 66)[1:], (0.0, high + 0.05))
 
 
+def test_the_double_gauss_vignettes_where_it_is_wide():
+    """Its clear radii are those of f/1.35; at f/4, none is in the way."""
+    lens = shipped("double-gauss-50mm-f4")
+    bare = tuple(each.model_copy(update={"clear_radius_mm": None}) for each in lens.surfaces)
+    kept = []
+    for f_number in (4.0, 2.0, 1.4):
+        wide = lens.model_copy(update={"f_number": f_number})
+        areas = [
+            light(_wave(each, 0.3, GREEN)) for each in (wide, wide.model_copy(update={"surfaces": bare}))
+        ]
+        kept.append(areas[0] / areas[1])
+    assert kept[0] == pytest.approx(1, abs=1e-6)
+    assert kept[2] < 0.5 < kept[1] < 0.8
+
+
 def test_a_lens_scales_with_its_focal_length():
     """Lengths, aspheres and clear radii among them: the wave is twice as long, at places twice as far out."""
     lens = shipped("aspheres-5mm-f3").model_copy(update={"traced_at_m": None})
