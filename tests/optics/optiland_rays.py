@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import json
 import warnings
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 warnings.simplefilter("ignore")
-
-from optiland.samples import objectives, simple  # noqa: E402
-from optiland.wavefront import Wavefront  # noqa: E402
+objectives, simple = (import_module(f"optiland.samples.{name}") for name in ("objectives", "simple"))
+Wavefront = import_module("optiland.wavefront").Wavefront
 
 LENSES = {
     "Cooke triplet": objectives.CookeTriplet,
