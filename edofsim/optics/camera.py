@@ -58,6 +58,7 @@ class Camera:
         """
         lens = recipe.lens
         assert isinstance(lens, Lens)  # what the registry holds
+        lens = lens.focused_at(recipe.focus.distance_m, recipe.focus.wavelength_nm * 1e-9)
         problems = lens.problems()
         distance = math.nan if problems else _sensor_distance(recipe, lens, problems)
         relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material

@@ -45,7 +45,7 @@ def lens_of(surfaces=COOKE, **keys) -> PrescriptionLens:
 
 
 def shipped(name: str) -> PrescriptionLens:
-    lens = load_camera(name).recipe.lens
+    lens = Camera.from_recipe(load_camera(name).recipe).lens
     assert isinstance(lens, PrescriptionLens)
     return lens
 
@@ -422,3 +422,14 @@ def test_chief_rays_land_where_optiland_has_them():
     assert float(landed[2]) / math.tan(math.radians(20)) == pytest.approx(
         18.211100 / 49.999783 / math.tan(math.radians(20)), rel=5e-5
     )
+
+
+def test_rays_are_traced_from_where_the_camera_is_focused():
+    """Unless the recipe says from where."""
+    loaded = load_camera("doublet-25mm-f6")
+    camera = Camera.from_recipe(loaded.recipe)
+    assert camera.lens.traced_at_m == loaded.recipe.focus.distance_m == 2.0
+    assert camera.lens.traced_at_nm == pytest.approx(loaded.recipe.focus.wavelength_nm)
+    lens = loaded.recipe.lens.model_dump() | {"traced_at_m": 0.7}
+    given = CameraRecipe.model_validate(loaded.recipe.model_dump() | {"lens": lens})
+    assert Camera.from_recipe(given).lens.traced_at_m == 0.7

@@ -76,6 +76,11 @@ class Lens(KindModel):
         """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""
         return 1.0
 
+    def focused_at(self, distance: float, wavelength: float) -> Lens:
+        """The same lens as it is when the camera is focused at a distance [m], at a wavelength [m]: where
+        that changes what it adds to its parabola."""
+        return self
+
     def problems(self) -> list[str]:
         """Why there can be no such lens; each a sentence that names the key of the recipe."""
         return []

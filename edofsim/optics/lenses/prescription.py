@@ -37,7 +37,7 @@ class PrescriptionLens(Lens):
     place in the field. Its aperture is `f_number`, or the `clear_radius_mm` of the surface that is the stop.
     Surfaces with a `clear_radius_mm` shut parts of the pupil from outer places.
 
-    Wherever the camera is focused, aberrations are those of rays from `traced_at_m`.
+    Aberrations are those of rays from `traced_at_m`, or from where the camera is focused.
     """
 
     kind: Literal["prescription"]
@@ -50,9 +50,9 @@ class PrescriptionLens(Lens):
     f_number: Positive | None = None
     """focal length over the diameter of the parallel light that the stop lets through on the axis"""
     traced_at_m: Positive | None = None
-    """distance before the entrance pupil that rays are traced from, m; left out, infinity"""
+    """distance before the entrance pupil that rays are traced from, m; left out, that of the focus"""
     traced_at_nm: Positive = 587.6
-    """wavelength of the focal length, the f-number and the chief rays, nm"""
+    """wavelength of the focal length, the f-number and the chief rays, nm; left out, that of the focus"""
 
     @property
     def aperture_radius(self) -> float:
@@ -135,8 +135,13 @@ class PrescriptionLens(Lens):
 
     def focused_at(self, distance: float, wavelength: float) -> PrescriptionLens:
         """The same lens with its aberrations at a distance [m] before the entrance pupil, and at a wavelength
-        [m]."""
-        return self.model_copy(update={"traced_at_m": distance, "traced_at_nm": wavelength * 1e9})
+        [m], but for what its recipe says of either."""
+        focus = {
+            "traced_at_m": distance if math.isfinite(distance) else None,
+            "traced_at_nm": wavelength * 1e9,
+        }
+        left_open = {key: value for key, value in focus.items() if key not in self.model_fields_set}
+        return self.model_copy(update=left_open)
 
     def wrong_numbers(self) -> list[str]:
         """Of `problems`, those that keep rays from being traced at all."""
