@@ -142,6 +142,11 @@ def measure(
         whole = [job for job in jobs if described(job.condition.fabrication) == fabrication]
         wanted = sorted({job.inverse_depth for job in whole})
         camera = made(system.camera, part[0].condition.fabrication)
+        if camera.lens.varies:
+            raise InputError(
+                f"pictures as planes are photographed with one PSF for the frame, and that of {system.name}"
+                " varies over it: take views with depth (edofsim run, edofsim evaluate scene3d)"
+            )
         _check_sizes(system, part, camera.recipe.psf.window_px)
         bank = psf_bank(camera, PAPER_COLOURS, wanted)
         for job in part:

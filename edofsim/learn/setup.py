@@ -73,6 +73,11 @@ def prepare(
     camera, base = _camera(recipe, loaded.base)
     mask, sampling, relief = build_mask(recipe, camera, base)
     optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
+    if optics.camera.lens.varies:
+        raise InputError(
+            f"trainings have one PSF for the whole frame, and that of the lens {camera.lens.kind!r} varies"
+            ' over it: train for a lens that does not, such as "ideal" or "achromat"'
+        )
     with torch.no_grad():
         designed = optics.with_height(mask.to(workers.device)())
     training_data = gather(recipe, designed, loaded.base, data, cache, progress)
