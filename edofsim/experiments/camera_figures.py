@@ -43,15 +43,15 @@ def figures_of(
             for what in restored_in(values):
                 figures |= gain_figures(gains(values, what), f"{place}.{what}")
             if (first := first_of(values)) is not None and WIENER in values:
-                gain = figures[f"gain_db.{place}"] = values[first] - values[WIENER]
-                above[RANDOM if condition == RANDOM else "deep"].append(gain)
+                above[RANDOM if condition == RANDOM else "deep"].append(values[first] - values[WIENER])
                 if OWN in values and first != OWN:
                     figures[f"gap_db.{place}"] = values[OWN] - values[first]
     for name, values in above.items():
         if values:
-            figures[f"gain_db.mean.{name}"] = sum(values) / len(values)
+            figures[f"gain_db.mean.{name}.over_wiener"] = sum(values) / len(values)
     if together := [value for values in above.values() for value in values]:
-        figures |= {"gain_db.mean": sum(together) / len(together), "gain_db.least": min(together)}
+        figures["gain_db.mean.over_wiener"] = sum(together) / len(together)
+        figures["gain_db.least.over_wiener"] = min(together)
     gaps = [value for name, value in figures.items() if name.startswith("gap_db.")]
     return {**figures, **({"gap_db.greatest": max(gaps)} if gaps else {})}
 

@@ -174,10 +174,10 @@ def run(
 
     Figures: psnr_db.CAMERA.{random,SCENE}.IMAGE with IMAGE one of {photo,lens_alone,wiener,any,own,SYSTEM},
     psnr_db_se.CAMERA.SCENE.IMAGE (standard errors by the noise of the rendering),
-    gain_db.CAMERA.{random,SCENE} (of the first system over Wiener deconvolution), gain_db.{mean,least},
-    gain_db.mean.{random,deep}; gain_db.CAMERA.{random,SCENE}.IMAGE.over_{photo,lens_alone,wiener} of what is
-    restored; any: the first network for any camera; own, where something was trained for the camera, and
-    gap_db.CAMERA.{random,SCENE}, by which that is better; gap_db.greatest; pictures, left_out.
+    gain_db.CAMERA.{random,SCENE}.IMAGE.over_{photo,lens_alone,wiener} of what is restored,
+    gain_db.{mean,mean.random,mean.deep,least}.over_wiener of the first system; any: the first network for any
+    camera; own, where something was trained for the camera, and gap_db.CAMERA.{random,SCENE}, by which that
+    is better; gap_db.greatest; pictures, left_out.
     """
     found = photographs(data, limit)
     failures = Failures()

@@ -144,7 +144,7 @@ def run(
     Figures, SCENE also `mean`: {psnr_db,ssim,light_error}.SCENE.WAY.IMAGE, {psnr_db,ssim}_se.* (standard
     errors by the noise of the rendering), with IMAGE one of
     {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, and NETWORK.lens_alone where there are several lenses;
-    gain_db.SCENE.WAY.NETWORK (over the lens alone), and with .over_{photo,lens_alone,wiener};
+    gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener};
     converged_db.{SCENE,least}.WAY.{lens_alone,NETWORK.photo}: PSNR between the photo and that of twice as
     many depth layers; scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the
     worst channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).

@@ -98,8 +98,8 @@ class SceneScores:
 
 
 def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
-    """Flat: psnr_db, ssim, light_error, psnr_db_se and ssim_se .SCENE.WAY.IMAGE, gain_db.SCENE.WAY.NETWORK
-    (over the lens alone), also with .over_photo, .over_lens_alone and .over_wiener,
+    """Flat: psnr_db, ssim, light_error, psnr_db_se and ssim_se .SCENE.WAY.IMAGE,
+    gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener},
     converged_db.SCENE.WAY.IMAGE of photos; SCENE also `mean`, and `least` of converged_db. IMAGE is
     lens_alone (of the first lens), NETWORK, NETWORK.photo, NETWORK.wiener, and where there are several lenses
     NETWORK.lens_alone. networks: names of the systems."""
@@ -130,8 +130,6 @@ def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
                 name = f"{way.name}.{network}.over_{rival}"
                 values = {scene: each.get(rival, math.nan) for scene, each in every.items()}
                 found |= _with_mean(values, lambda scene, n=name: f"gain_db.{scene}.{n}")
-            alone = {m.scene: m.gain(way.name, network) for m in outcome.measured}
-            found |= _with_mean(alone, lambda scene, n=f"{way.name}.{network}": f"gain_db.{scene}.{n}")
     found["scenes"] = float(len(outcome.measured))
     found["scenes.failed"] = float(len(outcome.failed))
     return found
