@@ -19,7 +19,8 @@ from ..core.words import counted
 from ..errors import InputError
 from . import solids
 from .mesh_colours import Paint, paint_of
-from .mesh_obj import absolute_indices, not_convex
+from .mesh_obj import absolute_indices
+from .mesh_polygons import not_convex_of_obj, not_convex_of_ply, read_off
 from .model import TriangleMesh
 
 if TYPE_CHECKING:
@@ -68,7 +69,10 @@ def read_content(path: Path, what: str, smooth: bool = True, allow_outside: bool
     content = _as_utf8(path, path.read_bytes())
     if path.suffix.lower() == ".obj":
         content = absolute_indices(content)
-        _say(path, what, _of_obj(content))
+        _say(path, what, _bent(not_convex_of_obj(content)))
+    if path.suffix.lower() == ".off":
+        content, bent = read_off(content)
+        _say(path, what, _bent(bent))
     if path.suffix.lower() in (".glb", ".gltf"):
         _say(path, what, _of_gltf(path, content, what))
     parts = _parts(path, content, what, allow_outside)
@@ -119,6 +123,8 @@ def _parts(path: Path, content: bytes, what: str, allow_outside: bool) -> list[P
                 raise ValueError(f"it places {count} faces, more than {MOST_FACES}")
             _say(path, what, [f"{', '.join(missing)} is missing"] if missing else [])
             parts: list[Part] = []
+            raw = [mesh.metadata["_ply_raw"] for _, mesh in placed if "_ply_raw" in mesh.metadata]
+            _say(path, what, _bent(sum(map(not_convex_of_ply, raw))))
             for at, mesh in placed:
                 if len(mesh.faces) and mesh.visual is not None:
                     parts.append((mesh.copy(include_visual=False).apply_transform(at), mesh.visual))
@@ -143,9 +149,8 @@ def _say(path: Path, what: str, lost: list[str]) -> None:
         LOG.warning("%s: of %s %s", what, path.name, "; ".join(lost))
 
 
-def _of_obj(content: bytes) -> list[str]:
-    """What of an OBJ file is not as it says."""
-    bent = not_convex(content)
+def _bent(bent: int) -> list[str]:
+    """What is said of polygons that are not convex."""
     advice = "not convex, but cut into triangles as if convex: triangulate where it was made"
     return [f"{counted(bent, 'polygon')} {advice}"] if bent else []
 

@@ -73,21 +73,44 @@ def test_polygons_that_are_not_convex_are_counted(
 ):
     """Polygons of random corners on a circle are convex; one corner moved over the middle bends them."""
     draw = np.random.default_rng(seed)
-    lines, bent, count = [], 0, 0
+    lines, hollow, count = [], [], 0
     for _ in range(int(draw.integers(1, 6))):
         corners = int(draw.integers(4, 8))
         angle = (np.arange(corners) + draw.uniform(0, 0.3, corners)) * 2 * np.pi / corners
         circle = np.stack([np.cos(angle), np.sin(angle), np.full(corners, draw.uniform())], axis=1)
-        if draw.random() < 0.5:
+        hollow.append(draw.random() < 0.5)
+        if hollow[-1]:
             circle[draw.integers(corners), :2] *= -0.02 if corners > 4 else -0.4
-            bent += 1
         turn = np.linalg.qr(draw.normal(size=(3, 3)))[0]
         lines += [f"v {x} {y} {z}" for x, y, z in circle @ turn]
         lines.append("f " + " ".join(str(count + k + 1) for k in range(corners)))
         count += corners
     (tmp_path / "m.obj").write_text("\n".join(lines))
-    read_mesh(tmp_path / "m.obj", "mesh")
-    assert (f"{counted(bent, 'polygon')} not convex" in caplog.text) == (bent > 0)
+    vertices = [line[2:] for line in lines if line[0] == "v"]
+    faces = [[int(k) - 1 for k in line.split()[1:]] for line in lines if line[0] == "f"]
+    listed = [f"{len(face)} " + " ".join(map(str, face)) for face in faces]
+    body = "\n".join([*vertices, *listed]) + "\n"
+    (tmp_path / "m.off").write_text(f"OFF\n{len(vertices)} {len(faces)} 0\n{body}")
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    head = f"element vertex {len(vertices)}\n{axes}element face {len(faces)}\n"
+    head += "property list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "m.ply").write_text(f"ply\nformat ascii 1.0\n{head}{body}")
+    same = [face for face in faces if len(face) == len(faces[0])]
+    numbers = np.array([line.split() for line in vertices], "<f4").tobytes()
+    numbers += b"".join(bytes([len(face)]) + np.array(face, "<i4").tobytes() for face in same)
+    head = head.replace(f"face {len(faces)}", f"face {len(same)}")
+    (tmp_path / "b.ply").write_bytes(f"ply\nformat binary_little_endian 1.0\n{head}".encode() + numbers)
+    alike = sum(flag for flag, face in zip(hollow, faces, strict=True) if len(face) == len(faces[0]))
+    for name, bent in (
+        ("m.obj", sum(hollow)),
+        ("m.off", sum(hollow)),
+        ("m.ply", sum(hollow)),
+        ("b.ply", alike),
+    ):
+        caplog.clear()
+        read_mesh(tmp_path / name, "mesh")
+        assert (f"{counted(bent, 'polygon')} not convex" in caplog.text) == (bent > 0), name
+        assert ("not convex" in caplog.text) == (bent > 0), name
 
 
 def gltf(folder: Path, change: Callable[[dict], None]) -> Path:
