@@ -19,12 +19,12 @@ from edofsim.render.settings import samples_of_a_pass
 from edofsim.render.view import View
 
 RATES = {
-    "prepare": (1e-3,) + (1e-8,) * 5,
-    "psf": (2e-3, 9e-5, 1e-8, 7e-8, 1e-8, 1e-8, 3e-10, 1.5e-8, 1e-9),
-    "blur": (1e-3, 1e-4, 1e-4, 3e-10, 3e-9, 8e-9, 4e-8, 5e-8),
-    "sub_apertures": (2e-3, 4e-10, 2e-9, 4e-10, 4e-9),
-    "sensor": (1e-3,) + (1e-8,) * 4,
-    "pace": (9e-3,),
+    "prepare": {"calls": 1e-3, "moves": 3e-8, "elements": 1e-8},
+    "psf": {"calls": 9e-5, "elements": 2e-8, "products": 3e-10},
+    "blur": {"calls": 1e-4, "transforms": 3e-10, "elements": 3e-9, "moves": 4e-8},
+    "sub_apertures": {"calls": 2e-3, "products": 4e-10, "elements": 4e-9},
+    "sensor": {"elements": 2e-8},
+    "pace": {"calls": 1e-3, "products": 3e-3, "transforms": 1e-3, "elements": 1e-3, "moves": 1e-3},
 }
 
 
