@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..optics import Camera, psf_bank, response, response_curves, sub_aperture_psfs
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
-from ..optics.field import landing
+from ..optics.field import psfs_on_sensor
 from ..optics.psf import BETWEEN
 from .band_limit import BandLimit
 from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
@@ -73,14 +73,14 @@ def kernels_of(
     """The camera's PSFs at depth nodes: held in memory where they fit, or where gradients must pass them.
 
     field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
-    on the sensor (see `field.landing`); None: for what leaves its place in the scene."""
+    on the sensor (see `field.psfs_on_sensor`); None: for what leaves its place in the scene."""
 
     def compute(depths: Tensor) -> Tensor:
         def psfs(seen_by: Camera) -> Tensor:
             how = {"cache": cache, "dtype": dtype, "device": device}
             return psf_bank(seen_by, wavelengths, depths, window_px=window, **how).values
 
-        return psfs(camera) if field_step is None else landing(camera, field_step, psfs)
+        return psfs(camera) if field_step is None else psfs_on_sensor(camera, field_step, psfs)
 
     trained = camera.height_map is not None and camera.height_map.requires_grad
     size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8

@@ -122,7 +122,7 @@ def _light(lens: Lens, mask: Mask, field: Field) -> float:
     return float(light.sum()) * lens.illumination(field)
 
 
-def landing(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]) -> Tensor:
+def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]) -> Tensor:
     """What lands around the camera's place in the field, each pixel from the place that its light comes from.
 
     psfs: of a camera, [..., y, x]; step: tangent to the places on both sides, from whose PSFs it follows how
