@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from pydantic import ValidationError
 from torch import Tensor
 
 from .capture import Fidelity, Photo, capture, full_fidelity
@@ -27,6 +26,7 @@ from .optics import Camera, PsfBank, psf_bank
 from .plan import Plan, parse_target, plan_photo
 from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
+from .recipe.toml import validate
 from .render import render
 from .render.seen import as_looked_at, by_itself, told
 from .render.view import View
@@ -65,7 +65,7 @@ def camera(
     length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
     [m]. read_noise: standard deviation, full scale 1. full_well: electrons at full scale, for shot noise;
     bits: of the quantisation; bayer: the mosaic's first four pixels, such as `RGGB`. window: width of the
-    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha": 60}`; `file` in it
+    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file` in it
     is relative to the working folder. name: of the camera, in tables and reports. height: height map
     of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
     [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
@@ -110,11 +110,8 @@ def camera(
         made_of: dict[str, object] = {} if material is None else {"material": material}
         pitch_um = (across if pitch is None else pitch) * 1e6
         tables["mask"] = {"kind": "height-map", "pitch_um": pitch_um, **made_of}
-    try:
-        recipe = CameraRecipe.model_validate(_told(told, tables, name)) if tables or name else recipe
-    except ValidationError as error:
-        problems = (f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors())
-        raise InputError(dict.fromkeys(problems)) from None
+    if tables or name:
+        recipe = validate(CameraRecipe, _told(told, tables, name))
     if network is not None:
         return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
     made = Camera.from_recipe(recipe, base)
@@ -379,12 +376,11 @@ def _image(photo: object) -> Tensor:
     if isinstance(photo, np.ndarray) and photo.dtype.kind in "fiub":
         photo = torch.from_numpy(np.array(photo, np.float32))
     if not isinstance(photo, Tensor):
-        raise InputError(f"a photo is a Photo or a tensor [channel, y, x], not a {type(photo).__name__}")
-    if photo.ndim != 3 or not photo.is_floating_point():
+        raise InputError(f"a photo is a Photo or a tensor [3, y, x], not a {type(photo).__name__}")
+    if photo.ndim != 3 or len(photo) != 3 or not photo.is_floating_point():
         raise InputError(
-            f"a photo is one image [channel, y, x] of floats, not {list(photo.shape)}, {photo.dtype}: "
-            "restore "
-            "several one by one"
+            f"a photo is one image [3, y, x] of floats, not {list(photo.shape)}, {photo.dtype}: put the "
+            "channels first, and restore several one by one"
         )
     return photo
 

@@ -33,7 +33,8 @@ def check_name(path: Path) -> Path:
     file that is there already."""
     name = path.name.removesuffix(".toml")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
-        raise InputError(f"{name!r} cannot name a recipe: use letters, digits, _ and -, at most 64")
+        given = name or str(path)
+        raise InputError(f"{given!r} cannot name a recipe: use letters, digits, _ and -, at most 64")
     path = path.with_name(name + ".toml")
     if path.exists():
         other = f"{name}-2"

@@ -65,10 +65,12 @@ def read_toml(path: Path) -> tuple[Json, str]:
         raise InputError(f"{path}: holds a number that cannot be read ({error})") from None
 
 
-def validate(model: type[Model], data: Json, text: str, path: Path) -> Model:
-    """`data` as a `model`; raises InputError that lists every problem with its line in `text`."""
+def validate(model: type[Model], data: Json, text: str = "", path: Path | None = None) -> Model:
+    """`data` as a `model`; raises InputError that lists every problem with its line in `text`.
+
+    path: file that `data` was read from; None for values that were given in Python."""
     try:
-        return model.model_validate(data, context={"path": path})
+        return model.model_validate(data, context={"path": path} if path else None)
     except ValidationError as error:
         lines = line_numbers(text)
         found = error.errors()
@@ -130,11 +132,11 @@ def _by_value(found: list[ErrorDetails], data: Json) -> list[ErrorDetails]:
 
 
 def _sentence(
-    item: ErrorDetails, model: type[BaseModel], data: Json, lines: Mapping[Location, int], path: Path
+    item: ErrorDetails, model: type[BaseModel], data: Json, lines: Mapping[Location, int], path: Path | None
 ) -> str:
     location = _location_in_file(item["loc"], data)
     line = nearest_line(location, lines)
-    where = f"{path}{f', line {line}' if line else ''}: "
+    where = f"{path}{f', line {line}' if line else ''}: " if path else ""
     name = ".".join(str(part) for part in location) or "the file"
     message = item["msg"].removeprefix("Value error, ").removeprefix(_SHOULD_BE)
     tables = _tables_at(model, item["loc"][:-1], data)

@@ -34,6 +34,9 @@ def small() -> edofsim.View:
         (lambda: edofsim.restored("photo.png", edofsim.camera()), "read_image"),
         (lambda: edofsim.restored(torch.zeros(2, 3, 8, 8), edofsim.camera()), "one by one"),
         (lambda: edofsim.restored(3, edofsim.camera()), "not a int"),
+        (lambda: edofsim.restored(np.zeros((8, 8, 3)), edofsim.camera()), "channels first"),
+        (lambda: edofsim.camera(mask={"kind": "cubic", "alpha": 60}), "did you mean 'alpha_rad'?"),
+        (lambda: edofsim.camera(bits=99), "not 99 (bits of the converter"),
         (
             lambda: edofsim.restored(torch.zeros(3, 8, 8), edofsim.camera(), network=torch.nn.Identity()),
             "name a checkpoint",
