@@ -34,7 +34,8 @@ sharp = edofsim.restored(photo, camera)
 axes = edofsim.show(sharp, "restored")
 
 # %%
-# ``photo.save("photo.exr")`` keeps the photo as linear light, ``photo.save("photo.png")`` as a picture, and
+# ``photo.save("photo.exr")`` keeps the photo as linear light with all that belongs to it, for
+# ``edofsim.Photo.load``; ``photo.save("photo.png")`` keeps a picture, and
 # ``edofsim.save_image("sharp.png", sharp)`` does so for any image. On the command line all of this page is
 # one command, whose report also scores what came out:
 #

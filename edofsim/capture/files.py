@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from torch import Tensor
 
 from ..core.colours import read_colours
 from ..core.files import write_bytes
-from ..core.images import write_exr
+from ..core.images import openexr, read_exr, write_exr
 from ..core.notebook import picture_png
 from ..errors import InputError
 
@@ -21,15 +22,45 @@ if TYPE_CHECKING:
 
 
 def write_photo(path: Path, photo: Photo) -> Path:
-    """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it.
+    """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it,
+    and the depth of each pixel along the axis in metres (`Z`, infinity is legal).
 
     Attributes: exposure, and how the photo was made as JSON. Raises what `core.files.whole` raises.
     """
     channels = (
         _channels(photo.image, "") | _channels(photo.clean, "clean.") | _channels(photo.ideal, "ideal.")
     )
-    how = json.dumps(dict(photo.how), sort_keys=True)
-    return write_exr(path, channels, {"exposure": float(photo.exposure), "how": how})
+    if photo.inverse_depth is not None:
+        channels["Z"] = photo.inverse_depth.detach().cpu().float().reciprocal().numpy()
+    truncated = photo.truncated.detach().cpu().tolist()
+    said = {"how": dict(photo.how), "truncated": truncated}
+    texts = {name: json.dumps(value, sort_keys=True) for name, value in said.items()}
+    return write_exr(path, channels, {"exposure": float(photo.exposure), **texts})
+
+
+def read_photo(path: Path) -> Photo:
+    """What `write_photo` wrote, float32, without its seconds. Raises InputError for any other file."""
+    from .photo import Photo
+
+    planes = read_exr(path, "photo")
+    try:
+        with openexr().File(str(path), header_only=True) as file:
+            header = file.header()
+            exposure, how = float(header["exposure"]), json.loads(header["how"])
+            truncated = json.loads(header["truncated"])
+        image, clean, ideal = (_image_of(planes, prefix) for prefix in ("", "clean.", "ideal."))
+        depth = torch.from_numpy(planes["Z"]).reciprocal() if "Z" in planes else None
+        return Photo(image, clean, ideal, exposure, torch.tensor(truncated), how, {}, depth)
+    except (KeyError, ValueError, TypeError):
+        raise InputError(
+            f"photo: {str(path)!r} is not one that edofsim saved, or of an older version; "
+            "edofsim.read_image reads its picture"
+        ) from None
+
+
+def _image_of(planes: Mapping[str, np.ndarray], prefix: str) -> Tensor:
+    names = "RGB" if f"{prefix}R" in planes else "Y"
+    return torch.from_numpy(np.stack([planes[prefix + name] for name in names]))
 
 
 def write_image(path: Path, image: Tensor) -> Path:

@@ -22,7 +22,8 @@ class Photo:
     image: with noise; clean: without; ideal: all in focus, same response and exposure;
     exposure: factor from radiance to full scale; truncated: fraction of the light that left the PSF windows
     and came back as veiling glare (see `photograph.glare_of`), per channel [channel]; how: the choices that
-    were made (method, layers, occlusion, ...); seconds: time of each stage.
+    were made (method, layers, occlusion, ...); seconds: time of each stage; inverse_depth: [y, x] in 1/m, the
+    mean of what each pixel sees, 0 is infinity; None where it is not known.
     """
 
     image: Tensor
@@ -32,18 +33,26 @@ class Photo:
     truncated: Tensor
     how: Mapping[str, object] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
+    inverse_depth: Tensor | None = None
 
     def show(self, which: Literal["image", "clean", "ideal"] = "image", axes: Axes | None = None) -> Axes:
         """Draw one of its images with Matplotlib; returns the axes."""
         return show(getattr(self, which), which, axes)
 
     def save(self, path: str | Path) -> Path:
-        """Write it: as `.exr`, linear, with `clean` and `ideal` beside the image; as `.png`, the image in
-        sRGB. Returns the path. Raises InputError for another suffix."""
+        """Write it: as `.exr`, linear, with all that it holds but the seconds; as `.png`, the image in sRGB.
+        Returns the path. Raises InputError for another suffix."""
         from .files import save_image, write_photo
 
         path = Path(path)
         return write_photo(path, self) if path.suffix.lower() == ".exr" else save_image(path, self.image)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Photo:
+        """One that was saved as `.exr`. Raises InputError for any other file."""
+        from .files import read_photo
+
+        return read_photo(Path(path))
 
     def _repr_png_(self) -> bytes:
         return picture_png(self.image)

@@ -85,6 +85,7 @@ def capture(
     weights = channel_weights(camera, first.wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal, noisy=any(view.noise > 0 for view in given))
+    depth = torch.stack([view.crop_margin(view.mean_inverse_depth()) for view in given]).detach()
     given = [as_composited(view, camera, fidelity) for view in given]
     axes = axes_of(given, camera, fidelity, weights, nodes, spectrum)
     between = axes.between
@@ -152,8 +153,8 @@ def capture(
     watch.lap("sensor", 1.0)
     images = (image, clean, ideal * factor)
     if single:
-        images, truncated = (image[0], clean[0], images[2][0]), truncated[0]
-    return Photo(*images, factor, truncated, said, watch.seconds)
+        images, truncated, depth = (image[0], clean[0], images[2][0]), truncated[0], depth[0]
+    return Photo(*images, factor, truncated, said, watch.seconds, depth)
 
 
 @own_precision

@@ -227,6 +227,7 @@ def _photographed(
     from ..plan import learn_rates, plan_figures, with_predicted
     from ..reference import check_crop, reference_photo
     from ..render import is_picture
+    from ..render.keys import view_key
     from ..restore.scores import level_and_error, psnr
     from ..restore.truth import SAID, Truth
 
@@ -259,6 +260,9 @@ def _photographed(
         photo = with_predicted(photo, plan)
     if compute == "cpu" and bands is None:
         learn_rates(plan.seconds, photo.seconds)
+    origin = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
+    origin |= {"camera": taker.recipe.model_dump(mode="json", exclude_unset=True)}
+    photo = replace(photo, how={**photo.how, **origin})
     noise = photographed_noise(view, optics, fidelity, photo, compute)
     level, error = level_and_error(*Truth(photo.ideal, noise).compared(photo.image, noise.image))
     numbers = {

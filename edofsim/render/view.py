@@ -283,6 +283,32 @@ class View:
         weight.index_add_(0, self.pixel, seen)
         return (total / weight.clamp_min(torch.finfo(weight.dtype).tiny)).reshape(rows, columns)
 
+    def save(self, path: str | Path) -> Path:
+        """Write it as spectral OpenEXR, as the cache of rendered views holds it: light in half floats, each
+        view scaled to use them well. Returns the path. Raises InputError for another suffix than `.exr`, and
+        what `core.files.whole` raises."""
+        from ..core.files import whole
+        from .exr import write_view
+        from .fragments import Fragments
+
+        path = Path(path)
+        if path.suffix.lower() != ".exr":
+            raise InputError(f"{path}: views are written as .exr")
+        with whole(path) as temporary:
+            write_view(temporary, Fragments.of(self))
+        return path
+
+    @classmethod
+    def load(cls, path: str | Path) -> View:
+        """One that was saved, or an entry of the cache. Raises InputError for any other file."""
+        from ..core.limits import existing
+        from .exr import read_view
+
+        try:
+            return read_view(existing(Path(path), "view")).view()
+        except ValueError as error:
+            raise InputError(str(error)) from None
+
     def colours(self) -> Tensor:
         """What the eye would see, linear sRGB [3, y, x] without the margin: daylight of radiance 1 is white,
         and a view of a picture has the picture's colours."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import edofsim as package
 from edofsim.core.images import read_exr
@@ -82,3 +83,36 @@ def test_a_scene_without_a_family_has_no_members(edofsim: Run, tmp_path: Path):
     assert status == 2 and "family" in said
     with pytest.raises(package.InputError, match="family"):
         list(package.views(tmp_path / "one.toml", members=2))
+
+
+def test_a_photo_and_a_view_come_back_from_their_files(edofsim: Run, tmp_path: Path):
+    one = scenes(tmp_path)[0]
+    command = ("expose", one, "--camera", "paper-cubic", "--accuracy", "20dB", "--out", tmp_path / "out")
+    assert edofsim(*command)[0] == 0
+    photo = package.Photo.load(tmp_path / "out" / "photo.exr")
+    assert photo.how["scene"] == "one" and photo.how["camera"]["mask"]["kind"] == "cubic"
+    assert len(photo.how["view"]) == 64
+    assert photo.inverse_depth is not None and photo.inverse_depth.shape == photo.image.shape[1:]
+    np.testing.assert_allclose(photo.inverse_depth, 1 / 1.2, rtol=1e-6)  # what scenes() put there
+    again = package.Photo.load(photo.save(tmp_path / "again.exr"))
+    for name in ("image", "clean", "ideal", "truncated", "inverse_depth"):
+        assert np.array_equal(getattr(again, name), getattr(photo, name)), name
+    assert again.how == photo.how and again.exposure == photo.exposure
+
+    view = package.view(one, package.camera("paper-cubic"))
+    saved = package.View.load(view.save(tmp_path / "view.exr"))
+    assert np.array_equal(saved.pixel, view.pixel) and np.array_equal(saved.wavelengths, view.wavelengths)
+    np.testing.assert_allclose(saved.radiance, view.radiance, rtol=2**-11, atol=1e-6)  # half floats
+    np.testing.assert_allclose(saved.inverse_depth, view.inverse_depth, rtol=1e-6)
+    assert (saved.margin, saved.pixel_angle) == (view.margin, view.pixel_angle)
+
+
+def test_files_that_are_no_photo_and_no_view_are_refused(tmp_path: Path):
+    plain = package.save_image(tmp_path / "plain.exr", torch.full((3, 8, 8), 0.5))
+    for load in (package.Photo.load, package.View.load):
+        with pytest.raises(package.InputError, match="plain.exr"):
+            load(plain)
+        with pytest.raises(package.InputError, match="none.exr"):
+            load(tmp_path / "none.exr")
+    with pytest.raises(package.InputError, match=r"\.exr"):
+        package.View.flat(torch.ones(1, 4, 4), 1.0, wavelengths=[5e-7], pixel_angle=1e-4).save("view.png")
