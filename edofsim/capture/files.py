@@ -14,6 +14,7 @@ from torch import Tensor
 from ..core.colours import read_colours
 from ..core.files import write_bytes
 from ..core.images import openexr, read_exr, write_exr
+from ..core.json_values import Json
 from ..core.notebook import picture_png
 from ..errors import InputError
 
@@ -38,10 +39,9 @@ def write_photo(path: Path, photo: Photo) -> Path:
     return write_exr(path, channels, {"exposure": float(photo.exposure), **texts})
 
 
-def read_photo(path: Path) -> Photo:
-    """What `write_photo` wrote, float32, without its seconds. Raises InputError for any other file."""
-    from .photo import Photo
-
+def read_photo(path: Path) -> tuple[Tensor, Tensor, Tensor, float, Tensor, Json, Tensor | None]:
+    """What `write_photo` wrote, float32: image, clean, ideal, exposure, truncated, how and inverse depth of a
+    `Photo`. Raises InputError for any other file."""
     planes = read_exr(path, "photo")
     try:
         with openexr().File(str(path), header_only=True) as file:
@@ -50,7 +50,7 @@ def read_photo(path: Path) -> Photo:
             truncated = json.loads(header["truncated"])
         image, clean, ideal = (_image_of(planes, prefix) for prefix in ("", "clean.", "ideal."))
         depth = torch.from_numpy(planes["Z"]).reciprocal() if "Z" in planes else None
-        return Photo(image, clean, ideal, exposure, torch.tensor(truncated), how, {}, depth)
+        return image, clean, ideal, exposure, torch.tensor(truncated), how, depth
     except (KeyError, ValueError, TypeError):
         raise InputError(
             f"photo: {str(path)!r} is not one that edofsim saved, or of an older version; "

@@ -52,7 +52,8 @@ class Photo:
         """One that was saved as `.exr`. Raises InputError for any other file."""
         from .files import read_photo
 
-        return read_photo(Path(path))
+        image, clean, ideal, exposure, truncated, how, depth = read_photo(Path(path))
+        return cls(image, clean, ideal, exposure, truncated, how, {}, depth)
 
     def _repr_png_(self) -> bytes:
         return picture_png(self.image)

@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -288,24 +290,21 @@ class View:
         view scaled to use them well. Returns the path. Raises InputError for another suffix than `.exr`, and
         what `core.files.whole` raises."""
         from ..core.files import whole
-        from .exr import write_view
-        from .fragments import Fragments
 
         path = Path(path)
         if path.suffix.lower() != ".exr":
             raise InputError(f"{path}: views are written as .exr")
         with whole(path) as temporary:
-            write_view(temporary, Fragments.of(self))
+            _files().write_view(temporary, _files().Fragments.of(self))
         return path
 
     @classmethod
     def load(cls, path: str | Path) -> View:
         """One that was saved, or an entry of the cache. Raises InputError for any other file."""
         from ..core.limits import existing
-        from .exr import read_view
 
         try:
-            return read_view(existing(Path(path), "view")).view()
+            return _files().read_view(existing(Path(path), "view")).view()
         except ValueError as error:
             raise InputError(str(error)) from None
 
@@ -343,3 +342,8 @@ class View:
 
     def _repr_html_(self) -> str:
         return picture_html(self.picture(), self.caption())
+
+
+def _files() -> ModuleType:
+    """What writes and reads views, which itself makes them."""
+    return import_module(".exr", __package__)
