@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from .. import completion
+from ..core.progress import part
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, OutOption, QuietOption, numbers
 from ..record import writable_folder
@@ -28,6 +29,23 @@ def psf(
     wavelengths: Annotated[
         str, typer.Option("--wavelengths", metavar="NM,NM,...", help="Wavelengths in nanometres.")
     ] = "611,543,482",
+    fields: Annotated[
+        str | None,
+        typer.Option(
+            "--fields",
+            metavar="DEG,DEG,...",
+            help="Angles off the axis, of lenses that vary over the field. [default: to the corner of"
+            " 512 x 384 pixels]",
+        ),
+    ] = None,
+    frequency: Annotated[
+        float | None,
+        typer.Option(
+            "--frequency",
+            metavar="PER_MM",
+            help="Of MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
+        ),
+    ] = None,
     masks: Annotated[bool, typer.Option("--masks", help="Instead, a picture of every kind of mask.")] = False,
     out: OutOption = None,
     json: JsonOption = None,
@@ -39,6 +57,11 @@ def psf(
     Figures: truncated_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
     focus_m.paraxial and focus_m.best (what is sharp to rays near the axis, and to the whole aperture without
     its mask; the recipe's focus.plane chooses), transmission_percent (light that the mask lets through).
+
+    Of a lens that varies over the field, tables and pictures over field and depth as well. Figures, by angle
+    (10deg): illumination_percent, mtf.tangential and mtf.sagittal (in focus, at --frequency, without the
+    pixel), and of rays distortion_percent, focus_um.tangential and focus_um.sagittal (behind the sensor),
+    lateral_colour_um (shortest to longest wavelength), spot_um (root mean square, in focus).
     """
     depths_m = tuple(dict.fromkeys(numbers(depths, "--depths", "0.5,1,inf")))
     if not all(depth > 0 for depth in depths_m):
@@ -46,25 +69,41 @@ def psf(
     wavelengths_nm = tuple(dict.fromkeys(numbers(wavelengths, "--wavelengths", "611,543,482")))
     if not all(0 < nm < math.inf for nm in wavelengths_nm):
         raise InputError(f"--wavelengths {wavelengths}: give nanometres, for instance 611,543,482")
+    angles = None if fields is None else tuple(dict.fromkeys(numbers(fields, "--fields", "0,5,10")))
+    if angles is not None and not all(0 <= angle < 90 for angle in angles):
+        raise InputError(f"--fields {fields}: give degrees from 0 to 90, for instance 0,5,10")
+    if frequency is not None and not 0 < frequency < math.inf:
+        raise InputError(f"--frequency {frequency:g}: give cycles/mm above 0, for instance 40")
     from ..recipe import load_camera
 
     loaded = None if masks else load_camera(camera)
     folder = writable_folder(out or Path("out") / (f"psf-{loaded.recipe.name}" if loaded else "masks"))
     with begun("psf", json, quiet=quiet) as progress:
         from ..capture.device import torch_device
-        from ..experiments import psf_figure
+        from ..experiments import field_figure, psf_figure
         from ..optics import Camera
 
         compute = torch_device(device.value)
         if loaded is None:
             return finish("psf --masks", [], {}, {"masks": psf_figure.gallery(folder, progress)}, json)
-        figures, outputs = psf_figure.run(
-            Camera.from_recipe(loaded.recipe, loaded.base),
-            folder,
-            wavelengths_nm=wavelengths_nm,
-            depths_m=depths_m,
-            device=compute,
-            progress=progress,
-        )
+        optics = Camera.from_recipe(loaded.recipe, loaded.base)
+        if not optics.lens.varies and (angles or frequency):
+            raise InputError(
+                f"--fields, --frequency: the lens of {camera} is the same over the field; leave them out"
+            )
+        what = {"wavelengths_nm": wavelengths_nm, "depths_m": depths_m, "device": compute}
+        end = 0.3 if optics.lens.varies else 1.0
+        figures, outputs = psf_figure.run(optics, folder, **what, progress=part(progress, 0, end))
+        if optics.lens.varies:
+            over_field = field_figure.run(
+                optics,
+                folder,
+                **what,
+                fields_deg=angles or field_figure.usual_fields(optics),
+                per_mm=frequency,
+                progress=part(progress, end, 1),
+            )
+            figures |= over_field[0]
+            outputs |= over_field[1]
         inputs = {"camera": camera, "depths_m": depths, "wavelengths_nm": wavelengths}
         return finish("psf", [figures_table(figures)], figures, outputs, json, inputs=inputs)

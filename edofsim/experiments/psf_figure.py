@@ -60,7 +60,7 @@ def run(
         progress(0.3 + 0.3 * number / len(wavelengths), "Strehl ratios")
         columns.append(strehl(camera, wavelength[None], inverse_depths))
     ratios = torch.cat(columns, 1)
-    names = [[f"{_metres(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
+    names = [[f"{metres_name(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
     rows = [
         (name, float(bank.truncated[d, b]), float(ratios[d, b]), float(bank.values[d, b].max()))
@@ -69,8 +69,8 @@ def run(
     ]
     progress(0.6, "pictures")
     outputs = {
-        "PSFs (EXR)": _write_exr(out / "psf.exr", names, bank.values, camera, bank),
-        "MTFs (EXR)": _write_exr(out / "mtf.exr", names, transfer, camera, bank),
+        "PSFs (EXR)": write_psfs(out / "psf.exr", names, bank.values, camera, bank.transmission),
+        "MTFs (EXR)": write_psfs(out / "mtf.exr", names, transfer, camera, bank.transmission),
         "table": write_csv(out / "psf.csv", ("psf", "truncated", "strehl", "peak_pixel"), rows),
         "picture": psfs_plot(camera, bank, list(wavelengths_nm), list(depths_m)).save(out / "psf.png"),
     }
@@ -98,7 +98,7 @@ def gallery(out: Path, progress: Progress = silent) -> Path:
             for axis, image, depth in zip(
                 row[1:], bank.values[:, 0], ("0.5 m", "1.3 m", "infinity"), strict=True
             ):
-                _picture(axis, image)
+                draw_psf(axis, image)
                 axis.set_title(depth, fontsize=7)
         return figure
 
@@ -135,9 +135,9 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
             axes[b][0].axis("off")
             for d, depth in enumerate(depths_m):
                 axis = axes[b][d + 1]
-                _picture(axis, bank.values[d, b])
+                draw_psf(axis, bank.values[d, b])
                 if b == 0:
-                    axis.set_title(_metres(depth), fontsize=9)
+                    axis.set_title(metres_name(depth), fontsize=9)
                 if d == 0:
                     axis.set_ylabel(f"{nm:g} nm", fontsize=9)
                 axis.set_xlabel(f"{float(bank.truncated[d, b]) * 100:.2g} % outside", fontsize=6)
@@ -159,7 +159,7 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
                     "linestyle": DASHES[(index + again) % len(DASHES)],
                 }
                 at = (frequencies * 1e-3).numpy()
-                axis.plot(at, curve.numpy(), linewidth=1, label=_metres(depth), **look)
+                axis.plot(at, curve.numpy(), linewidth=1, label=metres_name(depth), **look)
             axis.set_title(f"MTF at {middle:g} nm, {direction} deg", fontsize=7)
             axis.set(ylim=(0, 1), xlim=(0, float(frequencies[-1]) * 1e-3))
             axis.set_xlabel("cycles/mm", fontsize=7)
@@ -172,17 +172,22 @@ def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths
     return Plot(paint, about, about)
 
 
-def _picture(axis: Axes, psf: Tensor) -> None:
+def draw_psf(axis: Axes, psf: Tensor) -> None:
+    """Draw a PSF [y, x] by the square root of its values."""
     picture_axes(axis)
     shown = (psf / psf.max()).clamp_min(DARKEST).sqrt().numpy()
     axis.imshow(shown, cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
 
 
-def _metres(depth: float) -> str:
+def metres_name(depth: float) -> str:
+    """Of a depth, in names of channels and figures."""
     return "infinity" if math.isinf(depth) else f"{depth:g}m"
 
 
-def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camera, bank: PsfBank) -> Path:
+def write_psfs(
+    path: Path, names: list[list[str]], images: Tensor, camera: Camera, transmission: float
+) -> Path:
+    """Write images [depth, band, y, x] as EXR, a channel for each name, with the camera they are of."""
     channels = {
         name: np.ascontiguousarray(images[d, b].cpu().numpy(), dtype=np.float32)
         for d, row in enumerate(names)
@@ -191,6 +196,6 @@ def _write_exr(path: Path, names: list[list[str]], images: Tensor, camera: Camer
     header: dict[str, object] = {
         "camera": camera.recipe.model_dump_json(),
         "pixel_um": camera.pixel * 1e6,
-        "transmission": bank.transmission,
+        "transmission": transmission,
     }
     return write_exr(path, channels, header)

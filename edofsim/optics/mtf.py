@@ -55,17 +55,32 @@ def otf(
     bandwidth, so that it is free of the sensor's aliasing. with_pixel: times the transform of a square pixel.
     seed: as in `psf_bank`. Raises InputError as `psf_bank` does.
     """
+    return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel, seed)[0]
+
+
+def _otfs(
+    camera: Camera,
+    wavelength: float,
+    inverse_depths: Tensor | Sequence[float],
+    frequencies: Tensor | Sequence[float],
+    angles_deg: Sequence[float],
+    with_pixel: bool = False,
+    seed: int | None = None,
+) -> Tensor:
+    """`otf` along several directions, complex128 [direction, depth, frequency], of the same pupils."""
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     frequencies = torch.as_tensor(frequencies, dtype=torch.float64).flatten()
-    across = frequencies * math.cos(math.radians(angle_deg))
-    up = frequencies * math.sin(math.radians(angle_deg))
-    transform = torch.zeros(len(inverse_depths), len(frequencies), dtype=torch.complex128)
+    radians = [math.radians(angle) for angle in angles_deg]
+    ways = [(frequencies * math.cos(angle), frequencies * math.sin(angle)) for angle in radians]
+    transform = torch.zeros(len(angles_deg), len(inverse_depths), len(frequencies), dtype=torch.complex128)
     for depth, (plane, place) in enumerate(_focal_planes(camera, wavelength, inverse_depths, seed)):
-        transform[depth] = plane.transform(place, across, up, angle_deg % 180)
+        for side, ((across, up), angle) in enumerate(zip(ways, angles_deg, strict=True)):
+            transform[side, depth] = plane.transform(place, across, up, angle % 180)
     # exactly 0 beyond the cut-off, where the samples would repeat the spectrum
     transform = transform * (frequencies.abs() < cutoff_frequency(camera, wavelength))
     if with_pixel:
-        transform = transform * torch.sinc(across * camera.pixel) * torch.sinc(up * camera.pixel)
+        pixel = [torch.sinc(across * camera.pixel) * torch.sinc(up * camera.pixel) for across, up in ways]
+        transform = transform * torch.stack(pixel)[:, None]
     return transform
 
 
@@ -79,6 +94,23 @@ def mtf(
 ) -> Tensor:
     """Modulation transfer function |`otf`|, float64 [depth, frequency]; arguments as for `otf`."""
     return otf(camera, wavelength, inverse_depths, frequencies, angle_deg=angle_deg).abs()
+
+
+def tangential_sagittal(
+    camera: Camera,
+    wavelength: float,
+    inverse_depths: Tensor | Sequence[float],
+    frequencies: Tensor | Sequence[float],
+) -> Tensor:
+    """MTFs along the camera's direction in the field and across it, float64 [2, depth, frequency]; arguments
+    as for `otf`. On the axis, those of a field above it."""
+    right, up = camera.field
+    along = math.degrees(math.atan2(up, right)) if right or up else 90.0
+    found = [
+        _otfs(camera, wavelength, [each], frequencies, (along, along - 90))
+        for each in torch.as_tensor(inverse_depths, dtype=torch.float64).flatten().tolist()
+    ]
+    return torch.cat(found, 1).abs()
 
 
 def strehl(

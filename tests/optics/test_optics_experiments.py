@@ -8,10 +8,12 @@ import math
 import pytest
 import torch
 
+from edofsim.core.images import read_exr
 from edofsim.core.progress import silent
-from edofsim.experiments import bandwidth, mtf, psf_figure
+from edofsim.experiments import bandwidth, field_figure, mtf, psf_figure
 from edofsim.optics import Camera, psf_bank
-from edofsim.recipe.camera import CameraRecipe
+from edofsim.recipe.camera import CameraRecipe, PsfSettings
+from edofsim.recipe.load import load_camera
 
 
 def small(mask: str = "cubic") -> Camera:
@@ -67,6 +69,51 @@ def test_psfs_as_picture_and_exr(tmp_path):
         middle = float(file.channels()["infinity.543nm"].pixels[16, 16])
     assert middle == pytest.approx(float(bank.values[1, 0].sum()), rel=1e-5)
     assert (tmp_path / "psf.png").stat().st_size > 10_000
+
+
+def test_a_lens_over_its_field_as_pictures_and_tables(tmp_path):
+    """Figures are those of the tables, and what is at the axis has no sides."""
+    recipe = load_camera("aspheres-5mm-f3").recipe
+    camera = Camera.from_recipe(recipe.model_copy(update={"psf": PsfSettings(window_px=32)}))
+    what = {"fields_deg": (0.0, 8.0), "wavelengths_nm": (611.0, 543.0, 482.0), "depths_m": (0.5, 1.0)}
+    figures, outputs = field_figure.run(camera, tmp_path, **what)
+    assert set(outputs.values()) == set(tmp_path.iterdir())
+    assert all(path.stat().st_size > 10_000 for path in outputs.values() if path.suffix == ".png")
+    tables = {}
+    for path in tmp_path.glob("*.csv"):
+        with path.open() as file:
+            tables[path.stem] = list(csv.DictReader(file))
+    rows = {float(row["field_deg"]): row for row in tables["field"]}
+    for degrees in (0.0, 8.0):
+        name, row = f"{degrees:g}deg", rows[degrees]
+        assert figures[f"distortion_percent.{name}"] == pytest.approx(
+            float(row["distortion_percent"]), abs=1e-4
+        )
+        for side in ("tangential", "sagittal"):
+            assert figures[f"focus_um.{side}.{name}"] == pytest.approx(
+                float(row[f"focus_{side}_um"]), abs=1e-2
+            )
+        colour = float(row["lateral_colour_611nm_um"]) - float(row["lateral_colour_482nm_um"])
+        assert figures[f"lateral_colour_um.{name}"] == pytest.approx(colour, abs=1e-4)
+        at_focus = [row for row in tables["mtf_depth"] if float(row["inverse_depth_per_m"]) == 1.0]
+        both = next(row for row in at_focus if float(row["field_deg"]) == degrees)
+        for side in ("tangential", "sagittal"):
+            assert figures[f"mtf.{side}.{name}"] == pytest.approx(float(both[side]), abs=1e-3)
+    assert figures["illumination_percent.0deg"] == 100 > figures["illumination_percent.8deg"] > 90
+    assert figures["mtf.tangential.0deg"] == pytest.approx(figures["mtf.sagittal.0deg"], abs=1e-3)
+    assert figures["mtf.sagittal.8deg"] > 2 * figures["mtf.tangential.8deg"]
+    spot = next(r for r in tables["spots"] if (r["field_deg"], r["depth_m"], r["nm"]) == ("8", "1", "543"))
+    assert figures["spot_um.8deg"] == pytest.approx(float(spot["rms_um"]), rel=1e-4)
+    stored = read_exr(tmp_path / "psf_field.exr", "PSFs")
+    assert len(stored) == 2 * 2 * 3
+    bank = psf_bank(camera.at_field((0.0, math.tan(math.radians(8.0)))), [482e-9], [2.0])
+    assert float(abs(torch.from_numpy(stored["8deg.0.5m.482nm"]) - bank.values[0, 0]).max()) < 1e-6
+
+
+def test_places_of_the_field_that_are_looked_at_reach_the_corner_of_a_frame():
+    camera = Camera.from_recipe(load_camera("doublet-25mm-f6").recipe)
+    corner = math.degrees(math.atan(320 * camera.pixel_angle))
+    assert field_figure.usual_fields(camera) == pytest.approx((0, corner / 2, 0.7 * corner, corner), rel=0.01)
 
 
 @pytest.mark.slow

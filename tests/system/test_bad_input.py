@@ -253,6 +253,9 @@ def test_depths_and_wavelengths_of_a_psf(edofsim: Run, tmp_path: Path):
     refused(edofsim(*base, "--depths", "0.5,near"), "--depths", "0.5,1,inf")
     refused(edofsim(*base, "--depths", "0,1"), "--depths", "above 0")
     refused(edofsim(*base, "--wavelengths", "-5"), "--wavelengths", "nanometres")
+    refused(edofsim(*base, "--fields", "0,95"), "--fields", "from 0 to 90")
+    refused(edofsim(*base, "--frequency", "0"), "--frequency", "above 0")
+    refused(edofsim(*base, "--fields", "0,5"), "--fields", "the same over the field")
 
 
 def test_benchmarks_without_the_source_checkout(

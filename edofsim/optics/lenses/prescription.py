@@ -115,6 +115,11 @@ class PrescriptionLens(Lens):
         held = _held(self)
         return landings(held, tangents.double()) / held.scale
 
+    def held(self) -> Focused:
+        """The lens with its sensor, as rays are traced through it. Raises InputError where there is no
+        image."""
+        return _held(self)
+
     def field_defocus(self, field: Field) -> tuple[float, float]:
         """How many times the parabola of defocus counts (across, along) the direction of the field: off the
         axis, a change of distance changes the wave by more than on it, and the pupil is narrower."""
