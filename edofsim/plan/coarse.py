@@ -83,7 +83,8 @@ class Coarse:
 
     @property
     def _layout(self) -> Layout:
-        gap, window = 1 / blur_per_dioptre(self.camera), self.camera.recipe.psf.window_px
+        """In the slabs of the whole view: from the same gap on, its large pixels notwithstanding."""
+        gap, window = 1 / (self.times * blur_per_dioptre(self.camera)), self.camera.recipe.psf.window_px
         return self._known.get("layout", lambda: layout_within(self.view, gap, window))
 
 

@@ -7,9 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from edofsim.capture import capture
+from edofsim.capture import Fidelity, capture
 from edofsim.capture.band_groups import every_band
 from edofsim.capture.checks import check_view
+from edofsim.capture.guessed import with_guessed
+from edofsim.capture.photograph import sub_aperture_change
+from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.core.once import Once
 from edofsim.optics import Camera, psf_bank
 from edofsim.plan import facts_of
@@ -248,6 +251,23 @@ def test_a_large_view_is_photographed_in_few_pixels_and_a_small_one_as_it_is():
     assert coarse.times > 2 and coarse.view.padded_shape[0] < large.padded_shape[0] / 2
     assert coarse.camera.pixel == pytest.approx(coarse.times * CAMERA.pixel)
     assert coarse_of(small, CAMERA, 1.0).view is small
+
+
+def test_steps_of_less_blur_than_a_coarse_pixel_hide_in_it_as_in_the_view():
+    """Stairs whose blurs differ by one and a half of the view's pixels, of which four lie in a coarse one: what
+    sub-apertures change is as large as in a photo of the whole view, within 3 dB."""
+    flat = two_depths(180, 270, bands=2)
+    step = 1.5 / blur_per_dioptre(CAMERA)
+    stairs = torch.div(torch.arange(flat.padded_shape[1]), 60, rounding_mode="floor").remainder(5)
+    depth = (0.3 + step * stairs).expand(flat.padded_shape)
+    view = with_guessed(replace(flat, inverse_depth=depth.flatten(), metadata={}), CAMERA)
+    coarse = coarse_of(view, CAMERA, 1.0)
+    assert coarse.times == 2 and view.hidden.any()
+    parted = Fidelity(band_groups=1, group_wavelengths=1, layers=4, sub_apertures=3)
+    fine = sub_aperture_change(view, CAMERA, parted, exposure=1.0)
+    seen = coarse.photo(parted) - coarse.photo(parted.changed({"sub_apertures": 1}))
+    fine = torch.nn.functional.avg_pool2d(fine, coarse.times)
+    assert 0.5 < float(seen.square().mean() / fine.square().mean()) < 2
 
 
 def test_psfs_of_large_pixels_hold_as_much_light():
