@@ -13,7 +13,7 @@ from torch import Tensor
 
 from .camera import Camera, defocus
 from .grid import PupilGrid
-from .pupil import aperture, chirp, pupil_function
+from .pupil import aperture, bent, chirp, pupil_function
 from .sampling import plan_sampling
 
 FEWEST_SAMPLES = 512
@@ -262,7 +262,7 @@ def _focal_planes(
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
     window = camera.recipe.psf.window_px
     grid = plan_sampling(camera, wavelengths, inverse_depths, window).grid
-    if grid.samples <= LARGE_PUPIL:
+    if grid.samples <= LARGE_PUPIL and aperture(camera, grid, seed).bend is None:
         plane = _focal_plane(camera, wavelength, inverse_depths, grid, seed)
         yield from ((plane, place) for place in range(len(inverse_depths)))
         return
@@ -283,6 +283,8 @@ def _focal_plane(
     opening = aperture(camera, grid, seed)
     amplitude = float(reduce(torch.add, (part for part, _ in opening.regions)).sum())
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
+    if opening.bend is not None:
+        pupil = bent(pupil, opening, wavelength, inverse_depths)[0]
     half = chirp(grid, defocus(camera, wavelength, inverse_depths), dtype=torch.float64)
     chirps = torch.cat([half.flip(1)[:, : grid.samples // 2], half], dim=1)
     middle = grid.samples // 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import torch
@@ -45,12 +45,33 @@ class Wave:
     """One wavelength on its way to the sensor.
 
     pupil: the pupil function without defocus, complex [s, s]; chirps: the defocus of each depth along half an
-    axis of the pupil, complex [depth, half]; bases: what turns them into pixels.
+    axis of the pupil, complex [depth, half]; bases: what turns them into pixels. bend: what defocus is beside
+    that, phases [2, s, s] that grow with the steps [depth] from one depth to each, and with their squares.
     """
 
     pupil: Tensor
     chirps: Tensor
     bases: Bases
+    bend: Tensor | None = None
+    steps: Tensor | None = None
+
+    def part(self, depths: slice) -> Wave:
+        """That of some of the depths."""
+        steps = None if self.steps is None else self.steps[depths]
+        return replace(self, chirps=self.chirps[depths], steps=steps)
+
+    def turned(self) -> Tensor | None:
+        """What the pupil is multiplied by at each depth, [depth, s, s]; None: by nothing."""
+        if self.bend is None or self.steps is None:
+            return None
+        steps = self.steps[:, None, None]
+        phase = steps * (self.bend[0] + steps * self.bend[1])
+        return torch.complex(torch.cos(phase), torch.sin(phase))
+
+    def at_depths(self) -> Tensor:
+        """The pupil function without the chirps, [s, s] or [depth, s, s]."""
+        turned = self.turned()
+        return self.pupil if turned is None else self.pupil * turned
 
 
 def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
@@ -58,15 +79,18 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
 
     keep: a list that gets the fields of each block, for `pupil_gradient`.
     """
-    parts, size = fold(wave.pupil), 2 * len(wave.bases.pixels) - 1
-    energy = torch.empty(len(wave.chirps), size, size, dtype=parts.dtype, device=parts.device)
+    size, real = 2 * len(wave.bases.pixels) - 1, wave.bases.fourier
+    energy = torch.empty(len(wave.chirps), size, size, dtype=real.dtype, device=real.device)
+    parts = fold(wave.pupil)
     at_once = depths_at_once(wave.bases)
-    even = keep is None and is_even(parts)
-    for block, out in zip(wave.chirps.split(at_once), energy.split(at_once), strict=True):
-        if even:
-            out.copy_(even_energy(parts, block, wave.bases))
+    for start, out in zip(range(0, len(energy), at_once), energy.split(at_once), strict=True):
+        some = wave.part(slice(start, start + at_once))
+        if some.bend is not None:
+            parts = fold(some.at_depths())
+        if keep is None and is_even(parts):
+            out.copy_(even_energy(parts, some.chirps, wave.bases))
             continue
-        fields = waves(parts, block, wave.bases.fourier)
+        fields = waves(parts, some.chirps, wave.bases.fourier)
         out.copy_(intensity(*fields, wave.bases))
         if keep is not None:
             keep.append(fields)
@@ -84,7 +108,11 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     energy = along.new_empty(len(parts), len(wave.chirps), size, size)
     at_once = max(1, depths_at_once(wave.bases) // len(along))
     for start in range(0, len(wave.chirps), at_once):
-        block = wave.chirps[start : start + at_once]
+        some = wave.part(slice(start, start + at_once))
+        block = some.chirps
+        if some.bend is not None:
+            pupil = some.at_depths()
+            rows = [(fold(pupil * window[:, None]), _lit(window)) for window in along]
         half = [down(row, block, wave.bases.fourier, lit) for row, lit in rows]
         whole = pairs(*across(_summed(half), wave.bases.fourier))
         for out, part in zip(energy, parts, strict=True):
@@ -113,14 +141,18 @@ def _lit(window: Tensor) -> slice:
 def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:
     """Adjoint of `energies`: gradient of a loss by the pupil, complex [s, s], from that by the energies."""
     parts = fold(wave.pupil)
-    total = torch.zeros_like(parts)
+    total = torch.zeros_like(wave.pupil)
     at_once = depths_at_once(wave.bases)
-    blocks = zip(wave.chirps.split(at_once), upstream.split(at_once), strict=True)
-    for index, (block, given) in enumerate(blocks):
-        fields = kept[index] if kept else waves(parts, block, wave.bases.fourier)
+    for index, given in enumerate(upstream.split(at_once)):
+        some = wave.part(slice(index * at_once, (index + 1) * at_once))
+        if some.bend is not None:
+            parts = fold(some.at_depths())
+        fields = kept[index] if kept else waves(parts, some.chirps, wave.bases.fourier)
         gradients = intensity_gradient(given, *fields, wave.bases)
-        total += waves_gradient(*gradients, block, wave.bases.fourier)
-    return unfold(total, wave.pupil.shape[-1])
+        found = waves_gradient(*gradients, some.chirps, wave.bases.fourier, some.bend is not None)
+        pupils, turned = unfold(found, wave.pupil.shape[-1]), some.turned()
+        total += pupils if turned is None else (pupils * turned.conj()).sum(0)
+    return total
 
 
 def propagate(wave_of_band: Sequence[Wave]) -> Tensor:

@@ -146,11 +146,16 @@ def wave_at(
     `pixels`, each of `pixel` [m], None for the camera's, with so many samples along its side."""
     window = SensorWindow(pixels, pixel or camera.pixel, oversampling or camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
-    return Wave(
+    wave = Wave(
         pupil_function(camera, opening, wavelength, dtype=dtype, device=device),
         chirp(opening.grid, defocus(camera, wavelength, inverse_depths), dtype=dtype, device=device),
         make_bases(opening.grid, window, reach, opening.light, dtype, device),
     )
+    bend = opening.bend
+    if bend is None:
+        return wave
+    steps, phases = inverse_depths - bend.focus, bend.paths * (2 * math.pi / wavelength)
+    return replace(wave, steps=steps.to(wave.bases.fourier), bend=phases.to(wave.bases.fourier))
 
 
 def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: torch.dtype) -> Tensor:

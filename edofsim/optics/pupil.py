@@ -18,6 +18,7 @@ from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid, disc_coverage
 from .height import design_phase_to_height, surface
+from .lenses.base import Bend
 from .masks import Mask, asked, mask_amplitude
 
 TRANSMISSION_SAMPLES = 514
@@ -30,6 +31,7 @@ class Aperture:
 
     lens: phase [rad] at a wavelength [m] that the lens adds to its parabola, float64 [samples, samples]; the
     parabola cancels against propagation and the incoming wave, and what is left of it is Psi (`defocus`).
+    bend: what of defocus is no parabola (`Lens.bend`).
     regions: amplitude (same shape) and height of the relief in metres, a map or the same everywhere; the wave
     is the sum over regions. light: all light that is let through, counted in cells of the grid; transmission:
     as a fraction of what the open aperture lets through.
@@ -37,6 +39,7 @@ class Aperture:
 
     grid: PupilGrid
     lens: Callable[[float], Tensor]
+    bend: Bend | None
     regions: tuple[tuple[Tensor, Tensor | float | None], ...]
     light: float
     transmission: float
@@ -54,8 +57,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         regions = [(amplitude, surface(camera, grid, seed))]
     lens = camera.lens.phases(grid.radius_squared())
     seen_from = ""
+    right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
     if camera.lens.varies:
-        right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
         share = camera.lens.field_open(right, up, camera.field)
         regions = [(part * share.sqrt(), relief) for part, relief in regions]
         light, round_one = light * share, lens
@@ -70,7 +73,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
             f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of "
             f"the pupil{seen_from}; open it wider"
         )
-    return Aperture(grid, lens, tuple(regions), total, total / whole)
+    bend = camera.lens.bend(right, up, camera.field)
+    return Aperture(grid, lens, bend, tuple(regions), total, total / whole)
 
 
 @lru_cache(maxsize=64)
@@ -92,7 +96,7 @@ def pupil_function(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Tensor:
-    """Pupil function at `wavelength` [m] without defocus, complex [samples, samples].
+    """Pupil function at `wavelength` [m] without defocus, complex [samples, samples]: without Psi and `bent`.
 
     Phases are summed in float64 and reduced modulo 2 pi before they become `dtype`. A relief that is being
     trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
@@ -109,6 +113,17 @@ def pupil_function(
         amplitude = amplitude.to(device=device, dtype=dtype)
         waves.append(torch.complex(torch.cos(phase).mul_(amplitude), torch.sin(phase).mul_(amplitude)))
     return reduce(torch.add, waves)
+
+
+def bent(pupil: Tensor, opening: Aperture, wavelength: float, inverse_depths: Tensor) -> Tensor:
+    """A pupil function with what of the defocus of inverse depths [depth] is no parabola, [depth, samples,
+    samples]; itself where all of it is one."""
+    bend = opening.bend
+    if bend is None:
+        return pupil
+    steps = (inverse_depths.double() - bend.focus)[:, None, None]
+    phase = steps * (bend.paths[0] + steps * bend.paths[1]) * (2 * math.pi / wavelength)
+    return pupil * torch.polar(torch.ones_like(phase), phase).to(pupil)
 
 
 def mask_delay(camera: Camera, wavelength: float) -> float:

@@ -108,30 +108,33 @@ def _half_axis(count: int) -> Tensor:
 
 
 def fold(pupil: Tensor) -> Tensor:
-    """Even and odd parts of a complex pupil [s, s] about both axes.
+    """Even and odd parts of a complex pupil [s, s], or of one for each depth [depth, s, s], about both axes.
 
-    Real, [2 (parity in x), 2 (re, im), 2 (parity in y), half, half].
+    Real, [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], half of the pupil each way; one depth
+    stands for all.
     """
+    pupil = pupil if pupil.ndim == 3 else pupil[None]
     half = pupil.shape[-1] // 2
     kept = pupil.shape[-1] - half
-    right, left = pupil[:, half:], pupil[:, :kept].flip(1)
+    right, left = pupil[..., half:], pupil[..., :kept].flip(2)
     columns = torch.stack([right + left, right - left])
-    lower, upper = columns[:, half:], columns[:, :kept].flip(1)
-    return (
-        torch.view_as_real(torch.stack([lower + upper, lower - upper], 1)).permute(0, 4, 1, 2, 3).contiguous()
-    )
+    lower, upper = columns[:, :, half:], columns[:, :, :kept].flip(2)
+    parts = torch.view_as_real(torch.stack([lower + upper, lower - upper], 1))
+    return parts.permute(0, 5, 1, 3, 2, 4).contiguous()
 
 
 def unfold(parts: Tensor, samples: int) -> Tensor:
-    """Adjoint of `fold`: gradient of the parts back to the complex pupil [samples, samples]."""
-    half = samples // 2
-    columns = parts.new_zeros(2, 2, samples, parts.shape[-1])
+    """Adjoint of `fold`: gradient of the parts back to the complex pupil [samples, samples], or [depth,
+    samples, samples]."""
+    half, depths = samples // 2, parts.shape[4]
+    columns = parts.new_zeros(2, 2, samples, depths, parts.shape[-1])
     columns[:, :, half:] += parts[:, :, 0] + parts[:, :, 1]
     columns[:, :, : samples - half] += (parts[:, :, 0] - parts[:, :, 1]).flip(2)
-    pupil = parts.new_zeros(2, samples, samples)
-    pupil[:, :, half:] += columns[0] + columns[1]
-    pupil[:, :, : samples - half] += (columns[0] - columns[1]).flip(2)
-    return torch.complex(pupil[0], pupil[1])
+    pupil = parts.new_zeros(2, samples, depths, samples)
+    pupil[..., half:] += columns[0] + columns[1]
+    pupil[..., : samples - half] += (columns[0] - columns[1]).flip(3)
+    pupil = torch.complex(pupil[0], pupil[1]).movedim(1, 0)
+    return pupil if depths > 1 else pupil[0]
 
 
 def defocus_maps(chirps: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tensor]:
@@ -158,13 +161,13 @@ def down(parts: Tensor, chirps: Tensor, bases: Tensor, lit: slice = slice(None))
     outer one, so that one product serves all depths.
     """
     real, imaginary = defocus_maps(chirps, lit)
-    bases, parts = bases[..., lit], parts[..., lit, :]
+    bases, parts = bases[..., lit], parts[..., lit, :, :]
     rows, high = bases.shape[1:]
     depths, half = chirps.shape
     spread = torch.empty(2, 2, high, depths, half, dtype=real.dtype, device=real.device)
     components = []
     for part in parts:
-        re, im = part[0, :, :, None], part[1, :, :, None]
+        re, im = part
         torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)
         torch.mul(re, imaginary, out=spread[1]).addcmul_(im, real)
         first = torch.matmul(bases, spread.view(2, 2, high, depths * half))
@@ -197,8 +200,9 @@ def windowed(
     return (one * even).addcmul_(other, odd), (other * even).addcmul_(one, odd)
 
 
-def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> Tensor:
-    """Adjoint of `waves`: gradient by `parts` from those by the even and odd components."""
+def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor, each: bool = False) -> Tensor:
+    """Adjoint of `waves`: gradient by `parts` from those by the even and odd components; each: of parts of
+    their own for each depth."""
     real, imaginary = defocus_maps(chirps)
     rows, half = bases.shape[1:]
     depths = len(chirps)
@@ -206,9 +210,10 @@ def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor) -> 
     for component, basis in zip((even, odd), bases, strict=True):
         first = torch.mm(component.view(-1, rows), basis).view(2, 2, rows, depths * half)
         spread = torch.matmul(bases.transpose(1, 2), first).view(2, 2, half, depths, half)
-        by_real = (spread[0] * real).addcmul_(spread[1], imaginary).sum(2)
-        by_imaginary = (spread[1] * real).addcmul_(spread[0], imaginary, value=-1).sum(2)
-        gradients.append(torch.stack([by_real, by_imaginary]))
+        by_real = (spread[0] * real).addcmul_(spread[1], imaginary)
+        by_imaginary = (spread[1] * real).addcmul_(spread[0], imaginary, value=-1)
+        found = torch.stack([by_real, by_imaginary])
+        gradients.append(found if each else found.sum(3, keepdim=True))
     return torch.stack(gradients)
 
 
@@ -246,7 +251,7 @@ def is_even(parts: Tensor) -> bool:
 def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
     """`intensity` of the `waves` of a pupil that `is_even`, by a quarter of the work."""
     real, imaginary = defocus_maps(chirps)
-    (re, im), cosines = parts[0, :, 0, :, None], bases.fourier[0]
+    (re, im), cosines = parts[0, :, 0], bases.fourier[0]
     (rows, high), (depths, half) = cosines.shape, chirps.shape
     spread = torch.empty(2, high, depths, half, dtype=real.dtype, device=real.device)
     torch.mul(re, real, out=spread[0]).addcmul_(im, imaginary, value=-1)

@@ -27,7 +27,7 @@ from ..capture.prepare import channel_weights
 from ..core.progress import Progress, silent
 from ..errors import InputError
 from ..optics import Camera, defocus, plan_sampling, psf_bank
-from ..optics.pupil import aperture, pupil_function
+from ..optics.pupil import aperture, bent, pupil_function
 from ..render.engine import use_engine
 from ..render.view import View
 from ..scene.model import SceneModel
@@ -289,7 +289,8 @@ def _clipped(
             pixels = part.pixel[which[some]].tolist()
             for number, camera in enumerate(cameras):
                 psi = defocus(camera, wavelength, depths[some])
-                psf = clipped_psf(pupils[number], openings[number], psi, wave, transforms[number])
+                pupil = bent(pupils[number], openings[number], wavelength, depths[some])
+                psf = clipped_psf(pupil, openings[number], psi, wave, transforms[number])
                 light = weights[number][:, band, None] * part.radiance[band, which[some]]
                 for k, pixel in enumerate(pixels):
                     row, column = divmod(pixel, columns)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -21,6 +22,16 @@ from ..materials import Material, material
 
 RIM_SAMPLES = 65
 """Distances from the axis that phases are looked at."""
+
+
+@dataclass(frozen=True)
+class Bend:
+    """What defocus is beside the parabola. focus: inverse depth [1/m] where it is nothing; paths: float64 [2,
+    ...], what grows with the inverse depth less that [m^2], and with the square of it [m^3]."""
+
+    focus: float
+    paths: Tensor
+
 
 Field = tuple[float, float]
 """A place in the field: the tangents (right, up) of the angle between the chief ray from there and the axis,
@@ -66,6 +77,11 @@ class Lens(KindModel):
         the sensor towards the scene, float64; right [1, n] and up [n, 1] broadcast. Positive where light
         takes longer."""
         return torch.zeros(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
+
+    def bend(self, right: Tensor, up: Tensor, field: Field) -> Bend | None:
+        """What the depth of a point adds to the parabola of defocus and to `field_phase`, at places as there;
+        None where it adds nothing."""
+        return None
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         """Fraction of the light from `field` that the lens lets through there, 0 to 1, shaped likewise: grey
@@ -141,6 +157,9 @@ class _Simpler(Lens):
 
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         return self.lens.field_phase(right, up, wavelength, field)
+
+    def bend(self, right: Tensor, up: Tensor, field: Field) -> Bend | None:
+        return self.lens.bend(right, up, field)
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         return self.lens.field_open(right, up, field)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Annotated, Literal
 
@@ -21,12 +22,14 @@ from ..prescription.polynomials import chebyshev
 from ..prescription.pupil import Pupil, pupil
 from ..prescription.surfaces import Surface, stack
 from ..prescription.waves import Wave, landings, waves
-from .base import Field, Lens
+from .base import Bend, Field, Lens
 
 BEYOND_RIM = 1.03
 """Rays are traced out to so many radii of the aperture: cells that the edge crosses reach beyond it."""
 ORDER = 14
 """Of the polynomial in the squared radius that the wave on the axis is interpolated by."""
+DEPTHS = (0.02, 0.06)
+"""Inverse distances from that in focus, times the focal length, that rays are traced from for all others."""
 NEARBY = 1e-9
 """Tangents with the axis below which light is from a point on it."""
 MM = 1e-3
@@ -69,12 +72,16 @@ class PrescriptionLens(Lens):
         return torch.tensor(found, dtype=torch.float64).reshape(at.shape)
 
     def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        return self._bowl(_on_axis(self, wavelength), radius_squared).mul_(2 * math.pi * MM / wavelength)
+
+    def _bowl(self, factors: Sequence[float], radius_squared: Tensor) -> Tensor:
+        """What polynomials of `_on_axis` say."""
         place = radius_squared.clamp_max((BEYOND_RIM * self.aperture_radius) ** 2)
         place = place * (2 / (BEYOND_RIM * self.aperture_radius) ** 2) - 1  # -1 on the axis, 1 beyond the rim
         total = torch.zeros_like(place)
-        for factor in reversed(_on_axis(self, wavelength)):
+        for factor in reversed(factors):
             total.mul_(place).add_(factor)
-        return total.mul_(2 * math.pi * MM / wavelength)
+        return total
 
     @property
     def varies(self) -> bool:
@@ -87,6 +94,25 @@ class PrescriptionLens(Lens):
         path = delay(_wave(self, tangent, wavelength), right / MM, up / MM, math.atan2(field[1], field[0]))
         path = path - squared / MM**2 * (_farther(self, wavelength) / _held(self).scale ** 2 / 2)
         return path * (2 * math.pi * MM / wavelength) - self.phase(squared, wavelength)
+
+    def bend(self, right: Tensor, up: Tensor, field: Field) -> Bend:
+        """By rays of the reference wavelength from two more distances, `DEPTHS`: the path grows with the
+        inverse distance, and a little with its square."""
+        held, tangent, squared = _held(self), math.hypot(*field), right.square() + up.square()
+        focus, turn = 1 / held.distance, math.atan2(field[1], field[0])
+        near, far = (each / held.first.focal for each in DEPTHS)
+        wavelength = self.traced_at_nm * 1e-9
+
+        def longer(nearer: float) -> Tensor:
+            if tangent < NEARBY:
+                return self._bowl(_on_axis(self, wavelength, nearer), squared)
+            path = delay(_wave(self, tangent, wavelength, nearer), right / MM, up / MM, turn)
+            return path - squared / MM**2 * (nearer / 2)
+
+        own = longer(0.0)
+        first, second = ((longer(step) - own) / step for step in (near, far))
+        curved = (second - first) / (far - near)
+        return Bend(focus / MM, torch.stack([first - near * curved, curved * MM]) * MM**2)
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         """Of the light within the disc of the aperture, on the axis as well: cells that its edge crosses
@@ -119,24 +145,6 @@ class PrescriptionLens(Lens):
         """The lens with its sensor, as rays are traced through it. Raises InputError where there is no
         image."""
         return _held(self)
-
-    def field_defocus(self, field: Field) -> tuple[float, float]:
-        """How many times the parabola of defocus counts (across, along) the direction of the field: off the
-        axis, a change of distance changes the wave by more than on it, and the pupil is narrower."""
-        held, tangent = _held(self), math.hypot(*field)
-        step = 1e-3 / held.first.focal
-        nearer = 1 / (1 / held.distance + step)
-        at = torch.tensor([held.wavelength], dtype=torch.float64)
-        moved = waves(pupil(held, torch.tensor([tangent], dtype=torch.float64), nearer), at)[0]
-        wave = _wave(self, tangent, held.wavelength)
-        axis = torch.linspace(-0.9, 0.9, 33, dtype=torch.float64) * wave.half
-        s, t = axis[None, :], (axis + wave.middle)[:, None]
-        inside = opening(wave, s, t, math.pi / 2) > 0.5
-        change = (delay(moved, s, t, math.pi / 2) - delay(wave, s, t, math.pi / 2))[inside]
-        s, t = (each.expand_as(inside)[inside] for each in (s, t))
-        terms = torch.stack([s.square(), t.square(), t, torch.ones_like(t)], -1)
-        across, along = torch.linalg.lstsq(terms, change[:, None]).solution[:2, 0].tolist()
-        return across * 2 / step, along * 2 / step
 
     def focused_at(self, distance: float, wavelength: float) -> PrescriptionLens:
         """The same lens with its aberrations at a distance [m] before the entrance pupil, and at a wavelength
@@ -213,19 +221,21 @@ def _farther(lens: PrescriptionLens, wavelength: float) -> float:
 
 
 @lru_cache(maxsize=1024)
-def _on_axis(lens: PrescriptionLens, wavelength: float) -> tuple[float, ...]:
-    """How much [mm] the way of light from the axis is longer than along it, and than the parabola:
-    coefficients of Chebyshev polynomials of the squared radius, which goes from -1 on the axis to 1 beyond
-    the rim."""
+def _on_axis(lens: PrescriptionLens, wavelength: float, nearer: float = 0.0) -> tuple[float, ...]:
+    """How much [mm] the way of light from the axis is longer than along it, and than the parabola, from
+    where the inverse distance [1/mm] is more than that in focus by so much: coefficients of Chebyshev
+    polynomials of the squared radius, which goes from -1 on the axis to 1 beyond the rim."""
     held = _held(lens)
     index = held.lens.index(torch.tensor([wavelength], dtype=torch.float64))
     heights = (
         torch.linspace(0, 1.1, 4 * ORDER, dtype=torch.float64).sqrt() * held.entrance_radius * BEYOND_RIM
     )
-    rays, path = axial(held, index, heights[None])
+    vergence = 1 / held.distance + nearer
+    rays, path = axial(held, index, heights[None], 1 / vergence if vergence else math.inf)
     _, place, back = on_sphere(held, rays, torch.zeros(1, dtype=torch.float64))
     squared, longer = (place[0] * held.scale).square(), (path - back)[0]
-    longer = longer - longer[0] - squared * (_farther(lens, wavelength) / held.scale**2 / 2)
+    parabola = _farther(lens, wavelength) / held.scale**2 + nearer
+    longer = longer - longer[0] - squared * (parabola / 2)
     scaled = squared * (2 / (BEYOND_RIM * held.rim * held.scale) ** 2) - 1
     fine = torch.isfinite(scaled) & (scaled < 1.05)
     fit = torch.linalg.lstsq(chebyshev(scaled[fine], ORDER + 1), longer[fine, None], driver="gelsy")
@@ -233,11 +243,14 @@ def _on_axis(lens: PrescriptionLens, wavelength: float) -> tuple[float, ...]:
 
 
 @lru_cache(maxsize=1024)
-def _pupil(lens: PrescriptionLens, tangent: float) -> Pupil:
-    return pupil(_held(lens), torch.tensor([tangent], dtype=torch.float64))
+def _pupil(lens: PrescriptionLens, tangent: float, nearer: float) -> Pupil:
+    held = _held(lens)
+    vergence = 1 / held.distance + nearer
+    return pupil(held, torch.tensor([tangent], dtype=torch.float64), 1 / vergence if vergence else math.inf)
 
 
 @lru_cache(maxsize=4096)
-def _wave(lens: PrescriptionLens, tangent: float, wavelength: float) -> Wave:
+def _wave(lens: PrescriptionLens, tangent: float, wavelength: float, nearer: float = 0.0) -> Wave:
+    """nearer: as in `_on_axis`."""
     with torch.no_grad():
-        return waves(_pupil(lens, tangent), torch.tensor([wavelength], dtype=torch.float64))[0]
+        return waves(_pupil(lens, tangent, nearer), torch.tensor([wavelength], dtype=torch.float64))[0]

@@ -166,10 +166,13 @@ def _stop_radius(lens: Stack, index: Tensor, opening: float) -> float:
     return float(rays.at[lens.stop][1].abs())
 
 
-def axial(held: Focused, index: Tensor, heights: Tensor) -> tuple[Rays, Tensor]:
-    """Rays at heights [batch, ray] of the entrance pupil from the point on the axis in focus, on the sensor's
-    plane, and their paths from a sphere about that point to the sensor's plane."""
-    vergence = torch.tensor(1 / held.distance, dtype=torch.float64)
+def axial(
+    held: Focused, index: Tensor, heights: Tensor, distance: float | None = None
+) -> tuple[Rays, Tensor]:
+    """Rays at heights [batch, ray] of the entrance pupil from the point on the axis at a distance before it,
+    None for that in focus, on the sensor's plane, and their paths from a sphere about that point to the
+    sensor's plane."""
+    vergence = torch.tensor(1 / (held.distance if distance is None else distance), dtype=torch.float64)
     zero = torch.zeros((), dtype=torch.float64)
     start, direction, longer = launch(zero + held.first.entrance, zero, vergence, 0 * heights, heights)
     rays = trace(held.lens, index[:, None], start, direction, (held.lens.stop,)).to_plane(held.sensor)
