@@ -155,15 +155,24 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
 
 
 def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float], db: float) -> int:
-    """The largest of `STEPS` by which photos err by less than `db` of PSNR from places between being joined.
+    """The largest of `STEPS` by which photos err by less than `db` of PSNR, see `errors_by_step`."""
+    if not camera.lens.varies:
+        return STEPS[0]
+    found = errors_by_step(camera, frame, wavelengths, ends)
+    return next((step for step, error in found if step and error < 10 ** (-db / 20)), STEPS[-1])
+
+
+def errors_by_step(
+    camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float]
+) -> Iterator[tuple[int, float]]:
+    """For 0, which is the PSF of the axis everywhere, and then each of `STEPS`: by how much photos err, root
+    mean square at full scale 1, where PSFs of places so far apart are joined.
 
     Looked at along a diagonal, from the axis to the corner that is farthest from it: at the middle of a cell
     the PSF, with its light, stands against the mean of the cell's corners, by the contrast of a picture whose
     power spectrum falls with the square of the frequency. ends: least and largest inverse depth [1/m];
     between them, the distance in focus is looked at as well. Nothing of a picture decides.
     """
-    if not camera.lens.varies:
-        return STEPS[0]
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours = response(camera, bands) @ bands
     depths = sorted({*ends, min(max(1 / float(focus_distance(camera, float(colours[1]))), ends[0]), ends[1])})
@@ -181,16 +190,18 @@ def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[floa
         return known[down, right]
 
     def off(step: int, part: float) -> float:
-        """At the middle of the cell that holds a part of the way to the corner."""
-        down, right = (math.floor(part * way / step) * step for way in along)
+        """At the middle of the cell that holds a part of the way to the corner; or there, without steps."""
         try:
-            ends = [seen_at(down + y * step, right + x * step) for y in (0, 1) for x in (0, 1)]
-            transfer, light = seen_at(down + step / 2, right + step / 2)
+            if step:
+                down, right = (math.floor(part * way / step) * step for way in along)
+                ends = [seen_at(down + y * step, right + x * step) for y in (0, 1) for x in (0, 1)]
+                transfer, light = seen_at(down + step / 2, right + step / 2)
+            else:
+                ends, (transfer, light) = [seen_at(0.0, 0.0)], seen_at(*(part * way for way in along))
         except InputError:  # light from so far outside of the frame does not reach the sensor
             return math.inf
         mean = torch.stack([each for each, _ in ends]).mean(0)
-        dark = MEAN * (light - sum(each for _, each in ends) / 4)
-        return math.hypot(transfers_apart(transfer, mean), dark)
+        dark = MEAN * (light - sum(each for _, each in ends) / len(ends))
+        return 10 ** (-CONTRAST_DB / 20) * math.hypot(transfers_apart(transfer, mean), dark)
 
-    allowed = 10 ** ((CONTRAST_DB - db) / 20)
-    return next((step for step in STEPS if all(off(step, part) < allowed for part in WAY)), STEPS[-1])
+    return ((step, max(off(step, part) for part in WAY)) for step in (0, *STEPS))

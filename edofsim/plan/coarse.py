@@ -40,8 +40,8 @@ class Coarse:
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def photo(self, fidelity: Fidelity) -> Tensor:
-        """The clean photo [channel, y, x] by a fidelity of the whole view."""
-        change: dict[str, object] = {}
+        """The clean photo [channel, y, x] by a fidelity of the whole view, with the PSFs of the axis."""
+        change: dict[str, object] = {"field_step_px": 0}
         if fidelity.window_px is not None:
             change["window_px"] = _even(fidelity.window_px / self.times)
         if fidelity.margin_px is not None:

@@ -70,6 +70,7 @@ class Costs:
             layers = self.facts.layers_of(fidelity.layers)
             groups, colours = self._counts(fidelity)
             how = (self.shape, self.facts.camera, fidelity, layers, groups, colours)
+            how = (*how, self.facts.step_of(fidelity))
             self._known[fidelity] = work_of(*how)
         return self._known[fidelity]
 

@@ -7,12 +7,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TypeAlias, cast
 
 import torch
 from torch import Tensor
 
 from ..capture.fidelity import Fidelity, coarsest_pupil_um, edge_pixels, full_fidelity, pupil_is_free
+from ..capture.field import frame_of
 from ..capture.guessed import guessed_fragments, with_guessed
 from ..capture.imaging import spectrum_of
 from ..capture.occlusion.slabs import Hides, cuts, hides
@@ -21,6 +23,7 @@ from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.once import Once
 from ..optics import Camera
+from ..optics.field import STEPS, errors_by_step
 from ..optics.threads import in_threads
 from ..recipe import SceneRecipe
 from ..render.view import View
@@ -32,6 +35,8 @@ SAME_DEPTH_PX = 0.01
 """Depths between which the blur changes by less are one: rounding, or a wall far away."""
 MASKED = {"name", "purpose", "mask", "fabrication"}
 """Tables of a camera's recipe that its mask decides."""
+FIELD_DB = 60.0
+"""Errors between places in the field are looked at until they are as small, or smaller than is allowed."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
 
@@ -86,6 +91,26 @@ class Facts:
     def coarse(self) -> Coarse:
         """What occlusion is seen in."""
         return coarse_of(self.view, self.camera, self.exposure, self.quick_pupil_um)
+
+    @cached_property
+    def joined(self) -> Mapping[int, float]:
+        """By `field_step_px`, what photos err by; halved steps err by a quarter, once that is little."""
+        view, enough = self.view, min(self.allowed, 10 ** (-FIELD_DB / 20))
+        found = dict.fromkeys((0, *STEPS), 0.0)
+        for step, error in errors_by_step(self.camera, frame_of([view]), view.wavelengths, self.ends):
+            found[step] = error
+            if error < enough:
+                break
+        for step, half in pairwise(STEPS):
+            found[half] = found[half] or found[step] / 4
+        return found
+
+    def step_of(self, fidelity: Fidelity) -> int:
+        """Pixels between the places in the field that PSFs are computed at, 0 for one place."""
+        if not self.camera.lens.varies or fidelity.field_step_px is not None:
+            return fidelity.field_step_px or 0
+        least = 10 ** (-fidelity.layers_db / 20)
+        return next((step for step in STEPS if self.joined[step] < least), STEPS[-1])
 
     @cached_property
     def averaging(self) -> tuple[float, ...]:
@@ -205,7 +230,7 @@ def facts_of(
     facts = Facts(
         view=view,
         camera=camera,
-        full=full_fidelity(camera, view, edges).changed(_of_one_place(camera)),
+        full=full_fidelity(camera, view, edges),
         edges=edges,
         response=response,
         spectrum=spectrum,
@@ -234,15 +259,9 @@ def through_mask_like(facts: Facts, camera: Camera) -> Facts:
     before, after = (each.recipe.model_dump(exclude=MASKED) for each in (facts.camera, camera))
     if before != after:
         raise ValueError("another camera in more than its mask")
-    full = full_fidelity(camera, facts.view, facts.edges)
-    full = full.changed({"layers": facts.full.layers, **_of_one_place(camera)})
+    full = full_fidelity(camera, facts.view, facts.edges).changed({"layers": facts.full.layers})
     shape = replace(facts.shape, counted=Once())  # the pupil's work is the mask's
     return replace(facts, camera=camera, full=full, shape=shape)
-
-
-def _of_one_place(camera: Camera) -> dict[str, object]:
-    """Effects are looked at with the PSFs of the axis; how many places a photo has is chosen apart."""
-    return {"field_step_px": 0} if camera.lens.varies else {}
 
 
 def _fingerprint(view: View) -> str:

@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from ..capture.fidelity import Fidelity
-from ..capture.field import frame_of
 from ..core.progress import Progress
 from ..optics import Camera
-from ..optics.field import step_for
 from ..optics.threads import one_thread_an_operation
 from ..render.view import View
 from .choose import Chosen, Cost, cheapest, everything, fidelity_of, within
@@ -28,9 +26,6 @@ SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
 OCCLUSION_DB = 1.5
 """And by this where occlusion is simulated: it is seen in few large pixels, and what passes it in slabs."""
-
-FIELD_SAFETY_DB = 6.0
-"""PSFs between places of the field err by less than what is asked for, so that others have their share."""
 
 
 @dataclass(frozen=True)
@@ -112,17 +107,6 @@ class Planner:
             "with everything else in full, and this is it"
         )
 
-    def _over_field(self, fidelity: Fidelity, asked: float) -> Fidelity:
-        """With PSFs of their own at as many places as a photo of `asked` dB needs, for a lens that varies."""
-        view, camera = self.facts.view, self.facts.camera
-        if not camera.lens.varies:
-            return fidelity
-        if not math.isfinite(asked):
-            return fidelity.changed({"field_step_px": None})
-        ends = (float(view.inverse_depth.min()), float(view.inverse_depth.max()))
-        step = step_for(camera, frame_of([view]), view.wavelengths, ends, asked + FIELD_SAFETY_DB)
-        return fidelity.changed({"field_step_px": step})
-
     def _plan(
         self,
         chosen: Chosen,
@@ -132,7 +116,7 @@ class Planner:
         note: str,
         seconds: Cost,
     ) -> Plan:
-        fidelity = self._over_field(fidelity_of(self.estimates, chosen, self.facts.full), asked)
+        fidelity = fidelity_of(self.estimates, chosen, self.facts.full)
         now = seconds(chosen)
         decisions = []
         for row in self.estimates.rows:

@@ -101,7 +101,7 @@ def _key(
         "asked": None if asked is None else sorted(asked),
         "most_db": round(decibels(facts.allowed), 3),
         "rendering": [facts.shorter, facts.plain_glass, facts.view.noise, facts.noisier],
-        "margin_px": [facts.view.height, facts.view.width, facts.view.margin],
+        "frame": [facts.view.height, facts.view.width, facts.view.margin, facts.view.axis_px],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())
     digest.update(facts.response.numpy().tobytes())

@@ -38,6 +38,7 @@ def noise_in(facts: Facts) -> dict[str, float]:
 def noise_photographed(facts: Facts) -> float:
     """As `photo` of `noise_in`, of a photo that is taken of the noise."""
     few = {"occlusion": "none", "sub_apertures": 1, "layers": min(LAYERS, facts.layers_of(None))}
+    few["field_step_px"] = 0
     coarse = facts.full.changed(few)
     photo = capture(facts.view, facts.camera, coarse, exposure=facts.exposure)
     noise = photographed_noise(facts.view, facts.camera, coarse, photo).image

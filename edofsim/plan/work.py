@@ -86,10 +86,13 @@ class Waves:
         }
 
 
-def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int) -> Work:
+def work_of(
+    shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, groups: int, colours: int, step: int = 0
+) -> Work:
     """The work of a photo.
 
-    layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs.
+    layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs; step:
+    pixels between the places in the field that these are computed at, 0 for one place.
     """
     window = fidelity.window_px or camera.recipe.psf.window_px
     layers = 1 if shape.ends[0] == shape.ends[1] else layers
@@ -113,13 +116,14 @@ def work_of(shape: Shape, camera: Camera, fidelity: Fidelity, layers: int, group
     pixels = 3.0 * shape.height * shape.width
     looked = 0.0 if shape.one_each else shape.fragments + fragments
     gathered = groups if fidelity.band_groups else 0
+    places, wider = _over_field(shape, window, step)
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {
             "prepare": {"calls": 1.0, "moves": looked, "elements": pixels},
-            "psf": waves.amounts,
-            "blur": blur,
-            "sub_apertures": parts,
+            "psf": _times(waves.amounts, places),
+            "blur": _times(blur, wider),
+            "sub_apertures": _times(parts, wider) | {"products": parts.get("products", 0.0) * places},
             "sensor": {"elements": pixels},
         },
         4.0 * layers * (colours + gathered) * window**2
@@ -146,6 +150,20 @@ def _optics_of(shape: Shape, camera: Camera, fidelity: Fidelity, window: int) ->
 def _frame(shape: Shape, window: int) -> float:
     """Pixels of the frame with the margin that PSFs reach."""
     return (shape.height + 2.0 * (window // 2)) * (shape.width + 2.0 * (window // 2))
+
+
+def _over_field(shape: Shape, window: int, step: int) -> tuple[float, float]:
+    """How many places in the field PSFs are computed at, those next to the frame too; and the pixels of all
+    their parts of the frame, over those of the frame, each with what its blur reaches."""
+    if not step:
+        return 1.0, 1.0
+    along = [(length / step + 1, min(2.0 * step, length)) for length in (shape.height, shape.width)]
+    parts = math.prod(count * (part + window) for count, part in along)
+    return math.prod(count + 2 for count, _ in along), max(1.0, parts / _frame(shape, window))
+
+
+def _times(amounts: Amounts, factor: float) -> dict[str, float]:
+    return {kind: amount * factor for kind, amount in amounts.items()}
 
 
 def _added(*parts: Amounts) -> Amounts:

@@ -18,7 +18,7 @@ from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.optics.field import Frame, places, relative_light, step_for
-from edofsim.plan import parse_target, plan_photo
+from edofsim.plan import decibels, overall, parse_target, plan_photo
 from edofsim.recipe import CameraRecipe
 from edofsim.render.view import View
 from edofsim.restore import restore
@@ -207,6 +207,11 @@ def test_plans_have_as_many_places_as_the_target_asks_for(corner: tuple[View, Ca
     assert steps[0] > steps[1] > 0 and steps[2] is None
     photo, finest = (capture(view, seen_by, each).clean for each in (plans[0].fidelity, plans[2].fidelity))
     assert db(photo - finest) > 40
+    left_out = next(each for each in plans[2].decisions if each.effect == "field dependence")
+    by_axis = capture(view, seen_by, plans[2].fidelity.changed({"field_step_px": 0})).clean
+    assert decibels(overall(left_out.error)) == pytest.approx(db(by_axis - finest), abs=3)
+    seconds = [sum(plan.seconds.values()) for plan in plans]
+    assert seconds == sorted(seconds)
 
 
 def test_each_place_is_restored_by_its_own_psfs():

@@ -254,8 +254,8 @@ def test_a_large_view_is_photographed_in_few_pixels_and_a_small_one_as_it_is():
 
 
 def test_steps_of_less_blur_than_a_coarse_pixel_hide_in_it_as_in_the_view():
-    """Stairs whose blurs differ by one and a half of the view's pixels, of which four lie in a coarse one: what
-    sub-apertures change is as large as in a photo of the whole view, within 3 dB."""
+    """Stairs whose blurs differ by one and a half of the view's pixels, of which four lie in a coarse one:
+    what sub-apertures change is as large as in a photo of the whole view, within 3 dB."""
     flat = two_depths(180, 270, bands=2)
     step = 1.5 / blur_per_dioptre(CAMERA)
     stairs = torch.div(torch.arange(flat.padded_shape[1]), 60, rounding_mode="floor").remainder(5)

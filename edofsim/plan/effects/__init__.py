@@ -27,6 +27,7 @@ EFFECTS: Registry[Effect] = Registry(
         "pixel integration": f"{HERE}.pixel:EFFECT",
         "PSF window": f"{HERE}.window:EFFECT",
         "pupil sampling": f"{HERE}.pupil:EFFECT",
+        "field dependence": f"{HERE}.field_dependence:EFFECT",
         "light from outside": f"{HERE}.outside:EFFECT",
         "fabrication error": f"{HERE}.fabrication:EFFECT",
         "read noise": f"{HERE}.read_noise:EFFECT",
