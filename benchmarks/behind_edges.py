@@ -25,8 +25,8 @@ import torch
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture, guessed
+from edofsim.capture.depth_edges import near_edges
 from edofsim.capture.guessed import with_guessed
-from edofsim.experiments.depth_edges import near_edges
 from edofsim.optics import Camera
 from edofsim.recipe import SceneRecipe, load_camera, load_scene
 from edofsim.record import record, write_record

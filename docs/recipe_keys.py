@@ -11,8 +11,9 @@ from edofsim.recipe.schema import json_schema, model_of
 PAGE = Path(__file__).parent / "recipes.md"
 HEAD = """# Recipe keys
 
-All keys of scene, camera and training recipes, with their meaning, values and defaults. Editors that read
-JSON Schema show the same text while you type; `edofsim schema scene`, `camera` and `train` print it.
+All keys of scene, camera, training and dataset recipes, with their meaning, values and defaults. Editors that
+read JSON Schema show the same text while you type; `edofsim schema scene`, `camera`, `train` and `dataset`
+print it.
 """
 Table = dict[str, Any]
 
@@ -21,7 +22,7 @@ def page() -> str:
     """The page as Markdown: a section a recipe, a table for each of its tables."""
     parts = [HEAD]
     shown: set[str] = set()
-    for recipe in ("scene", "camera", "train"):
+    for recipe in ("scene", "camera", "train", "dataset"):
         schema = json_schema(model_of(recipe), recipe)
         parts.append(f"## {recipe.capitalize()} recipe\n\n{_keys(schema)}")
         for name, table in sorted(schema["$defs"].items()):

@@ -25,6 +25,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plan": {"recipe", "scene", "render", "optics", "capture"},
     "restore": {"recipe", "optics", "capture"},
     "learn": {"recipe", "scene", "render", "optics", "capture", "restore"},
+    "data": {"recipe", "scene", "render", "optics", "capture", "plan", "learn"},
     "stability": {"recipe", "render", "optics", "capture"},
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"} - {"stability"}

@@ -15,6 +15,7 @@ from .. import __version__, console
 from ..errors import InputError
 from .cache import cache_app
 from .cost import cost
+from .dataset import dataset_app
 from .evaluate import evaluate_app
 from .expose import expose
 from .fabricate import fabricate
@@ -46,6 +47,7 @@ app = typer.Typer(
 for command in (run, look, render, expose, plan, cost, restore, train, psf, fabricate):
     app.command()(command)
 app.add_typer(evaluate_app, name="evaluate")
+app.add_typer(dataset_app, name="dataset")
 app.add_typer(cache_app, name="cache")
 app.command("list")(list_)
 for command in (new, doctor, schema):

@@ -19,6 +19,7 @@ class RecipeKind(StrEnum):
     scene = "scene"
     camera = "camera"
     train = "train"
+    dataset = "dataset"
 
 
 def doctor(

@@ -199,13 +199,18 @@ def read_exr_rgb(path: Path, what: str) -> np.ndarray:
 
 
 def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> Path:
-    """Float32 planes [y, x] by name, with a header, as an OpenEXR file. Returns the path.
+    """Planes [y, x] by name, with a header, as an OpenEXR file: float32, half where they are float16. Returns
+    the path.
 
     Raises what `files.whole` raises.
     """
     writer = openexr()
     header = {"compression": writer.ZIP_COMPRESSION, "type": writer.scanlineimage, **attributes}
-    planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
+    halves = {name for name, plane in channels.items() if plane.dtype == np.float16}
+    planes = {
+        name: np.ascontiguousarray(plane, np.float16 if name in halves else np.float32)
+        for name, plane in channels.items()
+    }
     with whole(path) as temporary:
         save_exr(writer.File(header, planes), temporary)
     return path

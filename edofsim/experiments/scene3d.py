@@ -23,6 +23,7 @@ import typer
 from torch import Tensor
 
 from .. import completion
+from ..capture.depth_edges import near_edges
 from ..capture.framing import framed, seen_through
 from ..core.files import write_bytes
 from ..core.progress import Progress, part
@@ -45,7 +46,6 @@ from ..render.view import View
 from ..report import Link, write_page
 from ..restore.checkpoint import shipped_checkpoints
 from ..scene.family import in_place_of
-from .depth_edges import near_edges
 from .experiment import Findings, in_paper, in_parts
 from .failures import Failures
 from .kept import Kept

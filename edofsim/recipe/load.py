@@ -12,11 +12,21 @@ from pydantic import BaseModel
 from ..core.shipped import shipped, shipped_folder
 from ..errors import InputError
 from .camera import CameraRecipe
+from .dataset import DatasetRecipe
 from .scene import SceneRecipe
 from .toml import read_toml, validate
 from .train import TrainRecipe
 
-__all__ = ["Loaded", "load_camera", "load_scene", "load_train", "shipped", "shipped_folder"]
+__all__ = [
+    "Loaded",
+    "load_camera",
+    "load_dataset",
+    "load_member_scene",
+    "load_scene",
+    "load_train",
+    "shipped",
+    "shipped_folder",
+]
 
 Recipe = TypeVar("Recipe", bound=BaseModel)
 
@@ -55,6 +65,20 @@ def camera_file(source: str | Path, base: Path | None = None) -> Path:
 def load_train(source: str | Path) -> Loaded[TrainRecipe]:
     """A training recipe from its file, or a shipped one by name. Raises InputError."""
     return _read(TrainRecipe, _file(source, shipped_folder("train"), "training recipe"))
+
+
+def load_dataset(source: str | Path) -> Loaded[DatasetRecipe]:
+    """A dataset recipe from its file, or a shipped benchmark's by name (`tiny`). Raises InputError."""
+    return _read(DatasetRecipe, _file(source, shipped_folder("scenes") / "benchmarks", "dataset recipe"))
+
+
+def load_member_scene(source: str, base: Path) -> Loaded[SceneRecipe]:
+    """A scene recipe from its file (relative to `base`), or a shipped scene or family by name. Raises
+    InputError."""
+    if (base / source).is_file():
+        return load_scene(base / source)
+    family = shipped_folder("scenes") / "families" / f"{source}.toml"
+    return load_scene(family if family.is_file() and "/" not in source else source)
 
 
 def _file(source: str | Path, folder: Path, noun: str) -> Path:

@@ -24,9 +24,11 @@ def write_schema(model: type[BaseModel], title: str, path: Path) -> Path:
 
 
 def model_of(kind: str) -> type[BaseModel]:
-    """The model of a `scene`, `camera` or `train` recipe."""
+    """The model of a `scene`, `camera`, `train` or `dataset` recipe."""
     from .camera import CameraRecipe
+    from .dataset import DatasetRecipe
     from .scene import SceneRecipe
     from .train import TrainRecipe
 
-    return {"scene": SceneRecipe, "camera": CameraRecipe, "train": TrainRecipe}[kind]
+    models: dict[str, type[BaseModel]] = {"scene": SceneRecipe, "camera": CameraRecipe}
+    return (models | {"train": TrainRecipe, "dataset": DatasetRecipe})[kind]

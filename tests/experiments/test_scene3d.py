@@ -18,10 +18,10 @@ from skimage import data as pictures
 
 from edofsim import console
 from edofsim.capture import Fidelity, Photo, capture, ideal_image
+from edofsim.capture.depth_edges import near_edges
 from edofsim.cli import app
 from edofsim.core.progress import silent
 from edofsim.experiments import bench_scene, protocols, scene3d
-from edofsim.experiments.depth_edges import near_edges
 from edofsim.experiments.protocols import (
     LENS_ALONE,
     OURS,

@@ -20,6 +20,7 @@ RECIPES = [
     *((path, "scene", "./schema/scene.json") for path in sorted(ROOT.glob("*.toml"))),
     *((path, "scene", "../schema/scene.json") for path in sorted((ROOT / "families").glob("*.toml"))),
     *((path, "camera", "../schema/camera.json") for path in sorted((ROOT / "cameras").glob("*.toml"))),
+    *((path, "dataset", "../schema/dataset.json") for path in sorted((ROOT / "benchmarks").glob("*.toml"))),
     *(
         (path, "train", "../scenes/schema/train.json")
         for path in sorted(shipped_folder("train").glob("*.toml"))
@@ -27,14 +28,14 @@ RECIPES = [
 ]
 
 
-@pytest.mark.parametrize("kind", ["scene", "camera", "train"])
+@pytest.mark.parametrize("kind", ["scene", "camera", "train", "dataset"])
 def test_the_shipped_schema_is_that_of_the_models(kind: str):
     """If this fails: `edofsim schema KIND --out scenes/schema/KIND.json`."""
     stored = json.loads((ROOT / "schema" / f"{kind}.json").read_text())
     assert stored == json_schema(model_of(kind), f"edofsim {kind} recipe")
 
 
-@pytest.mark.parametrize("kind", ["scene", "camera", "train"])
+@pytest.mark.parametrize("kind", ["scene", "camera", "train", "dataset"])
 def test_every_key_says_what_it_means(kind: str):
     """If this fails: write the meaning, with its unit, as a text below the field."""
     schema = json_schema(model_of(kind), kind)

@@ -1,0 +1,7 @@
+"""Pairs to train on: a photo, and the sharp image that it should become."""
+
+from __future__ import annotations
+
+from .pairs import Pairs, PairStream
+
+__all__ = ["PairStream", "Pairs"]
