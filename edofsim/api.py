@@ -65,8 +65,8 @@ def camera(
     length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
     [m]. read_noise: standard deviation, full scale 1. full_well: electrons at full scale, for shot noise;
     bits: of the quantisation; bayer: the mosaic's first four pixels, such as `RGGB`. window: width of the
-    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file` in it
-    is relative to the working folder. name: of the camera, in tables and reports. height: height map
+    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file`
+    in it is relative to the working folder. name: of the camera, in tables and reports. height: height map
     of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
     [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
     network: checkpoint whose mask the camera has.

@@ -60,6 +60,9 @@ OutOption = Annotated[
 JsonOption = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="All printed figures, machine-readable.")
 ]
+RawColoursOption = Annotated[
+    bool, typer.Option("--raw-colours", help="Show the sensor's own colours, without white balance.")
+]
 DeviceOption = Annotated[Device, typer.Option("--device", help="Where to compute.")]
 SeedOption = Annotated[
     int,

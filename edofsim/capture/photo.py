@@ -23,7 +23,9 @@ class Photo:
     exposure: factor from radiance to full scale; truncated: fraction of the light that left the PSF windows
     and came back as veiling glare (see `photograph.glare_of`), per channel [channel]; how: the choices that
     were made (method, layers, occlusion, ...); seconds: time of each stage; inverse_depth: [y, x] in 1/m, the
-    mean of what each pixel sees, 0 is infinity; None where it is not known.
+    mean of what each pixel sees, 0 is infinity; None where it is not known; colours: [3, 3], matrix from the
+    sensor's colours to linear sRGB under the scene's light, for pictures alone (`render.colour_matrix`); None
+    where bands hold no colours, and pictures show the channels as they are.
     """
 
     image: Tensor
@@ -34,10 +36,11 @@ class Photo:
     how: Mapping[str, object] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     inverse_depth: Tensor | None = None
+    colours: Tensor | None = None
 
     def show(self, which: Literal["image", "clean", "ideal"] = "image", axes: Axes | None = None) -> Axes:
         """Draw one of its images with Matplotlib; returns the axes."""
-        return show(getattr(self, which), which, axes)
+        return show(getattr(self, which), which, axes, self.colours)
 
     def save(self, path: str | Path) -> Path:
         """Write it: as `.exr`, linear, with all that it holds but the seconds; as `.png`, the image in sRGB.
@@ -45,21 +48,23 @@ class Photo:
         from .files import save_image, write_photo
 
         path = Path(path)
-        return write_photo(path, self) if path.suffix.lower() == ".exr" else save_image(path, self.image)
+        if path.suffix.lower() == ".exr":
+            return write_photo(path, self)
+        return save_image(path, self.image, self.colours)
 
     @classmethod
     def load(cls, path: str | Path) -> Photo:
         """One that was saved as `.exr`. Raises InputError for any other file."""
-        from .files import read_photo
+        from .files import read_colour_matrix, read_photo
 
         image, clean, ideal, exposure, truncated, how, depth = read_photo(Path(path))
-        return cls(image, clean, ideal, exposure, truncated, how, {}, depth)
+        return cls(image, clean, ideal, exposure, truncated, how, {}, depth, read_colour_matrix(path))
 
     def _repr_png_(self) -> bytes:
-        return picture_png(self.image)
+        return picture_png(self.image, self.colours)
 
     def _repr_html_(self) -> str:
         rows, columns = self.image.shape[-2:]
         told = [name for name in ("layers", "occlusion", "sub_apertures") if name in self.how]
         said = ", ".join(f"{name} {self.how[name]}" for name in told)
-        return picture_html(self.image, f"Photo of {columns} x {rows} pixels: {said}")
+        return picture_html(self.image, f"Photo of {columns} x {rows} pixels: {said}", self.colours)

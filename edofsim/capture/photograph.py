@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,6 +20,7 @@ from ..optics import Camera, response
 from ..optics.precision import own_precision
 from ..optics.pupil import transmission
 from ..recipe import CameraRecipe
+from ..render.colour import colour_matrix, light_of
 from ..render.view import View
 from .band_limit import BandLimit
 from .checks import check_fidelity, check_pixel_angle, check_window
@@ -154,7 +156,7 @@ def capture(
     images = (image, clean, ideal * factor)
     if single:
         images, truncated, depth = (image[0], clean[0], images[2][0]), truncated[0], depth[0]
-    return Photo(*images, factor, truncated, said, watch.seconds, depth)
+    return Photo(*images, factor, truncated, said, watch.seconds, depth, colours_of(given, weights))
 
 
 @own_precision
@@ -166,6 +168,18 @@ def sub_aperture_change(
     view = as_composited(view, camera, fidelity)
     axes = axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
     return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
+
+
+def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
+    """Matrix [3, 3] from the colours of a sensor to linear sRGB, for one white balance of all views.
+
+    weights: the response [channel, band]. None where the bands hold no colours (`render.colour_matrix`).
+    """
+    lights = [light for view in views if (light := light_of(view)) is not None]
+    light = np.mean(lights, axis=0) if lights else None
+    wavelengths = views[0].wavelengths.cpu().double().numpy()
+    found = colour_matrix(weights.detach().cpu().double().numpy(), wavelengths, light)
+    return None if found is None else torch.from_numpy(found)
 
 
 def _change(imaging: Imaging | None, view: View, layout: Layout | None) -> Tensor:

@@ -28,6 +28,7 @@ from ..options import (
     OcclusionOption,
     OutOption,
     QuietOption,
+    RawColoursOption,
     ResampleOption,
     Scenes,
     SeedOption,
@@ -86,6 +87,7 @@ def expose(
     members: Annotated[
         int | None, typer.Option("--members", min=1, help="In place of each scene, members of its family.")
     ] = None,
+    raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
@@ -139,6 +141,7 @@ def expose(
             bands=bands,
             reference=reference,
             resample=resample,
+            raw_colours=raw_colours,
             where=None if crop is None else crop_of(crop),
             seed=seed,
             cache=seen_by(how, cache),
@@ -165,6 +168,7 @@ def photographed(
     reference: str | None,
     where: Crop | None,
     resample: bool,
+    raw_colours: bool,
     seed: int,
     cache: Path | None,
     device: str,
@@ -175,6 +179,7 @@ def photographed(
     scene, taker, folder = part
     options = {"overrule": dict(overrule), "target": target, "bands": bands, "reference": reference}
     options |= {"where": where, "resample": resample, "seed": seed}
+    options["raw_colours"] = raw_colours
     key = photo_key(scene, taker, wanted, options)
     if (there := taken(folder, key)) is not None:
         return there
@@ -188,6 +193,7 @@ def photographed(
         reference=reference,
         where=where,
         resample=resample,
+        raw_colours=raw_colours,
         seed=seed,
         cache=cache,
         device=device,
@@ -213,6 +219,7 @@ def _photographed(
     reference: str | None,
     where: Crop | None,
     resample: bool,
+    raw_colours: bool,
     seed: int,
     cache: Path | None,
     device: str,
@@ -256,6 +263,8 @@ def _photographed(
         check_crop(view, where)
     with watch.stage("expose", 0.7, 0.8):
         photo = capture(view, optics, fidelity, seed=seed, device=compute)
+    if raw_colours:
+        photo = replace(photo, colours=None)
     if bands is None:
         photo = with_predicted(photo, plan)
     if compute == "cpu" and bands is None:
@@ -276,8 +285,8 @@ def _photographed(
     }
     outputs = {
         "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
-        "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image),
-        "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal),
+        "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image, photo.colours),
+        "ideal (PNG, sRGB)": save_image(folder / "ideal.png", photo.ideal, photo.colours),
     }
     if is_picture(scene.recipe):
         outputs["all in focus, as it was given (PNG)"] = save_image(folder / "given.png", view.colours())
@@ -301,7 +310,7 @@ def _photographed(
             )
         numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
         outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
-        outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true)
+        outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true, photo.colours)
         lines.append(
             f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
             f"{reference} reference, which took {watch.seconds['reference']:.0f} s"

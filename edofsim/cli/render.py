@@ -196,7 +196,7 @@ def _stopping(
 def _view_pictures(
     tasks: Sequence[Task], folder: Path, noise: float | None, cache: Path | None
 ) -> dict[str, Path]:
-    from ..capture import ideal_image, save_image
+    from ..capture import save_image
     from ..render import finished
     from ..report import depth_plot
 
@@ -206,7 +206,7 @@ def _view_pictures(
         if view is None:  # of another shard, or failed
             continue
         name = task.recipe.name
-        outputs[f"{name} picture"] = save_image(folder / f"{name}.png", view.crop_margin(ideal_image(view)))
+        outputs[f"{name} picture"] = save_image(folder / f"{name}.png", view.picture())
         depth = view.crop_margin(view.mean_inverse_depth())
         outputs[f"{name} depth"] = depth_plot(depth).save(folder / f"{name}-depth.png")
     return outputs

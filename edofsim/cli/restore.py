@@ -10,7 +10,15 @@ import typer
 
 from .. import completion
 from ..errors import InputError
-from ..options import Device, DeviceOption, JsonOption, NetworkOption, OutOption, QuietOption
+from ..options import (
+    Device,
+    DeviceOption,
+    JsonOption,
+    NetworkOption,
+    OutOption,
+    QuietOption,
+    RawColoursOption,
+)
 from ..record import peak_memory_mib, writable_folder
 from .shared import Done, begun, finish
 
@@ -35,6 +43,7 @@ def restore(
     far_m: Annotated[
         float, typer.Option("--far", metavar="METRES", help="Farthest depth; inf is legal.")
     ] = float("inf"),
+    raw_colours: RawColoursOption = False,
     out: OutOption = None,
     json: JsonOption = None,
     device: DeviceOption = Device.auto,
@@ -55,6 +64,7 @@ def restore(
 
         from ..capture import read_image, save_image, write_image
         from ..capture.device import torch_device
+        from ..capture.files import read_colour_matrix
         from ..recipe.scene import Bands
         from ..restore import restore
         from ..restore.choice import choose_network, said_of
@@ -67,10 +77,11 @@ def restore(
         started = time.perf_counter()
         restored, by = restore(image, optics, wavelengths, depths, checkpoint=checkpoint)
         restored = restored.cpu()
+        colours = None if raw_colours else read_colour_matrix(photo)
         numbers = {"seconds.restore": time.perf_counter() - started, "peak_memory_mib": peak_memory_mib()}
         outputs = {
             "restored (EXR, linear)": write_image(folder / "restored.exr", restored),
-            "restored (PNG, sRGB)": save_image(folder / "restored.png", restored),
+            "restored (PNG, sRGB)": save_image(folder / "restored.png", restored, colours),
         }
         lines = [f"{by}: {numbers['seconds.restore']:.2f} s"]
         lines += [said] if (said := said_of(checkpoint, by)) else []

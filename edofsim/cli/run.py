@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,6 +27,7 @@ from ..options import (
     OcclusionOption,
     OutOption,
     QuietOption,
+    RawColoursOption,
     ResampleOption,
     Scene,
     SeedOption,
@@ -53,6 +55,8 @@ if TYPE_CHECKING:
     from ..pipeline import Run
     from ..report import Plot
 
+GIVEN = "given"
+"""A picture with depths as it was given: it has its own colours."""
 LINEAR = "photo (EXR, linear)"
 
 
@@ -73,6 +77,7 @@ def run(
     cost: Annotated[
         bool, typer.Option("--cost", help="Measure what accuracy costs; chart in the report.")
     ] = False,
+    raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,
     out: OutOption = None,
     json: JsonOption = None,
@@ -124,6 +129,8 @@ def run(
             device=device.value,
             progress=progress,
         )
+        if raw_colours:
+            result = replace(result, photo=replace(result.photo, colours=None))
         from ..report import write_run_report
 
         progress(0.98, "report")
@@ -134,7 +141,8 @@ def run(
         def saved(name: str) -> Path:
             if name == LINEAR:
                 return write_photo(folder / "photo.exr", result.photo)
-            return save_image(folder / f"{name}.png", images[name])
+            colours = None if name == GIVEN else result.photo.colours
+            return save_image(folder / f"{name}.png", images[name], colours)
 
         longest_first = [LINEAR, *images]
         paths = dict(zip(longest_first, in_threads(saved, longest_first, torch.device("cpu")), strict=True))
@@ -180,7 +188,7 @@ def _images(result: Run) -> Mapping[str, Tensor]:
         "restored": result.restored,
         "lens-alone": result.lens_alone.image,
         "wiener": result.wiener,
-        "given": result.view.colours() if is_picture(result.scene.recipe) else None,
+        GIVEN: result.view.colours() if is_picture(result.scene.recipe) else None,
     }
     return {name: image for name, image in images.items() if image is not None}
 

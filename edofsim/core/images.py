@@ -41,6 +41,17 @@ def srgb_encode(linear: A) -> A:
     return low * (12.92 * x) + ~low * (1.055 * x.clip(0.0031308) ** (1 / 2.4) - 0.055)  # pyrefly: ignore
 
 
+def developed(image: Tensor, colours: Tensor | None) -> Tensor:
+    """A sensor's linear image [..., 3, y, x] in linear sRGB of the same shape; as it is without `colours`.
+
+    colours: [3, 3], matrix to linear sRGB, white balance included (`Photo.colours`). What exceeds full scale
+    is clipped first, so that highlights stay white; images of one channel have no colours.
+    """
+    if colours is None or image.shape[-3] != 3:
+        return image
+    return (colours.to(image) @ image.clamp(max=1).flatten(-2)).reshape(image.shape)
+
+
 def srgb_decode(encoded: A) -> A:
     """The inverse of `srgb_encode`: values in [0, 1] to linear ones, same shape. Values above 1 go on."""
     low = encoded <= 0.04045
@@ -108,6 +119,28 @@ def read_exr(path: Path, what: str) -> dict[str, np.ndarray]:
     called PART.CHANNEL. Raises InputError.
     """
     return _read_exr(path, what)[0]
+
+
+def exr_attribute(path: Path, name: str) -> str | None:
+    """A text in the header of an OpenEXR file; None where it has none. Raises InputError."""
+    existing(path, "image")
+    try:
+        with openexr().File(str(path), header_only=True) as file:
+            found = file.parts[0].header.get(name)
+    except Exception as error:  # OpenEXR raises its own kinds
+        raise InputError(f"{str(path)!r} cannot be read as OpenEXR: {first_line(error)}") from error
+    return found if isinstance(found, str) else None
+
+
+def png_text(path: Path, key: str) -> str | None:
+    """A text in a PNG file; None where it has none, or is no PNG. Raises InputError for a missing file."""
+    existing(path, "image")
+    try:
+        with Image.open(path) as file:
+            found = getattr(file, "text", {}).get(key)
+    except (OSError, SyntaxError, ValueError):
+        return None
+    return found if isinstance(found, str) else None
 
 
 def exr_chromaticities(path: Path, what: str) -> tuple[float, ...] | None:

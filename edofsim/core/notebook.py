@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -10,39 +11,43 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from .images import png_bytes, srgb_encode
+from .images import developed, png_bytes, srgb_encode
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from torch import Tensor
 
+COLOURS = "edofsim colours"
+"""Text of a PNG file: the matrix that its colours were made with."""
 SHOWN_PX = (320, 640)
 """Least and greatest width of a picture in a notebook; the browser scales it."""
 
 
-def srgb_pixels(image: Tensor) -> np.ndarray:
+def srgb_pixels(image: Tensor, colours: Tensor | None = None) -> np.ndarray:
     """A linear image [3 or 1, y, x] as uint8 [y, x, 3]; full scale 1 is white, NaN is black.
 
+    colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
     Raises InputError for another shape.
     """
     if image.ndim != 3 or image.shape[0] not in (1, 3):
         raise InputError(f"an image to look at has the shape [3, y, x] or [1, y, x], not {list(image.shape)}")
-    encoded = srgb_encode(image.detach().cpu().float().nan_to_num())
+    encoded = srgb_encode(developed(image.detach().cpu().float().nan_to_num(), colours))
     pixels = (encoded * 255).round().byte().permute(1, 2, 0).numpy()
     return np.ascontiguousarray(np.broadcast_to(pixels, (*pixels.shape[:2], 3)))
 
 
-def picture_png(image: Tensor) -> bytes:
-    """A linear image [3 or 1, y, x] as an sRGB PNG."""
-    return png_bytes(srgb_pixels(image))
+def picture_png(image: Tensor, colours: Tensor | None = None) -> bytes:
+    """A linear image [3 or 1, y, x] as an sRGB PNG, which states the colours that `srgb_pixels` takes."""
+    texts = {} if colours is None else {COLOURS: json.dumps(colours.tolist())}
+    return png_bytes(srgb_pixels(image, colours), texts)
 
 
-def show(image: Tensor, title: str = "", axes: Axes | None = None) -> Axes:
+def show(image: Tensor, title: str = "", axes: Axes | None = None, colours: Tensor | None = None) -> Axes:
     """Draw a linear image [3 or 1, y, x] with Matplotlib, full scale 1 white. Returns the axes, new ones
-    unless they are given. Raises InputError for another shape."""
+    unless they are given; colours: see `srgb_pixels`. Raises InputError for another shape."""
     from matplotlib import pyplot
 
-    pixels = srgb_pixels(image)
+    pixels = srgb_pixels(image, colours)
     if axes is None:
         _, axes = pyplot.subplots(layout="constrained")
     axes.imshow(pixels)
@@ -51,9 +56,9 @@ def show(image: Tensor, title: str = "", axes: Axes | None = None) -> Axes:
     return axes
 
 
-def picture_html(image: Tensor, caption: str) -> str:
-    """A linear image with a line below it."""
-    data = base64.b64encode(picture_png(image)).decode("ascii")
+def picture_html(image: Tensor, caption: str, colours: Tensor | None = None) -> str:
+    """A linear image with a line below it; colours: see `srgb_pixels`."""
+    data = base64.b64encode(picture_png(image, colours)).decode("ascii")
     width = min(max(SHOWN_PX[0], image.shape[-1]), SHOWN_PX[1])
     return (
         f'<figure style="margin:0"><img alt="{escape(caption)}" src="data:image/png;base64,{data}" '

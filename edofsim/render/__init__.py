@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..core.progress import Progress
 from ..recipe.scene import SceneRecipe
-from . import cache as store
-from .fetch import fetch, is_picture, place_of
+from .fetch import fetch, is_picture, place_of, stored_view
 from .jobs import Forecast, RenderOutcome, Task, forecast, render_many
 from .keys import view_key
 
@@ -51,8 +50,7 @@ def cached(
     recipe: SceneRecipe, base: Path, *, cache: Path | None = None, noise: float | None = None
 ) -> View | None:
     """The view of a scene if it is in the cache."""
-    known = store.load(place_of(recipe, base, cache, noise), aside=False)[0]
-    return None if known is None else known.view()
+    return stored_view(place_of(recipe, base, cache, noise), recipe, base)
 
 
 def finished(

@@ -17,6 +17,7 @@ from ..core.progress import Progress, part, silent
 from ..recipe.scene import SceneRecipe
 from ..record import writable_folder
 from . import cache as store
+from .colour import lit
 from .engine import find_engines
 from .fragments import Fragments
 from .keys import canonical, says_path_length, view_key
@@ -40,8 +41,17 @@ class Fetched:
     noise: float
 
 
-def _found(fragments: Fragments, place: store.Place) -> Fetched:
-    return Fetched(fragments.view, place, 0.0, _samples(fragments), fragments.noise)
+def _found(fragments: Fragments, place: store.Place, recipe: SceneRecipe, base: Path) -> Fetched:
+    def view() -> View:
+        return lit(fragments, recipe, base).view()
+
+    return Fetched(view, place, 0.0, _samples(fragments), fragments.noise)
+
+
+def stored_view(place: store.Place, recipe: SceneRecipe, base: Path) -> View | None:
+    """The view of a recipe if it is in the cache. Raises InputError for files that cannot be used."""
+    known = store.load(place, aside=False)[0]
+    return None if known is None else lit(known, recipe, base).view()
 
 
 def _samples(view: View | Fragments) -> int:
@@ -78,12 +88,12 @@ def fetch(
     # Without the lock first: readers of a finished view never wait for each other, and need not write.
     known, _ = store.load(place, aside=False)
     if known is not None:
-        return _found(known, place)
+        return _found(known, place, recipe, base)
     writable_folder(place.folder, store.OPTION)
     with store.locked(place, lambda: say(0.0, "another process renders this view; waiting for it")):
         known, message = store.load(place, aside=True)
         if known is not None:
-            return _found(known, place)
+            return _found(known, place, recipe, base)
         if message:
             LOG.warning(message)
         start = time.perf_counter()
@@ -126,6 +136,7 @@ def _rendered(
         "bands": view.bands,
         "run": run,
     }
+    view = lit(view, recipe, base)
     stored = store.store(place, view, canonical(recipe), record)
     partial.unlink(missing_ok=True)
     return view, stored

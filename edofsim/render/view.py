@@ -173,6 +173,7 @@ class View:
         from ..recipe.scene import Bands, Frame
         from ..scene import depth_maps, spectra
         from ..scene.pictures import source_picture
+        from .colour import light_entry
 
         if isinstance(rgb, str | Path):
             picture = source_picture(str(rgb), None, Path())
@@ -218,6 +219,7 @@ class View:
                 "route": "made of a picture with depths",
                 "picture": "; ".join(picture.assumed),
                 "hidden": "missing: a picture holds no light from behind its edges",
+                **light_entry(spectra.illuminant(illuminant, bands)),
             },
         )
 
@@ -318,8 +320,19 @@ class View:
         return self.crop_margin(image.reshape(3, *self.padded_shape))
 
     def picture(self) -> Tensor:
-        """`colours` with the 99th percentile at 0.9."""
-        image = self.colours()
+        """`colours`, white-balanced to the scene's light where that is known, the 99th percentile at 0.9."""
+        from ..scene.spectra import srgb_weights
+        from .colour import colour_matrix, light_of
+
+        image, light = self.colours(), light_of(self)
+        if light is not None:  # for the eye's own response the matrix is an exact adaptation to the light
+            wavelengths = self.wavelengths.cpu().numpy()
+            matrix = colour_matrix(srgb_weights(wavelengths), wavelengths, light)
+            image = (
+                image
+                if matrix is None
+                else torch.einsum("cs,syx->cyx", torch.as_tensor(matrix).to(image), image)
+            )
         bright = float(np.percentile(image.cpu().numpy(), 99))
         return image * (0.9 / bright) if bright > 0 else image
 

@@ -98,6 +98,7 @@ class RunReport:
     facts: further short facts for the head of the page (size, bands, noise, seed, ...)
     figures: flat record, a dotted name with its unit to a number
     versions, machine: of the packages and of the computer
+    colours: [3, 3], matrix to linear sRGB that the images are shown by (`Photo.colours`); None: as they are
     notes: what the reader must know (warnings); labels: other names for the images, by image
     """
 
@@ -132,6 +133,7 @@ class RunReport:
     notes: tuple[str, ...] = ()
     restored_label: str = "Restored"
     lens_alone_label: str = "Lens alone"
+    colours: Tensor | None = None
 
     def __post_init__(self) -> None:
         shape = (3, *self.inverse_depth.shape)

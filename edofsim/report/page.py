@@ -72,6 +72,8 @@ class Values:
     gain: float
     depth: Picture
     most: float
+    to_sensor: tuple[float, ...] = (1, 0, 0, 0, 1, 0, 0, 0, 1)
+    """Matrix [3, 3] by rows from the pictures' linear sRGB to the sensor's colours."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..core.images import png_bytes, srgb_encode
+from ..core.images import developed, png_bytes, srgb_encode
 from ..errors import InputError
 
 LARGEST_SIDE = 1024  # pixels; larger images are shown smaller, so that a page stays below some megabytes
@@ -71,16 +71,24 @@ def clipped_fraction(image: Tensor, gain: float = 1.0) -> float:
 
 
 def picture(
-    image: Tensor, label: str, alt: str, *, gain: float = 1.0, note: str = "", largest: int = LARGEST_SIDE
+    image: Tensor,
+    label: str,
+    alt: str,
+    *,
+    gain: float = 1.0,
+    note: str = "",
+    largest: int = LARGEST_SIDE,
+    colours: Tensor | None = None,
 ) -> Picture:
     """A linear image [3, y, x] as a picture. Values that are not numbers turn magenta, as in no photograph.
 
+    colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
     Images longer than `largest` are averaged, in linear light, over whole blocks of pixels.
     """
     linear, block = _in_blocks(image.detach().cpu().float(), largest)
     if block > 1:
         note = f"{note}, shown at 1/{block} of its size".lstrip(", ")
-    encoded = srgb_encode(torch.nan_to_num(linear, nan=0.0) * gain)
+    encoded = srgb_encode(developed(torch.nan_to_num(linear, nan=0.0), colours) * gain)
     bad = ~torch.isfinite(linear).all(0)
     encoded[:, bad] = torch.tensor(NOT_A_NUMBER)[:, None]
     pixels = (encoded * 255).round().to(torch.uint8).permute(1, 2, 0).contiguous().numpy()

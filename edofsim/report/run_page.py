@@ -8,6 +8,7 @@ from pathlib import Path
 
 import torch
 
+from ..core.images import developed
 from ..optics.threads import in_threads
 from ..restore.gains import gains, gains_in_words
 from ..restore.scores import Score, image_psnr
@@ -66,7 +67,7 @@ def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> P
         ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
         wanted = near_focus_far(report.inverse_depth, [DepthRange(*r) for r in ranges], report.focus_m)
         crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
-    gain = display_gain(report.ideal)
+    gain = display_gain(developed(report.ideal, report.colours))
     shown = _pictures(report, gain)
     sections = [
         Section("Images", _images(report, shown, crops, gain)),
@@ -147,7 +148,7 @@ def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
         score = report.scores.get(name)
         note = decibels(score.whole.psnr_db) if score else ""
         said = f"{label}: {report.title}, {what[name]}."
-        return picture(images[name], label, said, gain=gain, note=note)
+        return picture(images[name], label, said, gain=gain, note=note, colours=report.colours)
 
     return dict(zip(images, in_threads(one, list(images), torch.device("cpu")), strict=True))
 
@@ -158,14 +159,17 @@ def _images(
     width = report.inverse_depth.shape[-1]
     boxes = tuple(Box(c.x, c.y, c.size, c.size, LETTERS[i]) for i, c in enumerate(crops))
     framed = {**shown, "ideal": with_boxes(shown["ideal"], boxes, width)}
+    how = "The sensor's own colours (raw)"
+    if report.colours is not None:
+        how = "White-balanced to the scene's light, from the sensor's colours to sRGB by a 3 × 3 matrix"
     exposure = "as exposed" if gain == 1 else f"brightened {gain:g} times for display"
     white = ", ".join(
-        f"{report.label(name)} {percent(clipped_fraction(image, gain))}"
+        f"{report.label(name)} {percent(clipped_fraction(developed(image, report.colours), gain))}"
         for name, image in report.images().items()
     )
     caption = (
-        f"The sensor's red, green and blue {exposure}, encoded with the sRGB curve, not colour-corrected; "
-        f"the same for all. Values shown as white because they exceed it: {white}. "
+        f"{how}, {exposure}, the same for all; encoded with the sRGB curve. Values brighter than "
+        f"the screen's white: {white}. "
         + ("The frames in the ideal image are the parts enlarged below." if crops else "")
     )
     right = "restored" if report.restored is not None else "ideal"
@@ -173,8 +177,17 @@ def _images(
         Compare("images-all", report.label("photo"), report.label(right),
                 "Drag the divider, or move it with the arrow keys; choose any two images above."),
         Gallery(tuple(framed.values()), caption, columns=2, name="images-all",
-                values=Values(gain, *depth_picture(report.inverse_depth))),
+                values=_values(report, gain)),
     )  # fmt: skip
+
+
+def _values(report: RunReport, gain: float) -> Values:
+    """What the pointer reads: the sensor's values, whatever colours are shown."""
+    depth = depth_picture(report.inverse_depth)
+    if report.colours is None:
+        return Values(gain, *depth)
+    inverse = torch.linalg.inv(report.colours).flatten().tolist()
+    return Values(gain, *depth, to_sensor=tuple(round(value, 6) for value in inverse))
 
 
 def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
@@ -183,7 +196,7 @@ def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
     def one(focused: tuple[float, torch.Tensor]) -> Picture:
         at = distance(focused[0])
         said = f"{report.title}, {report.lens_alone_label.lower()} focused at {at}."
-        return picture(focused[1], at, said, gain=gain, largest=FOCUSED_PX)
+        return picture(focused[1], at, said, gain=gain, largest=FOCUSED_PX, colours=report.colours)
 
     pictures = tuple(in_threads(one, list(report.focused.items()), torch.device("cpu")))
     caption = (
@@ -206,7 +219,8 @@ def _crops(
             noise = crop.cut_noise(report.noises.get(name, "none"))
             note = "" if name == "ideal" else decibels(image_psnr(part, truth, noise=noise))
             alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
-            pictures.append(picture(part, report.label(name), alt, gain=gain, note=note))
+            how = {"gain": gain, "note": note, "colours": report.colours}
+            pictures.append(picture(part, report.label(name), alt, **how))
         title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"
         caption = (
             f"Pixels {crop.x} to {crop.x + crop.size - 1} across, {crop.y} to {crop.y + crop.size - 1} down."

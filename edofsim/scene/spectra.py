@@ -64,7 +64,7 @@ def _inside(nm: np.ndarray, first: float, last: float, slack_nm: float, what: st
 
 
 def _interpolated(table: np.ndarray, wavelengths: np.ndarray, slack: float, what: str) -> np.ndarray:
-    """Linear interpolation of a table of `_rows`, constant for `slack` metres beyond its ends.
+    """Linear interpolation of a table of `rows_of`, constant for `slack` metres beyond its ends.
 
     Returns [band] of the first of its curves.
     """
@@ -74,18 +74,18 @@ def _interpolated(table: np.ndarray, wavelengths: np.ndarray, slack: float, what
     return np.interp(nm, x, y)
 
 
-def _rows(sd: colour.SpectralDistribution | colour.MultiSpectralDistributions) -> np.ndarray:
+def rows_of(sd: colour.SpectralDistribution | colour.MultiSpectralDistributions) -> np.ndarray:
     """Wavelengths (nm) and the curves of a spectrum of colour-science, float64 [1 + curve, n]."""
     return np.vstack([np.asarray(sd.wavelengths, float), np.asarray(sd.values, float).T])
 
 
-def _observer() -> np.ndarray:
+def observer() -> np.ndarray:
     """Wavelengths (nm) and the three colour matching functions of CIE 1931, [4, n]."""
 
     def make() -> dict[str, np.ndarray]:
         from colour import MSDS_CMFS
 
-        return {"": _rows(MSDS_CMFS["CIE 1931 2 Degree Standard Observer"])}
+        return {"": rows_of(MSDS_CMFS["CIE 1931 2 Degree Standard Observer"])}
 
     return kept_tables("observer of CIE 1931", make)[""]
 
@@ -111,7 +111,7 @@ def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
     def make() -> dict[str, np.ndarray]:
         from colour import SDS_COLOURCHECKERS
 
-        return {name: _rows(sd) for name, sd in SDS_COLOURCHECKERS["ColorChecker N Ohta"].items()}
+        return {name: rows_of(sd) for name, sd in SDS_COLOURCHECKERS["ColorChecker N Ohta"].items()}
 
     return {
         name: _interpolated(table, wavelengths, MAX_EXTRAPOLATION, f"the patch {name!r}")
@@ -128,7 +128,7 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
     def make() -> dict[str, np.ndarray]:
         from colour.recovery import MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019
 
-        return {"": _rows(MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019)}
+        return {"": rows_of(MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019)}
 
     nm = np.asarray(wavelengths, float) * 1e9
     _inside(nm, 380, 780, MAX_EXTRAPOLATION * 1e9, "the basis for sRGB photographs (Mallett and Yuksel)")
@@ -157,12 +157,12 @@ def srgb_weights(wavelengths: np.ndarray) -> np.ndarray:
         return {"": RGB_COLOURSPACES["sRGB"].matrix_XYZ_to_RGB}
 
     nm = np.asarray(wavelengths, float) * 1e9
-    x, *columns = _observer()
-    observer = np.stack([np.interp(nm, x, column) for column in columns])
-    weights = kept_tables("XYZ to sRGB", make)[""] @ observer
+    x, *columns = observer()
+    matching = np.stack([np.interp(nm, x, column) for column in columns])
+    weights = kept_tables("XYZ to sRGB", make)[""] @ matching
     white = weights @ illuminant("D65", wavelengths)
     if (white <= 0).any():  # too few bands to tell colours apart: all is grey
-        weights = np.broadcast_to(observer[1] + 1e-9, weights.shape)
+        weights = np.broadcast_to(matching[1] + 1e-9, weights.shape)
         white = weights @ illuminant("D65", wavelengths)
     return weights / white[:, None]
 
@@ -186,7 +186,7 @@ def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
         return hex_to_linear(value) @ srgb_basis(wavelengths)
 
     def make() -> dict[str, np.ndarray]:
-        return {name: _rows(sd) for name, sd in _measured_surfaces().items()}
+        return {name: rows_of(sd) for name, sd in _measured_surfaces().items()}
 
     surfaces = kept_tables("measured surfaces", make)
     if value.lower() not in surfaces:
@@ -200,13 +200,13 @@ def luminance(values: np.ndarray, nm: np.ndarray) -> float:
 
     values, nm: [n], equally spaced wavelengths in nanometres.
     """
-    x, _, sensitivity, _ = _observer()
+    x, _, sensitivity, _ = observer()
     weight = np.interp(nm, x, sensitivity)
     return float((weight * values).sum() / weight.sum())
 
 
 def _luminance_normalised(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths (nm) and values of `_rows` scaled to the luminance of the constant spectrum 1.
+    """Wavelengths (nm) and values of `rows_of` scaled to the luminance of the constant spectrum 1.
 
     The scale is taken from the whole spectrum, so that it does not depend on the bands of a view.
     """
@@ -232,7 +232,7 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
         by_lower = {key.lower(): sd for key, sd in known.items()}
         if name.lower() not in by_lower:
             raise _unknown("illuminant", name, list(known))
-        return {"": _rows(by_lower[name.lower()])}
+        return {"": rows_of(by_lower[name.lower()])}
 
     x, y = _luminance_normalised(kept_tables(f"illuminant {name.lower()}", make)[""])
     nm = np.asarray(wavelengths, float) * 1e9
@@ -247,7 +247,7 @@ def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
         from colour import sd_CIE_illuminant_D_series
         from colour.temperature import CCT_to_xy_CIE_D
 
-        return {"": _rows(sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(cct_k)))}
+        return {"": rows_of(sd_CIE_illuminant_D_series(CCT_to_xy_CIE_D(cct_k)))}
 
     if not 4000 <= cct_k <= 25000:
         raise InputError(f"daylight of {cct_k:g} K is not defined by the CIE: choose 4000 to 25000 K")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from skimage.io import imread, imsave
 
+from edofsim.core.images import srgb_decode
 from edofsim.errors import EdofsimError
 from edofsim.render import spread
 
@@ -100,21 +101,25 @@ def test_pictures_of_views_that_are_read(edofsim: Run, scenes, tmp_path: Path):
 
 
 def test_a_picture_is_also_shown_in_the_colours_that_were_given(edofsim: Run, tmp_path: Path):
-    """The sensor's red, green and blue are other colours than a screen's."""
+    """The sensor's own colours are others: it shows them only where it is asked to."""
     given = np.zeros((128, 160, 3), np.uint8)
-    given[:, :80], given[:, 80:] = (190, 90, 60), (60, 120, 170)
+    given[:, :80], given[:, 80:] = (170, 110, 80), (90, 120, 150)
+    given[80:] = 235  # white, which the exposure goes by
     imsave(tmp_path / "a.png", given, check_contrast=False)
     np.save(tmp_path / "z.npy", np.full((128, 160), 2.0))
     frame = "[frame]\nwidth_px = 160\nheight_px = 128\nmargin_px = 0\n"
     scene = tmp_path / "two.toml"
     scene.write_text(f'name = "two"\n{frame}{RGBD}')
-    for command in (("expose",), ("run", "--network", "wiener")):
-        out = tmp_path / command[0]
+    commands = (("expose",), ("run", "--network", "wiener"), ("expose", "--raw-colours"))
+    for command in commands:
+        out = tmp_path / command[-1]
         status, said = edofsim(*command[:1], scene, *command[1:], "--out", out, "--cache", tmp_path / "c")
         assert status == 0, said
         shown, ideal = (imread(out / f"{name}.png").astype(int) for name in ("given", "ideal"))
         assert shown.shape == given.shape and np.abs(shown - given).max() <= 2
-        assert np.abs(ideal - given).max() > 10
+        hues = [srgb_decode(each[64] / 255) for each in (ideal, given)]
+        hues = [each / each.sum(-1, keepdims=True) for each in hues]
+        assert (np.abs(hues[0] - hues[1]).max() > 0.05) == ("--raw-colours" in command)
 
 
 def test_what_is_done_of_a_list_is_shown_when_one_fails(

@@ -11,7 +11,9 @@ from pydantic import model_validator
 from ...recipe.base import Positive
 from ...recipe.scene import SceneRecipe
 from ...recipe.sources import CubeFile, DepthMap
+from ...scene import spectra
 from ...scene.cubes import read_cube
+from ..colour import light_entry
 from ..view import View
 from .pictures import ViewReader, depths, frame_indices, plain_view
 
@@ -49,5 +51,7 @@ class CubeSource(ViewReader, CubeFile):
         rows, columns, border = frame_indices(shape, recipe)
         radiance = np.ascontiguousarray(cube[:, rows[:, None], columns[None]])
         facts = {**facts, "cube": f"{self.path}: {said}", "beyond the border": border}
+        if self.illuminant is not None:
+            facts |= light_entry(spectra.illuminant(self.illuminant, recipe.bands.wavelengths()))
         inverse = inverse[np.ix_(rows, columns)]
         return plain_view(recipe, radiance, inverse, "read from a spectral cube", facts)

@@ -12,6 +12,7 @@ from ...recipe.scene import SceneRecipe
 from ...recipe.sources import DepthMap
 from ...scene import spectra
 from ...scene.pictures import source_picture
+from ..colour import light_entry
 from ..view import View
 from .pictures import ViewReader, depths, frame_indices, plain_view
 
@@ -46,6 +47,7 @@ class RgbdSource(ViewReader):
         colours = linear[np.ix_(rows, columns)]
         radiance = spectra.upsampled(self.radiance * colours, recipe.bands.wavelengths(), self.illuminant)
         facts = {**facts, "beyond the border": border, "light": f"sRGB under {self.illuminant}"}
+        facts |= light_entry(spectra.illuminant(self.illuminant, recipe.bands.wavelengths()))
         return plain_view(
             recipe, radiance, inverse[np.ix_(rows, columns)], "read from a picture with depths", facts
         )

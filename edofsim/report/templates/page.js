@@ -84,12 +84,15 @@ const pixelAt = (image, across, down) => {
   const y = Math.min(found.height - 1, Math.floor(down * found.height));
   return { x, y, rgb: [...found.data.slice(4 * (y * found.width + x), 4 * (y * found.width + x) + 3)] };
 };
-const linear = (byte, gain) => {
-  const value = byte / 255, light = value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
-  return (byte === 255 ? "≥ " : "") + (light / gain).toFixed(3);
+const linear = (rgb, gain, matrix) => {
+  const light = rgb.map((byte) => byte / 255)
+    .map((value) => (value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4) / gain);
+  const sensor = [0, 3, 6].map((row) => light.reduce((sum, value, i) => sum + matrix[row + i] * value, 0));
+  return sensor.map((value) => value.toFixed(3)).join(" ") + (rgb.some((b) => b % 255 === 0) ? " (clipped)" : "");
 };
 document.querySelectorAll("img.depth").forEach((depth) => {
   const gallery = depth.closest("figure"), gain = +depth.dataset.gain;
+  const matrix = depth.dataset.matrix.split(" ").map(Number);
   const tell = (target, output, shown) => {
     target.addEventListener("pointermove", (event) => {
       const box = target.getBoundingClientRect();
@@ -99,7 +102,7 @@ document.querySelectorAll("img.depth").forEach((depth) => {
       const dioptres = ((rgb[0] * 256 + rgb[1]) / 65535) * depth.dataset.most;
       const where = rgb[2] ? "no depth" : dioptres > 0 ? `${(1 / dioptres).toPrecision(3)} m` : "infinity";
       const values = shown().map((image) => {
-        const light = pixelAt(image, across, down).rgb.map((byte) => linear(byte, gain)).join(" ");
+        const light = linear(pixelAt(image, across, down).rgb, gain, matrix);
         return `${image.dataset.label || image.alt} ${light}`;
       });
       output.textContent = `x ${x}, y ${y}, ${where} · ${values.join(" · ")}`;
@@ -108,7 +111,7 @@ document.querySelectorAll("img.depth").forEach((depth) => {
   const output = (figure) => {
     const made = document.createElement("output");
     made.className = "values";
-    made.textContent = "Point at a picture for its values (red, green, blue at full scale 1, from its 8 bits).";
+    made.textContent = "Point at a picture for the sensor's red, green, blue (full scale 1, from 8 bits).";
     figure.append(made);
     return made;
   };
