@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
@@ -202,6 +204,15 @@ def quiet_tifffile() -> ModuleType:
     return tifffile
 
 
+def check_tiff_page(page: Any, path: Path, what: str) -> None:
+    """Raises InputError for a page with more numbers than can be computed with, or with more parts than its
+    file has bytes, which would be looked for one by one. page: a `tifffile.TiffPage`."""
+    check_numbers(page.shape, path, what)
+    parts, size = math.prod(page.chunked), path.stat().st_size
+    if parts > size:
+        raise InputError(f"{what}: {str(path)!r} is damaged: {parts} parts of a picture in {size} bytes")
+
+
 def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
     """A TIFF of grey or RGB with its own type; None for one that Pillow reads better: palettes, CMYK, and
     ways to compress that need more than tifffile has."""
@@ -209,7 +220,7 @@ def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
     with tifffile.TiffFile(path) as file:
         pages = [page for page in file.pages if not _is_thumbnail(page)]
         page = (pages[0] if pages else file.pages[0]).aspage()
-        check_numbers(page.shape, path, what)
+        check_tiff_page(page, path, what)
         if len(pages) > 1:
             raise InputError(f"{what}: {str(path)!r} holds {len(pages)} pages; save the one that you mean")
         profile = page.tags.get(34675)

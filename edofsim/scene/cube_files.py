@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core import hdf5
-from ..core.decoded import quiet_tifffile, read_picture
+from ..core.decoded import check_tiff_page, quiet_tifffile, read_picture
 from ..core.images import read_exr
 from ..core.limits import check_numbers, existing
 from ..core.measurements import load_mat, mat_value, read_numbers
@@ -216,6 +216,7 @@ def _tiff(path: Path, what: str) -> StoredCube:
         with quiet_tifffile().TiffFile(path) as file:
             series = file.series[0]
             check_numbers(series.shape, path, what)
+            check_tiff_page(series.keyframe, path, what)
             axes = "".join(
                 a for a, size in zip(series.axes, series.shape, strict=True) if size > 1 or a in "YX"
             )

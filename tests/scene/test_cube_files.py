@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import savemat
 
+from edofsim.core.decoded import read_picture
 from edofsim.errors import InputError
 from edofsim.recipe.sources import CubeFile
 from edofsim.scene.cubes import stored_cube
@@ -156,3 +157,19 @@ def test_cubes_that_claim_too_much_or_lack_their_file_are_refused(tmp_path: Path
     folder_of(tmp_path / "cube", ["a1.png", "a2.png", "b1.png", "b2.png"])
     with pytest.raises(InputError, match="keep only the bands"):
         stored_cube(CubeFile(path="cube", start_nm=400, step_nm=10), tmp_path)
+
+
+@pytest.mark.parametrize("read", ["cube", "picture"])
+def test_tiffs_of_more_parts_than_bytes_are_refused_at_once(tmp_path: Path, read: str):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, np.zeros((8, 8), np.uint16), rowsperstrip=1)
+    with tifffile.TiffFile(path) as file:
+        rows = file.pages[0].tags["ImageLength"].valueoffset
+    content = bytearray(path.read_bytes())
+    content[rows : rows + 4] = (1_000_000).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="1000000 parts of a picture in"):
+        if read == "cube":
+            stored_cube(CubeFile(path="a.tif", start_nm=400, step_nm=10), tmp_path)
+        else:
+            read_picture(path, "picture")
