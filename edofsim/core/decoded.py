@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
@@ -23,6 +23,9 @@ from PIL import Image, ImageCms, ImageOps
 from ..errors import InputError, first_line
 from .limits import check_numbers, check_pixels, existing
 from .png16 import read_16_bits
+
+if TYPE_CHECKING:
+    from tifffile import TiffPage
 
 FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "GIF", "WEBP", "PPM", "TGA", "JPEG2000")
 """What is opened, by Pillow's names; others run programs of their own, as EPS does."""
@@ -204,9 +207,9 @@ def quiet_tifffile() -> ModuleType:
     return tifffile
 
 
-def check_tiff_page(page: Any, path: Path, what: str) -> None:
+def check_tiff_page(page: TiffPage, path: Path, what: str) -> None:
     """Raises InputError for a page with more numbers than can be computed with, or with more parts than its
-    file has bytes, which would be looked for one by one. page: a `tifffile.TiffPage`."""
+    file has bytes, which would be looked for one by one."""
     check_numbers(page.shape, path, what)
     parts, size = math.prod(page.chunked), path.stat().st_size
     if parts > size:
