@@ -60,7 +60,7 @@ class Run:
     wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
     `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
     from far to near, that stand for the scene (`nodes_between`); plan_lens_alone: of the photo through the
-    lens alone, to the same accuracy; noise: of the photo, and noises: what images are scored without, by the
+    lens alone; noise: of the photo, and noises: what images are scored without, by the
     names of scores; gains: of the restored image in dB, see `restore.gains`.
     """
 
@@ -125,7 +125,8 @@ def run(
 ) -> Run:
     """Photograph a scene, restore the photo, and score both, beside a photo through the lens alone.
 
-    Either photo has a plan of its own, to the same accuracy: what a mask evens out, the bare lens may show.
+    Either photo has a plan of its own: what a mask evens out, the bare lens may show, and nothing is restored
+    from its photo (see `plan_alone`).
 
     cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
     view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces

@@ -95,7 +95,7 @@ def run(
     seconds.{render,plan,plan_lens_alone,expose,lens_alone,psfs,restore,wiener,score,report,total},
     seconds.processor (of all cores, start included), peak_memory_mib, render_noise, plan.share_of_saved
     (planning against the seconds that it saves), and what `edofsim plan` says; plan_lens_alone.* of the
-    plan of the photo through the lens alone, to the same accuracy.
+    plan of the photo through the lens alone, for `noise` where `restored` is asked for.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)

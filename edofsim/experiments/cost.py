@@ -27,7 +27,7 @@ from ..core.progress import Progress
 from ..core.store import found, keep
 from ..optics import Camera
 from ..optics import cache as psf_memory
-from ..plan import RESTORED, Fidelity, Plan, Planner, Target
+from ..plan import RESTORED, Fidelity, Plan, Planner, Target, as_accurate
 from ..plan.work import STAGES
 from ..record import machine, write_csv
 from ..render.view import View
@@ -92,7 +92,7 @@ def cases_of(
     def case_of(name: str, kind: str, target: Target) -> Case:
         plan = planner.plan(target)
         case = _case(name, kind, plan.fidelity, planner, plan.asked_db or math.inf, plan.error_db)
-        return replace(case, alone=beside(target))
+        return replace(case, alone=beside(as_accurate(plan, target)))
 
     cases = [case_of(f"{db} dB", "target", Target("db", db=float(db))) for db in targets]
     cases += [case_of("chosen", "chosen", Target()), case_of(FOR, "target", RESTORED)]

@@ -305,8 +305,8 @@ def _plan(report: RunReport) -> tuple[Block, ...]:
     if any(row.lens_alone for row in report.plan):
         columns.append(("Lens alone", [row.lens_alone for row in report.plan]))
         caption += (
-            " The photo through the lens alone has a plan of its own, to the same accuracy, with the choices "
-            "of the last column."
+            " The photo through the lens alone has a plan of its own, with the choices of the last column; "
+            "nothing is restored from it."
         )
     heads = tuple(Column(name) for name, _ in columns)
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))

@@ -22,6 +22,7 @@ from edofsim.plan import (
     Level,
     Target,
     all_effects,
+    as_accurate,
     decibels,
     overall,
     parse_target,
@@ -345,6 +346,8 @@ def test_what_is_restored_takes_a_photo_that_is_nearer():
     )
     assert usual.fidelity != nearer.fidelity and usual.error_db < nearer.asked_db <= nearer.error_db
     assert parse_target(None, None) == Target() and parse_target(None, None, RESTORED) == RESTORED
+    assert as_accurate(nearer, RESTORED) == Target()  # nothing is restored from the photo compared with
+    assert as_accurate(nearer, Target("time", seconds=1.0)) == Target("db", db=nearer.error_db)
 
 
 def test_a_target_is_an_accuracy_or_a_time():
