@@ -231,7 +231,7 @@ def look(
     recipe, whose = by_itself(loaded.recipe, loaded.base)
     if recipe is None:
         named = load_camera(loaded.recipe.camera, loaded.base)
-        recipe = loaded.recipe.seen_at(Camera.from_recipe(named.recipe, named.base).pixel_angle)
+        recipe = framed(loaded.recipe, Camera.from_recipe(named.recipe, named.base))
     view = render(as_looked_at(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
     return replace(view, metadata={**view.metadata, "assumed": told(view, whose)})
 

@@ -14,6 +14,8 @@ from .occlusion import OCCLUSIONS
 
 PIXEL_ANGLE_SLACK = 1e-3
 """Relative difference of pixel angles that is taken as rounding: half a pixel over a frame of 512."""
+CHIEF_RAY_SLACK = 0.1
+"""Pixels between the chief rays of a view and of a camera that are taken as rounding."""
 
 
 def check_fidelity(fidelity: Fidelity) -> None:
@@ -102,6 +104,27 @@ def _sound(depth: Tensor, coverage: Tensor, radiance: Tensor) -> bool:
     least, most = coverage.aminmax()
     bounds = bool(near >= 0) and bool(far < float("inf")) and bool(least >= 0) and bool(most <= 1 + 1e-4)
     return bounds and bool(torch.isfinite(radiance.sum()))
+
+
+def distortion_of(view: View, camera: Camera) -> str:
+    """Where the distortion of a camera's lens is in a view: `rendered` along its chief rays, `as in the view`
+    where that is taken to have it already, as pictures have, `none` where the lens has none.
+
+    Raises InputError for a view along the chief rays of another lens.
+    """
+    rays = view.metadata.get("chief_rays")
+    if not rays:
+        return "as in the view" if camera.lens.chief_rays(view.pixel_angle * view.width / 2) else "none"
+    own = camera.lens.chief_rays(rays[-1][0]) or ((0.0, 1.0, 0.0),) * len(rays)
+    apart = max(
+        place * abs(ratio - other) for (place, ratio, _), (_, other, _) in zip(rays, own, strict=False)
+    )
+    if len(own) != len(rays) or apart > CHIEF_RAY_SLACK * view.pixel_angle:
+        raise InputError(
+            f"the view was rendered along the chief rays of another lens than that of {camera.recipe.name},"
+            f" up to {apart / view.pixel_angle:.2g} pixels off: render it for this camera"
+        )
+    return "rendered"
 
 
 def check_pixel_angle(view: View, pixel_angle: float) -> None:

@@ -58,7 +58,7 @@ def image_over_field(
     """
 
     def at(place: Place) -> Tensor:
-        here = camera.at_field(place.field)
+        here = camera.seen_at(place.field)
         imaging = make(here)
         assert imaging is not None
         top, left = place.rows.start, place.columns.start

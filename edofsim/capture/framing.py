@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from ..errors import InputError
 from ..optics import Camera
+from ..optics.lenses.base import ChiefRays
 from ..recipe.scene import MOST_PIXELS, SceneRecipe
 from ..render.view import View
 from .checks import PIXEL_ANGLE_SLACK, check_near
@@ -12,17 +15,18 @@ from .resample import resampled, resampled_sides
 
 def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> SceneRecipe:
     """A scene as a camera frames it: where its recipe gives no `frame.pixel_angle_mrad`, or "auto", one pixel
-    sees what one of the camera's does.
+    sees what one of the camera's does. It is seen along the chief rays of a lens that distorts.
 
     resample: a scene whose recipe gives another angle is left as it is, for its view will be resampled (see
     `seen_through`). Raises InputError for such a scene otherwise, as its view could not be photographed, and
     for one whose frame would have too many pixels.
     """
     if recipe.follows_camera:
-        return recipe.seen_at(camera.pixel_angle)
+        return recipe.seen_at(camera.pixel_angle, chief_rays_of(recipe, camera))
     given, own = recipe.frame.pixel_angle * 1e3, camera.pixel_angle * 1e3
     if abs(given / own - 1) <= PIXEL_ANGLE_SLACK:
-        return recipe
+        seen = {"chief_rays": chief_rays_of(recipe, camera)}
+        return recipe.model_copy(update={"frame": recipe.frame.model_copy(update=seen)})
     if not resample:
         raise InputError(
             f"a pixel of the scene {recipe.name} sees {given:.6g} mrad and one of the camera "
@@ -31,6 +35,16 @@ def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> Scene
         )
     as_resampled(recipe, camera)
     return recipe
+
+
+def chief_rays_of(recipe: SceneRecipe, camera: Camera) -> ChiefRays:
+    """The chief rays that a view is rendered through, out to the corners of its margin; none where it is made
+    of a picture, which counts as distorted already."""
+    if recipe.source is not None and not recipe.source.rendered:
+        return ()
+    frame = recipe.frame
+    corner = math.hypot(frame.width_px / 2 + frame.margin_px, frame.height_px / 2 + frame.margin_px)
+    return camera.lens.chief_rays(corner * camera.pixel_angle)
 
 
 def as_resampled(recipe: SceneRecipe, camera: Camera) -> SceneRecipe:

@@ -23,7 +23,7 @@ from ..recipe import CameraRecipe
 from ..render.colour import colour_matrix, light_of
 from ..render.view import View
 from .band_limit import BandLimit
-from .checks import check_fidelity, check_pixel_angle, check_window
+from .checks import check_fidelity, check_pixel_angle, check_window, distortion_of
 from .fidelity import Fidelity
 from .fidelity_file import values_of
 from .field import Make, field_step, frame_of, image_over_field
@@ -80,6 +80,7 @@ def capture(
     given = [views] if isinstance(views, View) else list(views)
     for view in given:
         check_pixel_angle(view, camera.pixel_angle)
+    distortion = {distortion_of(view, camera) for view in given}
     given = [view.to(device, dtype) for view in given]
     _same_size(given)
     check_window(given[0], fidelity.window_px or camera.recipe.psf.window_px)
@@ -145,6 +146,7 @@ def capture(
         "sub_apertures": fidelity.sub_apertures if finer else 1,
         "bands": imaging.gathering.groups,
         "field_step_px": step,
+        "distortion": " and ".join(sorted(distortion)),
         "window_px": imaging.window,
         "layers_db": fidelity.layers_db,
         "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),

@@ -7,10 +7,15 @@ import hashlib
 import json
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.store import Store, user_folder
 from ..recipe.load import camera_file, load_camera
+from ..recipe.scene import SceneRecipe
 from ..recipe.toml import read_toml
+
+if TYPE_CHECKING:
+    from ..optics import Camera
 
 FOLLOWS_FROM = ("optics/camera.py", "optics/materials.py", "optics/lenses/*.py", "recipe/*.py")
 """The files of this package that a camera recipe's angle follows from."""
@@ -33,14 +38,32 @@ def pixel_angle(camera: str | Path, base: Path) -> float:
     known = _KEPT.find(key, folder)
     if known is not None:
         return known
-    from ..optics import Camera
     from ..recipe.kinds import LENSES
 
+    found = _camera(camera, base)
+    # another package's lens may change with that package, and one that varies is seen along its chief rays
+    if not LENSES.code_of(found.lens.kind) and not found.lens.varies:
+        _KEPT.keep(key, found.pixel_angle, folder)
+    return found.pixel_angle
+
+
+def framed_by_own(recipe: SceneRecipe, base: Path) -> SceneRecipe:
+    """A scene that follows its own camera, as that frames it (see `capture.framing`). Raises as
+    `pixel_angle`."""
+    known = _KEPT.find(_key(camera_file(recipe.camera, base)), user_folder() / "angles")
+    if known is not None:
+        return recipe.seen_at(known)
+    from ..capture.framing import framed
+
+    pixel_angle(recipe.camera, base)
+    return framed(recipe, _camera(recipe.camera, base))
+
+
+def _camera(camera: str | Path, base: Path) -> Camera:
+    from ..optics import Camera
+
     loaded = load_camera(camera, base)
-    angle = Camera.from_recipe(loaded.recipe, loaded.base).pixel_angle
-    if not LENSES.code_of(loaded.recipe.lens.kind):  # another package's lens may change with that package
-        _KEPT.keep(key, angle, folder)
-    return angle
+    return Camera.from_recipe(loaded.recipe, loaded.base)
 
 
 def _key(recipe: Path) -> str:

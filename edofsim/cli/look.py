@@ -43,11 +43,11 @@ def look(
     folder = writable_folder(out or Path("out") / f"{loaded.recipe.name}-look")
     with begun("look", json, quiet=quiet) as progress:
         from ..render.seen import as_looked_at, by_itself, told
-        from .angles import pixel_angle
+        from .angles import framed_by_own
 
         recipe, whose = by_itself(loaded.recipe, loaded.base)
         if recipe is None:
-            recipe = loaded.recipe.seen_at(pixel_angle(loaded.recipe.camera, loaded.base))
+            recipe = framed_by_own(loaded.recipe, loaded.base)
         from ..capture import save_image
         from ..render import render
         from ..report import depth_plot

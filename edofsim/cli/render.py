@@ -148,11 +148,11 @@ def render(
 
 def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:
     """A scene as its own camera frames it; one that gives its pixels' angle is rendered so, for any."""
-    from .angles import pixel_angle
+    from .angles import framed_by_own
 
     if not scene.recipe.follows_camera:
         return scene
-    return replace(scene, recipe=scene.recipe.seen_at(pixel_angle(scene.recipe.camera, scene.base)))
+    return replace(scene, recipe=framed_by_own(scene.recipe, scene.base))
 
 
 def _as_planned(

@@ -61,6 +61,8 @@ class Camera:
         lens = lens.focused_at(recipe.focus.distance_m, recipe.focus.wavelength_nm * 1e-9)
         problems = lens.problems()
         distance = math.nan if problems else _sensor_distance(recipe, lens, problems)
+        if not problems:
+            lens, distance = lens.at_sensor(1 / distance)
         relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
         mask_material = _material("mask.material", relief, problems)
         across = 2e6 * lens.aperture_radius
@@ -135,6 +137,11 @@ class Camera:
         if not all(map(math.isfinite, field)):
             raise InputError(f"a place in the field is two finite tangents, right and up, not {field}")
         return replace(self, field=field if self.lens.varies else AXIS)
+
+    def seen_at(self, place: Field) -> Camera:
+        """The same camera with the PSFs of points whose chief ray lands where a lens without distortion
+        images light of tangents (right, up) `place`. Raises InputError where there is no such ray."""
+        return self.at_field(self.lens.chief(place))
 
     def with_pupil_sampling(self, pitch: float) -> Camera:
         """The same camera with samples of the pupil `pitch` [m] apart."""

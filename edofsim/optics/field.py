@@ -38,8 +38,9 @@ WAY = (0.0, 0.5, 0.999)
 
 @dataclass(frozen=True)
 class Place:
-    """A place that PSFs are computed at. field: its tangents; rows, columns: of the frame that it has a share
-    of; share: [row, column] of that, from 0 to 1: hats, which sum to 1 over the places at each pixel."""
+    """A place that PSFs are computed at. field: as `Frame.field` gives it; rows, columns: of the frame that
+    it has a share of; share: [row, column] of that, from 0 to 1: hats, which sum to 1 over the places at each
+    pixel."""
 
     field: Field
     rows: slice
@@ -63,7 +64,8 @@ class Frame:
         return cls(height, width, (height / 2, width / 2), camera.pixel_angle)
 
     def field(self, y: float, x: float) -> Field:
-        """Tangents (right, up) of a place, in pixels from the top left corner."""
+        """Tangents (right, up) that a lens without distortion images at a place, in pixels from the top left
+        corner: see `Camera.seen_at`."""
         return (x - self.axis[1]) * self.pixel_angle, (self.axis[0] - y) * self.pixel_angle
 
 
@@ -131,11 +133,11 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
     u times its slope. Light, relative to that of the camera's place, changes likewise.
     """
     own = relative_light(camera)
-    right, up = camera.field
+    right, up = camera.lens.lands(camera.field)
 
-    def at(field: Field) -> Tensor | None:
-        beside = camera.at_field(field)
+    def at(place: Field) -> Tensor | None:
         try:
+            beside = camera.seen_at(place)
             return psfs(beside) * (relative_light(beside) / own)
         except InputError:  # no light from there reaches the sensor
             return None
@@ -184,7 +186,7 @@ def errors_by_step(
     def seen_at(down: float, right: float) -> tuple[Tensor, float]:
         """Transfer functions, and the light, at a place in pixels from the axis."""
         if (down, right) not in known:
-            here = camera.at_field((right * frame.pixel_angle, -down * frame.pixel_angle))
+            here = camera.seen_at((right * frame.pixel_angle, -down * frame.pixel_angle))
             light = relative_light(here)
             known[down, right] = contrast_transfer(psf_bank(here, colours, depths).values) * light, light
         return known[down, right]

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from .base import Positive, RecipeModel
+from .base import NonNegative, Positive, RecipeModel
 from .family import Family
 from .lights import AnyLight
 from .objects import AnyObject
@@ -54,6 +54,10 @@ class Frame(RecipeModel):
     """tangent of the angle that a pixel sees on the axis, mrad; "auto" follows the camera"""
     margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
     """pixels rendered around the frame, whose light the blur brings in; at least half the widest blur"""
+    chief_rays: tuple[tuple[NonNegative, Positive, float], ...] = ()
+    """chief rays of a lens that distorts, filled in by the camera, at equal steps of the square of where they
+    land: the tangent that a lens without distortion images there, the ray's own over that, and where it
+    crosses the axis, mm behind the entrance pupil"""
 
     @property
     def pixel_angle(self) -> float:
@@ -129,7 +133,11 @@ class SceneRecipe(RecipeModel):
         """Whether its pixels are those of the camera that looks at it."""
         return self.frame.pixel_angle_mrad == "auto" or "pixel_angle_mrad" not in self.frame.model_fields_set
 
-    def seen_at(self, pixel_angle: float) -> SceneRecipe:
-        """The scene in pixels that see an angle of this tangent, rounded to `ANGLE_DIGITS`."""
+    def seen_at(
+        self, pixel_angle: float, chief_rays: tuple[tuple[float, float, float], ...] = ()
+    ) -> SceneRecipe:
+        """The scene in pixels that see an angle of this tangent, rounded to `ANGLE_DIGITS`; along chief rays,
+        if any."""
         rounded = float(f"{pixel_angle * 1e3:.{ANGLE_DIGITS}g}")
-        return self.model_copy(update={"frame": self.frame.model_copy(update={"pixel_angle_mrad": rounded})})
+        seen = {"pixel_angle_mrad": rounded, "chief_rays": chief_rays}
+        return self.model_copy(update={"frame": self.frame.model_copy(update=seen)})

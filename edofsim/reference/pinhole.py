@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from ..render.view import View
 
 
@@ -29,8 +30,14 @@ def pixel_directions(
     """(x/z, y/z, 1) of pixels of a cropped view, float64 [n, 3].
 
     view: the whole one; pixel: numbers in the crop's frame with its margin; shift: (down, right) from the
-    pixels' centres, in pixels, for all or each [n].
+    pixels' centres, in pixels, for all or each [n]. Raises InputError for a view through a lens that
+    distorts.
     """
+    if view.metadata.get("chief_rays"):
+        raise InputError(
+            "the references look through a pinhole, and this view was rendered along the chief rays of a lens"
+            " that distorts; render it without frame.chief_rays"
+        )
     columns = crop.width + 2 * margin
     row = pixel // columns - margin + crop.top + shift[0]
     column = pixel % columns - margin + crop.left + shift[1]

@@ -1,4 +1,5 @@
-"""Camera rays: a pinhole at the origin that looks along +z, and how rays go on behind what they met."""
+"""Camera rays: a pinhole at the origin that looks along +z, or the chief rays of a lens that distorts, and
+how rays go on behind what they met."""
 
 from __future__ import annotations
 
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from .sampling import combined, pair
 from .translate import CLOSED, FIELDS
@@ -24,11 +26,13 @@ MAX_SURFACES = 256
 
 @dataclass(frozen=True)
 class Lens:
-    """The pinhole that a view is rendered through: padded frame in pixels, tangent of one pixel's angle."""
+    """The pinhole that a view is rendered through: padded frame in pixels, tangent of one pixel's angle.
+    chief_rays: those that take the place of its rays, none for a pinhole (see `recipe.scene.Frame`)."""
 
     width: int
     height: int
     pixel_angle: float
+    chief_rays: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,9 +90,28 @@ def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
     angle = dr.opaque(mi.Float, lens.pixel_angle)
     x = (mi.Float(column) - half_width + across) * angle
     y = (half_height - mi.Float(row) - down) * angle
-    ray = mi.Ray3f(mi.Point3f(0.0), dr.normalize(mi.Vector3f(x, y, 1.0)))
+    start = mi.Point3f(0.0)
+    if lens.chief_rays:
+        ratio, start.z = _chief_ray(lens.chief_rays, dr.square(x) + dr.square(y))
+        x, y = x * ratio, y * ratio
+    ray = mi.Ray3f(start, dr.normalize(mi.Vector3f(x, y, 1.0)))
     limits = tuple(dr.gather(mi.Float, limit, place) for limit in samples.limits)
     return CameraRays(ray, index, combined(seed, mi.UInt32(PATH)), limits)
+
+
+def _chief_ray(rays: tuple[tuple[float, float, float], ...], squared: mi.Float) -> tuple[mi.Float, mi.Float]:
+    """How much steeper than a pinhole's the chief rays are that land at squared tangents, and where [m] they
+    cross the axis: between the nearest two, and beyond the last one as there."""
+    place, ratio, crossing = np.array(rays, np.float32).T
+    last = len(rays) - 1
+    at = dr.minimum(squared * dr.opaque(mi.Float, last / float(place[-1]) ** 2), last * (1 - 1e-6))
+    low = mi.UInt32(at)
+    part = at - mi.Float(low)
+    found = []
+    for values in (ratio, crossing * 1e-3):
+        table = mi.Float(np.ascontiguousarray(values))
+        found.append(dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), part))
+    return found[0], found[1]
 
 
 def object_row(stage: Stage | ForeignStage, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:

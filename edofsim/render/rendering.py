@@ -122,6 +122,7 @@ def render_stage(
         "pupil_radius_m": settings.pupil_radius,
         "broken_samples": sums.broken,
     }
+    metadata |= {"chief_rays": settings.chief_rays} if settings.chief_rays else {}
     seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
     run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
     run["last_pass_seconds"] = {"all": sums.last_pass, "adding": sums.adding}

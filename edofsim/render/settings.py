@@ -18,6 +18,7 @@ LARGEST_PASS = 64
 @dataclass(frozen=True)
 class RenderSettings:
     """height, width, margin: of the frame in pixels (see `View`); pixel_angle: tangent of one pixel's angle;
+    chief_rays: those of a lens that distorts (see `recipe.scene.Frame`);
     samples: a pixel; max_depth: 2 is direct light alone; fragments: visible surfaces a pixel at most; gap:
     difference of inverse depth in 1/m that parts two surfaces; hidden: whether to look behind edges;
     pupil_radius: in metres, of the widest pupil that may look behind them; noise: relative standard error to
@@ -35,6 +36,7 @@ class RenderSettings:
     pupil_radius: float = 3e-3
     seed: int = 0
     noise: float | None = None
+    chief_rays: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def padded_shape(self) -> tuple[int, int]:
@@ -63,6 +65,7 @@ class RenderSettings:
             pupil_radius=render.pupil_radius_mm * 1e-3,
             seed=recipe.seed,
             noise=noise,
+            chief_rays=frame.chief_rays,
         )
 
 

@@ -23,9 +23,9 @@ SURVEY_LAUNCH = 1 << 22
 
 
 def lens_of(settings: RenderSettings) -> Lens:
-    """The pinhole of a view."""
+    """What the rays of a view go through."""
     rows, columns = settings.padded_shape
-    return Lens(columns, rows, settings.pixel_angle)
+    return Lens(columns, rows, settings.pixel_angle, settings.chief_rays)
 
 
 def depth_tiles(

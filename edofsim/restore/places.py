@@ -42,7 +42,7 @@ def restored_by_place(
         for part, size in ((place.rows, frame.height), (place.columns, frame.width)):
             ends.append((max(0, part.start - beyond), min(size, part.stop + beyond)))
         (top, bottom), (left, right) = ends
-        sharp, how = restore(even[..., top:bottom, left:right], camera.at_field(place.field))
+        sharp, how = restore(even[..., top:bottom, left:right], camera.seen_at(place.field))
         rows = slice(place.rows.start - top, place.rows.stop - top)
         columns = slice(place.columns.start - left, place.columns.stop - left)
         return sharp[..., rows, columns]
@@ -54,5 +54,5 @@ def light_of(camera: Camera, frame: Frame, step: int) -> Tensor:
     """Light on the sensor over that on the axis, float64 [y, x], as places `step` pixels apart have it."""
     light = torch.zeros(frame.height, frame.width, dtype=torch.float64)
     for place in places(frame, step):
-        light[place.rows, place.columns] += relative_light(camera.at_field(place.field)) * place.share
+        light[place.rows, place.columns] += relative_light(camera.seen_at(place.field)) * place.share
     return light

@@ -33,6 +33,9 @@ class Bend:
     paths: Tensor
 
 
+ChiefRays = tuple[tuple[float, float, float], ...]
+"""Chief rays of a lens that distorts: the tangent that a lens without distortion images where one lands, its
+own tangent over that, and where it crosses the axis, in mm behind the entrance pupil."""
 Field = tuple[float, float]
 """A place in the field: the tangents (right, up) of the angle between the chief ray from there and the axis,
 as the camera sees the scene."""
@@ -91,6 +94,25 @@ class Lens(KindModel):
     def illumination(self, field: Field) -> float:
         """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""
         return 1.0
+
+    def chief(self, place: Field) -> Field:
+        """Of the chief ray that lands where a lens without distortion images light of tangents `place`.
+        Raises InputError where there is none."""
+        return place
+
+    def lands(self, field: Field) -> Field:
+        """Where the chief ray of a place in the field lands: what `chief` is the inverse of."""
+        return field
+
+    def chief_rays(self, farthest: float) -> ChiefRays:
+        """Those that land out to a tangent `farthest`, by equal steps of its square, or as far as there are
+        any; none for a lens without distortion."""
+        return ()
+
+    def at_sensor(self, vergence: float) -> tuple[Lens, float]:
+        """The same lens before a sensor where, by the thin lens, it is at 1 / vergence [1/m]; and how far [m]
+        behind a thin lens a sensor is that has its pixels see as much."""
+        return self, 1 / vergence
 
     def focused_at(self, distance: float, wavelength: float) -> Lens:
         """The same lens as it is when the camera is focused at a distance [m], at a wavelength [m]: where
@@ -166,6 +188,15 @@ class _Simpler(Lens):
 
     def illumination(self, field: Field) -> float:
         return self.lens.illumination(field)
+
+    def chief(self, place: Field) -> Field:
+        return self.lens.chief(place)
+
+    def lands(self, field: Field) -> Field:
+        return self.lens.lands(field)
+
+    def chief_rays(self, farthest: float) -> ChiefRays:
+        return self.lens.chief_rays(farthest)
 
     def identity(self) -> str:
         return json.dumps([self.model_dump(mode="json", exclude={"lens"}), self.lens.identity()])

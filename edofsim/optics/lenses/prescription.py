@@ -15,14 +15,14 @@ from torch import Tensor
 from ...errors import InputError
 from ...recipe.base import Positive
 from ..materials import Material
-from ..prescription.aim import Focused, axial, focused, on_sphere
+from ..prescription.aim import Focused, axial, chief_planes, focused, on_sphere
 from ..prescription.first_order import first_order
 from ..prescription.outline import delay, disc, light, opening
 from ..prescription.polynomials import chebyshev
 from ..prescription.pupil import Pupil, pupil
 from ..prescription.surfaces import Surface, stack
-from ..prescription.waves import Wave, landings, waves
-from .base import Bend, Field, Lens
+from ..prescription.waves import Wave, landings, tangents_of, waves
+from .base import Bend, ChiefRays, Field, Lens
 
 BEYOND_RIM = 1.03
 """Rays are traced out to so many radii of the aperture: cells that the edge crosses reach beyond it."""
@@ -30,6 +30,10 @@ ORDER = 14
 """Of the polynomial in the squared radius that the wave on the axis is interpolated by."""
 DEPTHS = (0.02, 0.06)
 """Inverse distances from that in focus, times the focal length, that rays are traced from for all others."""
+CHIEF_RAYS = 65
+"""In the table that views are rendered by."""
+HALVINGS = 12
+"""Of the part of a frame that may be dark, to find where light ends."""
 NEARBY = 1e-9
 """Tangents with the axis below which light is from a point on it."""
 MM = 1e-3
@@ -54,6 +58,9 @@ class PrescriptionLens(Lens):
     """focal length over the diameter of the parallel light that the stop lets through on the axis"""
     traced_at_m: Positive | None = None
     """distance before the entrance pupil that rays are traced from, m; left out, that of the focus"""
+    moved_mm: float = 0.0
+    """how far the sensor is behind where light of the focus meets near the axis, mm; left out, as the
+    camera's focus says"""
     traced_at_nm: Positive = 587.6
     """wavelength of the focal length, the f-number and the chief rays, nm; left out, that of the focus"""
 
@@ -141,6 +148,29 @@ class PrescriptionLens(Lens):
         held = _held(self)
         return landings(held, tangents.double()) / held.scale
 
+    def lands(self, field: Field) -> Field:
+        tangent = math.hypot(*field)
+        if tangent < NEARBY:
+            return field
+        ratio = float(self.landing(torch.tensor([tangent], dtype=torch.float64))) / tangent
+        return field[0] * ratio, field[1] * ratio
+
+    def chief(self, place: Field) -> Field:
+        ratio = _chief_ratio(self, math.hypot(*place))
+        return place[0] * ratio, place[1] * ratio
+
+    def chief_rays(self, farthest: float) -> ChiefRays:
+        return _chief_rays(self, farthest)
+
+    def at_sensor(self, vergence: float) -> tuple[PrescriptionLens, float]:
+        lens, held = self, _held(self)
+        if "moved_mm" not in self.model_fields_set:
+            apart = vergence * MM - 1 / held.scale
+            for _ in range(3):  # the sensor's scale follows from where it is
+                lens = self.model_copy(update={"moved_mm": -apart * held.scale**2})
+                held = _held(lens)
+        return lens, held.scale * MM
+
     def held(self) -> Focused:
         """The lens with its sensor, as rays are traced through it. Raises InputError where there is no
         image."""
@@ -190,6 +220,45 @@ class PrescriptionLens(Lens):
         return tuple(dict.fromkeys(medium for medium in media if medium is not None))
 
 
+@lru_cache(maxsize=4096)
+def _chief_ratio(lens: PrescriptionLens, place: float) -> float:
+    """The chief ray's tangent over that of the place where it lands."""
+    place = max(place, NEARBY)
+    held = _held(lens)
+    return float(tangents_of(held, torch.tensor([place], dtype=torch.float64) * held.scale)) / place
+
+
+@lru_cache(maxsize=64)
+def _chief_rays(lens: PrescriptionLens, farthest: float) -> ChiefRays:
+    held = _held(lens)
+    steps = torch.linspace(0, 1, CHIEF_RAYS, dtype=torch.float64).sqrt()
+
+    def out_to(place: float) -> tuple[Tensor, Tensor]:
+        places = (steps * place).clamp_min(NEARBY)
+        return places, tangents_of(held, places * held.scale)
+
+    known, beyond = NEARBY, farthest
+    try:
+        places, tangents = out_to(farthest)
+    except InputError:  # some of the frame is dark: as far as there is light
+        for _ in range(HALVINGS):
+            middle = (known + beyond) / 2
+            try:
+                out_to(middle)
+                known = middle
+            except InputError:
+                beyond = middle
+        places, tangents = out_to(known)
+    crossing = chief_planes(held, tangents) - held.first.entrance
+    rows = torch.stack([places * (places > NEARBY), tangents / places, crossing], -1).tolist()
+    return tuple((_rounded(place), _rounded(ratio), _rounded(at)) for place, ratio, at in rows)
+
+
+def _rounded(number: float) -> float:
+    """So that views have the same keys wherever their chief rays were traced."""
+    return float(f"{number:.7g}") if abs(number) > 1e-7 else 0.0
+
+
 @lru_cache(maxsize=64)
 def _held(lens: PrescriptionLens) -> Focused:
     """The lens with a sensor where it is traced to. Raises InputError where there is no image."""
@@ -209,7 +278,7 @@ def _held(lens: PrescriptionLens) -> Focused:
     if lens.f_number is not None:
         index = surfaces.index(torch.tensor([wavelength], dtype=torch.float64))
         opening_ = first_order(surfaces, index[0]).focal / (2 * lens.f_number)
-    return focused(surfaces, wavelength, distance, opening_)
+    return focused(surfaces, wavelength, distance, opening_, lens.moved_mm)
 
 
 @lru_cache(maxsize=1024)

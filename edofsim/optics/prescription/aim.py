@@ -49,11 +49,14 @@ class Focused:
         return self.first.opening * self.lens.stop_radius
 
 
-def focused(lens: Stack, wavelength: float, distance: float, opening: float | None) -> Focused:
+def focused(
+    lens: Stack, wavelength: float, distance: float, opening: float | None, moved: float = 0.0
+) -> Focused:
     """A lens that is focused, paraxially, at a distance before its entrance pupil.
 
     opening: height of a ray parallel to the axis that just passes the stop; None where the stop's radius is
-    known. Raises InputError where there is no image, or no ray reaches the rim of the stop.
+    known. moved: how far the sensor is behind where it is in focus. Raises InputError where there is no
+    image, or no ray reaches the rim of the stop.
     """
     index = lens.index(torch.tensor([wavelength], dtype=torch.float64))
     first = first_order(lens, index[0])
@@ -61,7 +64,7 @@ def focused(lens: Stack, wavelength: float, distance: float, opening: float | No
         raise InputError("these surfaces do not focus light; look at the signs of their radii")
     if opening is not None:
         lens = replace(lens, stop_radius=_stop_radius(lens, index, opening))
-    plane, scale = first.image(distance - first.entrance)
+    plane, scale = first.image(distance - first.entrance, moved)
     if not 0 < plane < math.inf or not scale > 0:
         raise InputError(
             f"light from {distance * 1e-3:.4g} m does not meet behind the lens (focal length"

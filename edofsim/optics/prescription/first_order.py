@@ -26,11 +26,11 @@ class FirstOrder:
     exit: float
     opening: float
 
-    def image(self, distance: float) -> tuple[float, float]:
-        """(plane of the image, its height for a chief ray of slope 1) of a point so far before the first
-        vertex, infinite too."""
+    def image(self, distance: float, moved: float = 0.0) -> tuple[float, float]:
+        """(plane so far behind the image, height there for a chief ray of slope 1) of a point so far before
+        the first vertex, infinite too."""
         height, slope = _forward(self.surfaces, *((1.0, 0.0) if math.isinf(distance) else (distance, 1.0)))
-        plane = -height / slope if slope else math.inf
+        plane = -height / slope + moved if slope else math.inf
         chief, rises = _forward(self.surfaces, -self.entrance, 1.0)
         return plane, chief + plane * rises
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...errors import InputError
 from .aim import Focused, on_sphere
 from .polynomials import REACH, basis, fit
 from .pupil import Pupil, chief_of, refuse_lost
@@ -23,6 +24,8 @@ OUTSIDE = 0.03
 """Weight of rays that stop or rims shut out: they keep polynomials from growing beyond the edges."""
 EDGE = 1.05
 """Rays count as inside out to so many radii of what shuts them out."""
+MET = 1e-8
+"""Relative difference to which tangents are found."""
 NEAR = 0.85
 """Rims that no ray comes so near to, in radii, shut out nothing."""
 
@@ -95,6 +98,20 @@ def landings(held: Focused, tangents: Tensor) -> Tensor:
     """How far from the axis [mm] chief rays of tangents [field] land on the sensor, at the reference
     wavelength. Raises InputError where there is no such ray."""
     return -chief_of(held, tangents).landing[:, 0]
+
+
+def tangents_of(held: Focused, heights: Tensor) -> Tensor:
+    """Tangents [field] of the chief rays that land at heights [mm] from the axis, above 0: what `landings` is
+    the inverse of. Raises InputError where there are none."""
+    tangents = heights / held.scale
+    for _ in range(30):
+        step = 1e-6 * tangents
+        at, beyond = landings(held, torch.cat([tangents, tangents + step])).chunk(2)
+        moved = (at - heights) * step / (beyond - at)
+        tangents = tangents - moved.clamp(-tangents / 2, tangents / 2)
+        if bool((moved.abs() < MET * tangents).all()):
+            return tangents
+    raise InputError(f"no chief ray lands {float(heights.max()):.4g} mm from the axis")
 
 
 def _rings() -> Tensor:
