@@ -105,10 +105,11 @@ def sub_aperture_psfs(
         return
     # few wavelengths are few pieces of work; however many threads there are, the same ones
     pieces = [
-        (replace(wave, chirps=some), windows)
+        (wave.part(slice(start, start + size)), windows)
         for same, windows in zip(waves, along, strict=True)
         for wave in same
-        for some in wave.chirps.chunk(PIECES)
+        for size in [math.ceil(len(wave.chirps) / PIECES)]
+        for start in range(0, len(wave.chirps), size)
     ]
     order = torch.cat([depths for depths, _ in groups]).argsort().to(where)
     size = along[0].element_size() * len(wavelengths) * len(inverse_depths) * pixels**2

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, psf_bank
+from edofsim.optics import Camera, psf_bank, sub_aperture_psfs
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.lenses.achromat import AchromatLens
 from edofsim.optics.lenses.base import _Simpler
@@ -497,3 +497,12 @@ def test_gradients_pass_bent_defocus():
     with torch.no_grad():
         expected = (light(height + 1e-3 * way) - light(height - 1e-3 * way)) / 2e-3
     assert float((height.grad * way).sum()) == pytest.approx(float(expected), rel=1e-4)
+
+
+def test_sub_apertures_add_up_off_the_axis():
+    """Over more depths than are looked at in one piece."""
+    camera = Camera.from_recipe(load_camera(SHIPPED[2]).recipe).at_field((0.2, 0.1))
+    depths = torch.linspace(0, 3, 7, dtype=torch.float64)
+    bank = psf_bank(camera, [GREEN], depths, window_px=24).values
+    parts = sum(sub_aperture_psfs(camera, [GREEN], depths, 3, window_px=24))
+    torch.testing.assert_close(parts, bank, rtol=0, atol=1e-6)
