@@ -36,7 +36,6 @@ from benchmarks.plain_photo import plain_photo
 from edofsim.capture import Fidelity, capture
 from edofsim.capture.convolution import Grid
 from edofsim.capture.imaging import Axes, Imaging, imaging_of, spectrum_of
-from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.light import light_of, seen
 from edofsim.capture.photograph import all_in_focus
 from edofsim.capture.prepare import channel_weights
@@ -45,7 +44,7 @@ from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
 from edofsim.experiments.occlusion_cameras import smooth_relief
 from edofsim.experiments.protocols import flattened, of_three_lines
-from edofsim.optics import Camera, psf_bank
+from edofsim.optics import Camera, PsfField, psf_bank
 from edofsim.recipe import load_camera, load_scene
 from edofsim.record import machine, peak_memory_mib
 from edofsim.render.view import View
@@ -331,7 +330,7 @@ def by_brute_force(
         return psf_bank(camera, view.wavelengths, nodes[some]).values
 
     psfs, seconds_psfs = timed(bank)
-    kernels = HeldKernels(psfs.to(dtype), nodes[some], view.wavelengths)
+    field = PsfField(psfs.to(dtype), nodes[some], view.wavelengths)
     # of the light at the nodes that are timed, none is between nodes
     at = [light.at_node(node) for node in some]
     flat = torch.cat([image.reshape(view.bands, -1) for image in at], 1)
@@ -343,7 +342,7 @@ def by_brute_force(
         share=torch.zeros(pixels.numel(), dtype=dtype),
         starts=tuple(at[0][0].numel() * k for k in range(len(some) + 1)),
     )
-    photo, seconds = timed(lambda: brute(kernels, weights)(layers, grid))
+    photo, seconds = timed(lambda: brute(field, weights)(layers, grid))
     scale = len(occupied) / len(some)
     return Way(seconds * scale, seconds_psfs * scale, view.crop_margin(photo)), len(occupied)
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .capture.files import read_image, save_image
     from .core.notebook import show
     from .errors import EdofsimError, InputError
-    from .optics import Camera, PsfBank
+    from .optics import Camera, PsfField
     from .plan import Plan
     from .render.view import View
 
@@ -28,7 +28,7 @@ __all__ = [
     "InputError",
     "Photo",
     "Plan",
-    "PsfBank",
+    "PsfField",
     "View",
     "camera",
     "look",
@@ -50,7 +50,7 @@ _FROM = {
     "InputError": "errors",
     "Photo": "capture",
     "Plan": "plan",
-    "PsfBank": "optics",
+    "PsfField": "optics",
     "View": "render.view",
     "camera": "api",
     "look": "api",

@@ -22,7 +22,7 @@ from .capture.framing import framed, seen_through
 from .capture.guessed import lacks_hidden
 from .core.progress import Progress
 from .errors import InputError
-from .optics import Camera, PsfBank, psf_bank
+from .optics import Camera, PsfField, psf_bank
 from .plan import Plan, parse_target, plan_photo
 from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
@@ -242,7 +242,7 @@ def psfs(
     wavelengths: Sequence[float] | Tensor,
     *,
     window: int | None = None,
-) -> PsfBank:
+) -> PsfField:
     """Point spread functions for depths [m] (`inf` is legal) and wavelengths [m].
 
     `values` of the result are [depth, band, y, x], the light in each pixel as a fraction of what the mask

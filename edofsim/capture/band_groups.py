@@ -8,14 +8,13 @@ may lie at other wavelengths than the view's on the whole.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..render.view import View
-from .kernels import HeldKernels, Kernels
 
 
 @dataclass(frozen=True)
@@ -127,40 +126,3 @@ def gathered_view(view: View, gathering: Gathering) -> View:
     """The view with groups in the bands' place; each group's wavelength is the mean of its PSFs'."""
     light = gathering.light.to(view.radiance) @ view.radiance
     return view.with_light(light, gathering.psfs @ gathering.wavelengths)
-
-
-@dataclass(frozen=True)
-class GatheredKernels:
-    """PSFs of groups, made of those at some wavelengths (see `Kernels`)."""
-
-    base: Kernels
-    psfs: Tensor
-    wavelengths: Tensor
-
-    @property
-    def nodes(self) -> Tensor:
-        return self.base.nodes
-
-    @property
-    def window(self) -> int:
-        return self.base.window
-
-    def layer(self, node: int) -> Tensor:
-        values = self.base.layer(node)
-        return torch.einsum("gm,myx->gyx", self.psfs.to(values), values)
-
-    def truncated(self, node: int) -> Tensor:
-        values = self.base.truncated(node)
-        return self.psfs.to(values) @ values
-
-    def at(self, nodes: Tensor, per_dioptre: float) -> GatheredKernels:
-        return replace(self, base=self.base.at(nodes, per_dioptre))
-
-
-def gathered_kernels(kernels: Kernels, gathering: Gathering) -> Kernels:
-    """The groups' PSFs at every node; mixed at once where the PSFs are held in memory."""
-    means = gathering.psfs @ gathering.wavelengths
-    if isinstance(kernels, HeldKernels):
-        values = torch.einsum("gm,nmyx->ngyx", gathering.psfs.to(kernels.values), kernels.values)
-        return HeldKernels(values, kernels.nodes, means)
-    return GatheredKernels(kernels, gathering.psfs, means)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
 from torch import Tensor
 
 from ..optics.band_limited import band_limited_nodes, band_limited_weights
-from .kernels import Kernels
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,3 @@ class BandLimit:
     def shares(self, inverse_depth: Tensor, nodes: Tensor) -> Tensor:
         """Shares [node, fragment] of the nodes in the blur of each fragment."""
         return band_limited_weights(inverse_depth, nodes, self.per_dioptre).T.to(inverse_depth.dtype)
-
-    def truncated(self, nodes: Tensor, kernels: Kernels) -> Tensor:
-        """The light that lands outside the window: [node, band]."""
-        known = torch.stack([kernels.truncated(node) for node in range(kernels.nodes.numel())])
-        return band_limited_weights(nodes, kernels.nodes, self.per_dioptre).to(known) @ known

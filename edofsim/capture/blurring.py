@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..optics import PsfField
 from ..render.view import View
 from .band_limit import BandLimit
 from .convolution import Grid
-from .kernels import HeldKernels, Kernels
 from .layers import Blur, layered
 from .light import Light, SmoothLight, box_of, light_of
 
@@ -16,19 +16,19 @@ from .light import Light, SmoothLight, box_of, light_of
 class Blurring:
     """A camera's PSFs and its response, ready to blur fragments on frames of any size.
 
-    kernels: PSFs at depth nodes; response: [channel, band]; gap: difference in inverse depth below which two
+    psfs: at depth nodes; response: [channel, band]; gap: difference in inverse depth below which two
     surfaces are one, in 1/m: their blurs differ by less than a pixel; between: how light between the nodes is
     blurred, None: it is shared by the two next to it.
     """
 
     def __init__(
         self,
-        kernels: Kernels,
+        psfs: PsfField,
         response: Tensor,
         gap: float = 0.0,
         between: BandLimit | None = None,
     ) -> None:
-        self.kernels = kernels
+        self.psfs = psfs
         self.response = response
         self.gap = gap
         self.between = between
@@ -38,7 +38,7 @@ class Blurring:
     @property
     def reach(self) -> int:
         """How far a PSF carries light, in pixels."""
-        return self.kernels.window // 2
+        return self.psfs.window // 2
 
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:
         """Blurred light of some fragments: [channel, y, x] of the padded frame.
@@ -49,8 +49,8 @@ class Blurring:
         if self.between is not None:
             return self._smooth_light(self._nearby(view, which), view, which, radiance)
         if self._light is None:
-            self._light = layered(self.kernels, self.response)
-        return self._blurred(self._light, light_of(view, self.kernels.nodes, which, radiance), view)
+            self._light = layered(self.psfs, self.response)
+        return self._blurred(self._light, light_of(view, self.psfs.inverse_depths, which, radiance), view)
 
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """How much some fragments block of what lies behind them: [channel, y, x] of the padded frame.
@@ -62,8 +62,9 @@ class Blurring:
         if self.between is not None:
             return self._smooth_coverage(self._nearby(view, which), view, which, amount)
         if self._coverage is None:
-            self._coverage = self._blocking(self.kernels)
-        return self._blurred(self._coverage, light_of(view, self.kernels.nodes, which, amount[None]), view)
+            self._coverage = self._blocking(self.psfs)
+        light = light_of(view, self.psfs.inverse_depths, which, amount[None])
+        return self._blurred(self._coverage, light, view)
 
     def slab(self, view: View, which: Tensor, part: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
         """`light` and `coverage` of the same fragments."""
@@ -76,33 +77,33 @@ class Blurring:
             self._smooth_coverage(near, view, which, amount),
         )
 
-    def _nearby(self, view: View, which: Tensor) -> tuple[Kernels, Tensor]:
+    def _nearby(self, view: View, which: Tensor) -> tuple[PsfField, Tensor]:
         """PSFs at nodes that suit these fragments' depths, and the shares [node, n] of each in them."""
         assert self.between is not None
         depth = view.inverse_depth[which]
         nodes = self.between.nodes(depth)
-        return self.kernels.at(nodes, self.between.per_dioptre), self.between.shares(depth, nodes)
+        return self.psfs.at(nodes, self.between.per_dioptre), self.between.shares(depth, nodes)
 
     def _smooth_light(
-        self, near: tuple[Kernels, Tensor], view: View, which: Tensor, radiance: Tensor | None
+        self, near: tuple[PsfField, Tensor], view: View, which: Tensor, radiance: Tensor | None
     ) -> Tensor:
         shine = view.radiance.index_select(1, which) if radiance is None else radiance
         light = SmoothLight(*view.padded_shape, view.pixel[which], near[1], shine)
         return self._blurred(layered(near[0], self.response), light, view)
 
     def _smooth_coverage(
-        self, near: tuple[Kernels, Tensor], view: View, which: Tensor, amount: Tensor
+        self, near: tuple[PsfField, Tensor], view: View, which: Tensor, amount: Tensor
     ) -> Tensor:
         light = SmoothLight(*view.padded_shape, view.pixel[which], near[1], amount[None])
         return self._blurred(self._blocking(near[0]), light, view)
 
-    def _blocking(self, kernels: Kernels) -> Blur:
+    def _blocking(self, psfs: PsfField) -> Blur:
         one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
-        return layered(opaque_kernels(kernels, self.response), one_each)
+        return layered(white_psfs(psfs, self.response), one_each)
 
     def _blurred(self, blur: Blur, light: Light | SmoothLight, view: View) -> Tensor:
         """Blurred in the part of the frame that holds the light's blur."""
-        window, shape = self.kernels.window, view.padded_shape
+        window, shape = self.psfs.window, view.padded_shape
         box = box_of(light, window)
         if box is None:
             return blur(light, Grid(*shape, view.margin, window))
@@ -110,11 +111,11 @@ class Blurring:
         return box.pasted(image, *shape)
 
 
-def opaque_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
-    """PSFs of white light in each channel, each summing to 1: [node, channel, y, x] in the band's place."""
+def white_psfs(psfs: PsfField, response: Tensor) -> PsfField:
+    """PSFs of white light in each channel, each summing to 1: [depth, channel, y, x] in the band's place."""
     layers = []
-    for node in range(kernels.nodes.numel()):
-        psf = kernels.layer(node)
+    for node in range(psfs.inverse_depths.numel()):
+        psf = psfs.layer(node)
         layers.append(torch.einsum("cb,byx->cyx", response, psf / psf.sum((-2, -1), keepdim=True)))
-    colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
-    return HeldKernels(torch.stack(layers), kernels.nodes, colours)
+    colours = (response @ psfs.wavelengths.to(response)) / response.sum(1)
+    return PsfField(torch.stack(layers), psfs.inverse_depths, colours)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import torch
 from torch import Tensor
 
 from ..errors import InputError
@@ -13,10 +12,10 @@ from ..optics.field import Frame, Place, joined, relative_light, step_for
 from ..render.view import View
 from .crop import crop
 from .fidelity import Fidelity
-from .imaging import Axes, Imaging
-from .occlusion.hidden import Layout
+from .imaging import Axes
 
-Make = Callable[[Camera], Imaging | None]
+Part = Callable[[View, int], View]
+"""Of light that fills a frame, what reaches a place from within so many pixels around it."""
 
 
 def frame_of(views: Sequence[View]) -> Frame:
@@ -42,34 +41,22 @@ def field_step(camera: Camera, fidelity: Fidelity, frame: Frame, axes: Axes) -> 
 
 
 def image_over_field(
-    camera: Camera,
-    lights: Sequence[View],
-    layouts: Sequence[Layout | None],
-    frame: Frame,
-    step: int,
-    make: Make,
-    glare: Callable[[View, Imaging], Tensor] | None,
+    camera: Camera, frame: Frame | None, step: int | None, image: Callable[[Camera, Part], Tensor]
 ) -> Tensor:
-    """Unexposed images of views, [view, channel, y, x], each place of the frame by the PSFs of its place in
-    the field, and as bright as these are.
+    """An unexposed image [..., y, x] of a frame, each place of it by the PSFs of its place in the field, and
+    as bright as these are.
 
-    lights: as `Imaging.light` gives them; make: the optics of a camera, those of `image` where there is
-    glare, those of sub-apertures where there is none; glare: [channel], of a view.
+    image: of the part of the frame that a camera sees from its place. step: pixels between places; None for
+    one place, where the part is the whole.
     """
+    if frame is None or step is None:
+        return image(camera, lambda light, reach: light)
 
     def at(place: Place) -> Tensor:
         here = camera.seen_at(place.field)
-        imaging = make(here)
-        assert imaging is not None
         top, left = place.rows.start, place.columns.start
         size = place.rows.stop - top, place.columns.stop - left
-        images = []
-        for light, layout in zip(lights, layouts, strict=True):
-            part = crop(light, top, left, *size, imaging.window // 2)
-            if glare is None:
-                images.append(imaging.change_by_sub_apertures(part, layout))
-            else:
-                images.append(imaging.image(part, layout) + glare(light, imaging)[:, None, None])
-        return torch.stack(images) * relative_light(here)
+        seen = image(here, lambda light, reach: crop(light, top, left, *size, reach))
+        return seen * relative_light(here)
 
-    return joined(frame, step, at).to(lights[0].radiance)
+    return joined(frame, step, at)

@@ -7,16 +7,17 @@ anywhere comes through here: whole frames, tiles that stand for a frame, patches
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import reduce
+from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from ..optics import Camera, defocus, share_told
+from ..optics import Camera, PsfField, defocus, share_told, sub_aperture_psfs
+from ..optics.field import psf_field
 from ..render.view import View
-from .band_groups import Gathering, every_band, gathered, gathered_kernels, gathered_view
+from .band_groups import Gathering, every_band, gathered, gathered_view
 from .band_limit import BandLimit
 from .blurring import Blurring
 from .checks import check_view
@@ -27,14 +28,10 @@ from .fidelity import (
     pupil_is_free,
     simpler_camera,
 )
-from .kernels import Kernels
 from .occlusion import OCCLUSIONS
 from .occlusion.hidden import Layout, layout_of
 from .occlusion.sub_apertures import change_by_sub_apertures
-from .prepare import blur_per_dioptre, kernels_of, kernels_of_sub_apertures
-
-MakeKernels = Callable[[Camera, Tensor, Tensor, int], Kernels]
-"""PSFs of a camera at wavelengths [band] and depth nodes [node], of a window in pixels: see `kernels_of`."""
+from .prepare import blur_per_dioptre
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class Imaging:
     widest: int
     gathering: Gathering
     blurring: Blurring
-    sub_apertures: tuple[Kernels, ...] = field(default=(), repr=False)
+    sub_apertures: tuple[PsfField, ...] = field(default=(), repr=False)
     told: float = 1.0
 
     @property
@@ -113,25 +110,31 @@ def imaging_of(
     fidelity: Fidelity,
     axes: Axes,
     *,
+    field_step: float | None = None,
+    cache: Path | None = None,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
-    make: MakeKernels | None = None,
 ) -> Imaging:
-    """The optics of a camera for views of these axes. make: PSFs in place of `kernels_of`."""
+    """The optics of a camera for views of these axes. field_step, cache: see `psf_field`."""
     window = fidelity.window_px or camera.recipe.psf.window_px
     gathering = gathering_of(camera, fidelity, axes)
-    simpler = simpler_camera(camera, fidelity)
-    if make is None:
-        kernels = kernels_of(simpler, gathering.wavelengths, axes.nodes, window, dtype=dtype, device=device)
-    else:
-        kernels = make(simpler, gathering.wavelengths, axes.nodes, window)
+    psfs = psf_field(
+        simpler_camera(camera, fidelity),
+        gathering.wavelengths,
+        axes.nodes,
+        window_px=window,
+        field_step=field_step,
+        cache=cache,
+        dtype=dtype,
+        device=device,
+    )
     return Imaging(
         fidelity,
         window,
         camera.recipe.psf.window_px,
         gathering,
         Blurring(
-            gathered_kernels(kernels, gathering) if fidelity.band_groups else kernels,
+            psfs.grouped(gathering.psfs) if fidelity.band_groups else psfs,
             gathering.response.to(device, dtype),
             gap=1 / blur_per_dioptre(camera),
             between=axes.between,
@@ -146,34 +149,27 @@ def sub_aperture_imaging(
     *,
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
-) -> Imaging | None:
-    """The optics that tell what sub-apertures change, as `of_sub_apertures` says; None for a single one."""
-    if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
-        return None
+) -> Imaging:
+    """The optics that tell what sub-apertures change, as `of_sub_apertures` says."""
     coarse = of_sub_apertures(fidelity, camera, float(axes.nodes[-1] - axes.nodes[0]))
     window = coarse.window_px or camera.recipe.psf.window_px
     gathering, nodes = gathering_of(camera, coarse, axes), some_nodes(axes.nodes, coarse)
-    through = kernels_of_sub_apertures(
+    through = sub_aperture_psfs(
         simpler_camera(camera, coarse),
         gathering.wavelengths,
         nodes,
-        window,
         coarse.sub_apertures,
+        window_px=window,
         side=coarse.sub_aperture_pixel,
         coarsely=coarse.pupil_sampling_um is None and pupil_is_free(camera),
         dtype=dtype,
         device=device,
     )
     parts = list(through)
-    whole = replace(parts[0], values=reduce(torch.add, (part.values for part in parts)))
-    pupil, *held = (
-        gathered_kernels(each, gathering) if coarse.band_groups else each for each in (whole, *parts)
-    )
-    blurring = Blurring(
-        pupil,
-        gathering.response.to(device, dtype),
-        gap=1 / blur_per_dioptre(camera),
-    )
+    whole = reduce(torch.add, parts)
+    each = (PsfField(values, nodes, gathering.wavelengths) for values in (whole, *parts))
+    pupil, *held = (psfs.grouped(gathering.psfs) if coarse.band_groups else psfs for psfs in each)
+    blurring = Blurring(pupil, gathering.response.to(device, dtype), gap=1 / blur_per_dioptre(camera))
     told = share_told(camera, coarse.sub_apertures)
     return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held), told)
 

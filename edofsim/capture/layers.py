@@ -12,8 +12,8 @@ from typing import TypeAlias
 
 from torch import Tensor
 
+from ..optics import PsfField
 from .convolution import Grid, add_convolved, image_of, spectrum
-from .kernels import Kernels
 from .light import Light, SmoothLight
 
 Blur: TypeAlias = Callable[[Light | SmoothLight, Grid], Tensor]
@@ -28,7 +28,7 @@ KEPT_NODES = 2
 """Nodes whose PSFs' spectra are kept: slabs that follow each other share that many."""
 
 
-def layered(kernels: Kernels, response: Tensor) -> Blur:
+def layered(psfs: PsfField, response: Tensor) -> Blur:
     """A blur by PSFs at depth nodes under a response [channel, band], for frames of any size. Its error is
     that of the depth nodes alone. Light of one band is that of all."""
     kept: dict[tuple[int, int, Grid], Tensor] = {}
@@ -37,7 +37,7 @@ def layered(kernels: Kernels, response: Tensor) -> Blur:
     def through(node: int, begin: int, block: int, grid: Grid) -> Tensor:
         found = kept.pop((node, begin, grid), None)
         if found is None:
-            found = spectrum(kernels.layer(node)[begin : begin + block], grid)
+            found = spectrum(psfs.layer(node)[begin : begin + block], grid)
         if count * math.prod(grid.transform) <= KEPT_PIXELS:
             kept[node, begin, grid] = found
             while len(kept) > KEPT_NODES * math.ceil(count / block):

@@ -23,17 +23,17 @@ from ..recipe import CameraRecipe
 from ..render.colour import colour_matrix, light_of
 from ..render.view import View
 from .band_limit import BandLimit
+from .blurring import Blurring
 from .checks import check_fidelity, check_pixel_angle, check_window, distortion_of
 from .fidelity import Fidelity
 from .fidelity_file import values_of
-from .field import Make, field_step, frame_of, image_over_field
+from .field import Part, field_step, frame_of, image_over_field
 from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
-from .kernels import Kernels
 from .light import hat_weights, seen
 from .occlusion.hidden import Layout
 from .photo import Photo
-from .prepare import channel_weights, choose_nodes, fewer_nodes, kernels_of
+from .prepare import channel_weights, choose_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
 from .stopwatch import Stopwatch
 
@@ -91,7 +91,6 @@ def capture(
     depth = torch.stack([view.crop_margin(view.mean_inverse_depth()) for view in given]).detach()
     given = [as_composited(view, camera, fidelity) for view in given]
     axes = axes_of(given, camera, fidelity, weights, nodes, spectrum)
-    between = axes.between
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
 
@@ -99,39 +98,32 @@ def capture(
     step = None if frame is None else field_step(camera, fidelity, frame, axes)
     tangent = None if step is None else step * first.pixel_angle
 
-    def kernels(seen_by: Camera, wavelengths: Tensor, at: Tensor, window: int) -> Kernels:
-        return kernels_of(seen_by, wavelengths, at, window, field_step=tangent, cache=cache, **how)
+    def optics(here: Camera) -> Imaging:
+        return imaging_of(here, fidelity, axes, field_step=tangent, cache=cache, **how)
 
-    imaging = imaging_of(camera, fidelity, axes, make=kernels, **how)
+    imaging = optics(camera)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in given]
     layouts = [imaging.layout(view) if layout is None else layout for view in given]
-    blurring = imaging.blurring
-    glare = [glare_of(light, blurring.kernels, blurring.response, between) for light in lights]
+    glare = [glare_of(light, imaging.blurring) for light in lights]
 
-    def over_field(lights: Sequence[View], make: Make, with_glare: bool = False) -> Tensor:
-        assert frame is not None and step is not None
+    def blurred(here: Camera, part: Part) -> Tensor:
+        at = imaging if step is None else optics(here)
+        haze = glare if step is None else [glare_of(light, at.blurring) for light in lights]
+        parts = (part(light, at.window // 2) for light in lights)
+        images = [at.image(*each) for each in zip(parts, layouts, strict=True)]
+        return torch.stack(images) + torch.stack([each for each, _ in haze])[:, :, None, None]
 
-        def haze(light: View, at: Imaging) -> Tensor:
-            return glare_of(light, at.blurring.kernels, blurring.response, between)[0]
+    def changed(here: Camera, part: Part) -> Tensor:
+        at = sub_aperture_imaging(here, fidelity, axes, **how)
+        parts = (part(at.light(view), at.window // 2) for view in given)
+        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, layouts, strict=True)])
 
-        return image_over_field(camera, lights, layouts, frame, step, make, haze if with_glare else None)
-
-    if step is None:
-        photo = torch.stack([imaging.image(*each) for each in zip(lights, layouts, strict=True)])
-        photo = photo + torch.stack([each for each, _ in glare])[:, :, None, None]
-    else:
-        photo = over_field(lights, lambda here: imaging_of(here, fidelity, axes, make=kernels, **how), True)
+    photo = image_over_field(camera, frame, step, blurred).to(first.radiance)
     finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
     watch.lap("blur", 0.5 if finer else 0.9)
     if finer:
-        by_part = sub_aperture_imaging(camera, fidelity, axes, **how)
-        if step is None or by_part is None:
-            change = torch.stack([_change(by_part, *each) for each in zip(given, layouts, strict=True)])
-        else:
-            parted = [by_part.light(view) for view in given]
-            change = over_field(parted, lambda here: sub_aperture_imaging(here, fidelity, axes, **how))
-        photo = photo + change
+        photo = photo + image_over_field(camera, frame, step, changed).to(first.radiance)
         watch.lap("sub_apertures", 0.9)
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
@@ -167,9 +159,12 @@ def sub_aperture_change(
 ) -> Tensor:
     """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
     [channel, y, x]; 0 for a fidelity that simulates none."""
+    if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
+        return torch.zeros(())
     view = as_composited(view, camera, fidelity)
     axes = axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
-    return _change(sub_aperture_imaging(camera, fidelity, axes), view, layout) * exposure
+    imaging = sub_aperture_imaging(camera, fidelity, axes)
+    return imaging.change_by_sub_apertures(imaging.light(view), layout) * exposure
 
 
 def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
@@ -182,12 +177,6 @@ def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
     wavelengths = views[0].wavelengths.cpu().double().numpy()
     found = colour_matrix(weights.detach().cpu().double().numpy(), wavelengths, light)
     return None if found is None else torch.from_numpy(found)
-
-
-def _change(imaging: Imaging | None, view: View, layout: Layout | None) -> Tensor:
-    if imaging is None:
-        return torch.zeros(())
-    return imaging.change_by_sub_apertures(imaging.light(view), layout)
 
 
 def axes_of(
@@ -270,21 +259,19 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     return light.reshape(-1, rows, columns)
 
 
-def glare_of(
-    view: View, kernels: Kernels, weights: Tensor, between: BandLimit | None = None
-) -> tuple[Tensor, Tensor]:
+def glare_of(view: View, blurring: Blurring) -> tuple[Tensor, Tensor]:
     """What the visible light beyond the PSFs' windows becomes: veiling glare, the same all over the padded
     frame.
 
     Such light lands far from where it belongs, and what leaves the frame comes in from outside of it as well;
     so its mean is all that is known of it. Returns the glare, unexposed, and the truncated fraction of the
-    light that it is made of, both [channel] under the response `weights` [channel, band]. between: as in
-    `Axes`.
+    light that it is made of, both [channel].
     """
-    radiance, nodes = view.radiance, kernels.nodes
+    radiance, psfs, between, weights = view.radiance, blurring.psfs, blurring.between, blurring.response
+    nodes = psfs.inverse_depths
     if between is not None:
         nodes = torch.linspace(float(nodes[0]), float(nodes[-1]), GLARE_NODES * len(nodes), dtype=nodes.dtype)
-    if kernels.nodes.numel() == 1:
+    if psfs.inverse_depths.numel() == 1:
         amount = (radiance @ (~view.hidden).to(radiance))[:, None]
     else:
         which = seen(view)
@@ -293,12 +280,12 @@ def glare_of(
         amount = light.new_zeros(view.bands, nodes.numel())
         amount = amount.index_add(1, cell, light * (1 - share))
         amount = amount.index_add(1, (cell + 1).clamp_max(nodes.numel() - 1), light * share)
-    there = torch.nonzero(amount.any(0)).squeeze(1)
+    rest = psfs.truncated.to(amount)
     if between is not None:
-        beyond = (amount.T * between.truncated(nodes, kernels).to(amount)).sum(0)
+        beyond = (amount.T * (between.shares(nodes, psfs.inverse_depths).T.to(rest) @ rest)).sum(0)
     else:
-        rest = [kernels.truncated(node).to(amount) for node in there.tolist()]
-        beyond = (amount[:, there] * torch.stack(rest, 1)).sum(1) if rest else torch.zeros_like(amount[:, 0])
+        there = amount.any(0)
+        beyond = (amount[:, there] * rest[there].T.contiguous()).sum(1)
     total = weights @ amount.sum(1)
     glare = weights @ beyond
     rows, columns = view.padded_shape

@@ -1,24 +1,22 @@
-"""Depth nodes, PSFs and response of a camera for given views."""
+"""Depth nodes and response of a camera for given views."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+import math
 
 import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, psf_bank, response, response_curves, sub_aperture_psfs
+from ..optics import Camera, response, response_curves
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
-from ..optics.field import psfs_on_sensor
 from ..optics.psf import BETWEEN
 from .band_limit import BandLimit
-from .kernels import HeldKernels, Kernels, StreamedKernels, depth_nodes
 
-HELD_BYTES = 1 << 29
-"""Largest PSF bank that is held in memory as a whole."""
+DEFOCUS_STEP = 2.5
+"""Change of the paper's Psi (Eq. `defocus`) at the shortest wavelength from one node to the next, in radians,
+for 50 dB when the number of layers is left to us. Linear interpolation between PSFs errs with its square."""
 BLUR_ERROR = 0.01
 """Error of a PSF between depths, as `band_limited_nodes` counts it, for a photo that keeps `FULL` dB."""
 FULL = 70.0
@@ -59,53 +57,36 @@ def fewer_nodes(
     return held.to(nodes.device), BandLimit(per_dioptre, BLUR_ERROR * 10 ** ((FULL - tolerance_db) / 20))
 
 
-def kernels_of(
-    camera: Camera,
-    wavelengths: Tensor,
-    nodes: Tensor,
-    window: int,
-    *,
-    field_step: float | None = None,
-    cache: Path | None = None,
-    dtype: torch.dtype = torch.float32,
-    device: torch.device | str = "cpu",
-) -> Kernels:
-    """The camera's PSFs at depth nodes: held in memory where they fit, or where gradients must pass them.
+def depth_nodes(
+    inverse_depth: Tensor, layers: int | str, defocus_per_dioptre: float, tolerance_db: float = 50.0
+) -> Tensor:
+    """Depth nodes for fragments: [node], ascending, equally spaced in inverse depth over what they span.
 
-    field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
-    on the sensor (see `field.psfs_on_sensor`); None: for what leaves its place in the scene."""
-
-    def compute(depths: Tensor) -> Tensor:
-        def psfs(seen_by: Camera) -> Tensor:
-            how = {"cache": cache, "dtype": dtype, "device": device}
-            return psf_bank(seen_by, wavelengths, depths, window_px=window, **how).values
-
-        return psfs(camera) if field_step is None else psfs_on_sensor(camera, field_step, psfs)
-
-    trained = camera.height_map is not None and camera.height_map.requires_grad
-    size = nodes.numel() * wavelengths.numel() * window * window * torch.finfo(dtype).bits // 8
-    if size <= HELD_BYTES or trained:
-        return HeldKernels(compute(nodes), nodes, wavelengths)
-    return StreamedKernels(compute, nodes, wavelengths, window)
-
-
-def kernels_of_sub_apertures(
-    camera: Camera,
-    wavelengths: Tensor,
-    nodes: Tensor,
-    window: int,
-    across: int,
-    *,
-    side: int = 1,
-    coarsely: bool = False,
-    dtype: torch.dtype = torch.float32,
-    device: torch.device | str = "cpu",
-) -> Iterator[HeldKernels]:
-    """`kernels_of` shared out among `across` x `across` sub-apertures, each held in memory for its turn and
-    nowhere else. side, coarsely: see `sub_aperture_psfs`."""
-    how = {"window_px": window, "side": side, "coarsely": coarsely, "dtype": dtype, "device": device}
-    for values in sub_aperture_psfs(camera, wavelengths, nodes, across, **how):
-        yield HeldKernels(values, nodes, wavelengths)
+    inverse_depth: [fragment] in 1/m; layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a
+    higher tolerance; defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m.
+    A scene with no more depths than layers gets exactly its depths: nothing is interpolated then.
+    Raises InputError for fewer than one layer.
+    """
+    if layers != "auto" and (not isinstance(layers, int) or layers < 1):
+        raise InputError(f'{layers!r} depth layers: give a whole number of at least 1, or "auto"')
+    values = inverse_depth.detach().double()
+    if values.numel() == 0:
+        return values.new_zeros(1)
+    low, high = (float(end) for end in values.aminmax())
+    if low == high:
+        return values[:1].clone()
+    if layers == "auto":
+        step = DEFOCUS_STEP * 10 ** ((50 - tolerance_db) / 40)
+        layers = 2 + math.floor((high - low) * defocus_per_dioptre / step)
+    # a smooth depth map has as many depths as pixels: a few from all over it tell, without sorting all
+    sample = torch.unique(values[:: max(1, values.numel() // (4 * layers))])
+    if sample.numel() <= layers:
+        distinct = torch.unique(values)
+        if distinct.numel() <= layers:
+            return distinct
+    if layers == 1:
+        return values.new_tensor([(low + high) / 2])
+    return torch.linspace(low, high, layers, dtype=torch.float64, device=values.device)
 
 
 def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:

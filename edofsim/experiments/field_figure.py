@@ -140,14 +140,14 @@ def run(
 def _psfs(asked: Asked, out: Path, outputs: dict[str, Path], device: str) -> None:
     wavelengths = torch.tensor(asked.wavelengths_nm, dtype=torch.float64) * 1e-9
     inverse = torch.tensor([1 / depth for depth in asked.depths_m], dtype=torch.float64)
-    banks = [psf_bank(asked.at(each), wavelengths, inverse, device=device) for each in asked.fields_deg]
+    banks = (psf_bank(asked.at(each), wavelengths, inverse, device=device) for each in asked.fields_deg)
     values = torch.cat([bank.values.cpu() for bank in banks])
     names = [
         [f"{degrees:g}deg.{metres_name(depth)}.{nm:g}nm" for nm in asked.wavelengths_nm]
         for degrees in asked.fields_deg
         for depth in asked.depths_m
     ]
-    path = write_psfs(out / "psf_field.exr", names, values, asked.camera, banks[0].transmission)
+    path = write_psfs(out / "psf_field.exr", names, values, asked.camera)
     outputs["PSFs over the field (EXR)"] = path
 
     def paint() -> Figure:

@@ -53,7 +53,7 @@ SAME_HEIGHT_M = 1e-12
 """Masks that differ by less are one: checkpoints hold one mask to different roundings."""
 LENS_ALONE = "lens_alone"
 LAYERS_DB, SNAPPED_DB = 70.0, 60.0
-"""Depth layers keep this PSNR by the rule of `capture.kernels.depth_nodes`. The second is enough for layers
+"""Depth layers keep this PSNR by the rule of `capture.prepare.depth_nodes`. The second is enough for layers
 that surfaces snap to; elsewhere Wiener deconvolution of a phone's photo would be off by 0.2 dB."""
 
 

@@ -15,11 +15,11 @@ from torch import Tensor
 
 from ..core.images import write_exr
 from ..core.progress import Progress, silent
-from ..optics import Camera, PsfBank, best_focus_distance, focus_distance, psf_bank
+from ..optics import Camera, PsfField, best_focus_distance, focus_distance, psf_bank
 from ..optics.grid import PupilGrid
 from ..optics.masks import Mask, catalogue, mask_amplitude
 from ..optics.mtf import mtf, strehl
-from ..optics.pupil import aperture
+from ..optics.pupil import aperture, transmission
 from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..report import Plot
@@ -54,7 +54,7 @@ def run(
     inverse_depths = torch.tensor([1 / depth for depth in depths_m], dtype=torch.float64)
     progress(0.0, "point spread functions")
     bank = psf_bank(camera, wavelengths, inverse_depths, device=device)
-    bank = replace(bank, values=bank.values.cpu(), truncated=bank.truncated.cpu())
+    bank = replace(bank, source=bank.values.cpu())
     columns = []
     for number, wavelength in enumerate(wavelengths):
         progress(0.3 + 0.3 * number / len(wavelengths), "Strehl ratios")
@@ -69,8 +69,8 @@ def run(
     ]
     progress(0.6, "pictures")
     outputs = {
-        "PSFs (EXR)": write_psfs(out / "psf.exr", names, bank.values, camera, bank.transmission),
-        "MTFs (EXR)": write_psfs(out / "mtf.exr", names, transfer, camera, bank.transmission),
+        "PSFs (EXR)": write_psfs(out / "psf.exr", names, bank.values, camera),
+        "MTFs (EXR)": write_psfs(out / "mtf.exr", names, transfer, camera),
         "table": write_csv(out / "psf.csv", ("psf", "truncated", "strehl", "peak_pixel"), rows),
         "picture": psfs_plot(camera, bank, list(wavelengths_nm), list(depths_m)).save(out / "psf.png"),
     }
@@ -79,7 +79,7 @@ def run(
     at = camera.recipe.focus.wavelength_nm * 1e-9
     sharp = {"paraxial": float(focus_distance(camera, at)), "best": best_focus_distance(camera, at)}
     figures |= {f"focus_m.{plane}": metres for plane, metres in sharp.items() if 0 < metres < math.inf}
-    return figures | {"transmission_percent": bank.transmission * 100}, outputs
+    return figures | {"transmission_percent": transmission(camera) * 100}, outputs
 
 
 def gallery(out: Path, progress: Progress = silent) -> Path:
@@ -123,7 +123,7 @@ def draw_mask(axis: Axes, camera: Camera, mask: Mask) -> None:
         axis.imshow(amplitude.numpy(), cmap="gray", vmin=0, vmax=1)
 
 
-def psfs_plot(camera: Camera, bank: PsfBank, wavelengths_nm: list[float], depths_m: list[float]) -> Plot:
+def psfs_plot(camera: Camera, bank: PsfField, wavelengths_nm: list[float], depths_m: list[float]) -> Plot:
     """The mask, each PSF over wavelength and depth, and MTFs along four directions."""
 
     def paint() -> Figure:
@@ -184,9 +184,7 @@ def metres_name(depth: float) -> str:
     return "infinity" if math.isinf(depth) else f"{depth:g}m"
 
 
-def write_psfs(
-    path: Path, names: list[list[str]], images: Tensor, camera: Camera, transmission: float
-) -> Path:
+def write_psfs(path: Path, names: list[list[str]], images: Tensor, camera: Camera) -> Path:
     """Write images [depth, band, y, x] as EXR, a channel for each name, with the camera they are of."""
     channels = {
         name: np.ascontiguousarray(images[d, b].cpu().numpy(), dtype=np.float32)
@@ -196,6 +194,6 @@ def write_psfs(
     header: dict[str, object] = {
         "camera": camera.recipe.model_dump_json(),
         "pixel_um": camera.pixel * 1e6,
-        "transmission": transmission,
+        "transmission": transmission(camera),
     }
     return write_exr(path, channels, header)

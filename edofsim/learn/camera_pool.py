@@ -7,18 +7,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..capture.blurring import Blurring
-from ..capture.kernels import HeldKernels, depth_nodes
-from ..capture.occlusion import OCCLUSIONS
-from ..capture.photograph import glare_of
 from ..capture.prepare import blur_per_dioptre
 from ..core.progress import Progress
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, psf_bank
+from ..optics import PAPER_COLOURS
 from ..optics.nodes import node_shares, nodes_between
 from ..optics.sampling import plan_sampling
 from ..recipe.train import CamerasTable, TrainRecipe
-from ..render.view import View
 from ..restore.camera_bank import CameraBank, Conditioning
 from ..restore.depths import closer_about_focus
 from ..restore.light import without_glare
@@ -26,7 +21,8 @@ from ..restore.restore import deconvolved
 from ..restore.restorer import Restorer
 from .random_cameras import RandomCamera, random_camera
 from .schedule import generator_of
-from .system import Captured, Optics
+from .system import Captured
+from .training_camera import StoredPsfs, TrainingCamera
 
 DRAWN = 8  # purpose of random numbers
 LARGEST_PUPIL = 1400  # samples across: larger ones take too long
@@ -35,42 +31,12 @@ VALIDATION = 100_000  # number of the first camera for validation
 
 
 @dataclass(frozen=True)
-class PooledOptics(Optics):
-    """PSFs that are looked up. stored: float16 [n, 3, window, window], at the middles of n equal parts of a
-    camera's range, which stands for the inverse depths `drawn` (least, largest) of the scenes; widest: blur
-    without mask by which the ends of the range differ, in pixels."""
-
-    stored: Tensor
-    drawn: tuple[float, float]
-    widest: float
-
-    def with_height(self, height: Tensor | None) -> PooledOptics:
-        return self
-
-    def psfs(self, inverse_depths: Tensor) -> Tensor:
-        low, high = self.drawn
-        part = (inverse_depths - low) / (high - low) * len(self.stored)
-        return self.stored[part.long().clamp(0, len(self.stored) - 1)].to(torch.float32)
-
-    def view(self, view: View, layers: int, occlusion: str) -> tuple[Tensor, Tensor]:
-        """A view of the three colours whose depths are among `drawn`: unexposed photo without noise, [3, y,
-        x], and the fraction of light that left the PSFs' window, [3]."""
-        nodes = depth_nodes(view.inverse_depth, layers, 0.0)
-        kernels = HeldKernels(self.psfs(nodes), nodes, view.wavelengths)
-        each = torch.eye(3, device=self.device)
-        gap = (self.drawn[1] - self.drawn[0]) / self.widest
-        image = OCCLUSIONS[occlusion](view, Blurring(kernels, each, gap))
-        glare, truncated = glare_of(view, kernels, each)
-        return view.crop_margin(image) + glare[:, None, None], truncated
-
-
-@dataclass(frozen=True)
 class Pooled:
     """A camera; known: what the network is told of it; shares: [n], how much each of the n stored PSFs counts
     for Wiener deconvolution."""
 
     name: str
-    optics: PooledOptics
+    optics: TrainingCamera
     read_noise: float
     known: Conditioning
     shares: Tensor
@@ -88,7 +54,9 @@ class Pooled:
         if not network.sees_linear:
             return photo
         some = self.shares > 0
-        psfs = self.optics.stored[some.to(self.optics.stored.device)].to(photo)
+        stored = self.optics.stored
+        assert stored is not None
+        psfs = stored.values[some.to(stored.values.device)].to(photo)
         linear = deconvolved(photo, psfs, self.read_noise, self.shares[some])
         return torch.cat([photo, linear], 1)
 
@@ -146,13 +114,15 @@ def _pooled(
     else:
         raise InputError("cameras: hardly one within these ranges keeps its light in window_px; widen it")
     known = network.condition(told, drawn.read_noise)
-    optics = PooledOptics(
+    optics = TrainingCamera(
         drawn.camera,
         table.window_px,
         device,
-        psf.to(torch.float16).to(device),
-        recipe.capture.inverse_depth_per_m,
-        blur_per_dioptre(drawn.camera) * (drawn.depths[1] - drawn.depths[0]),
+        StoredPsfs(
+            psf.to(torch.float16).to(device),
+            recipe.capture.inverse_depth_per_m,
+            blur_per_dioptre(drawn.camera) * (drawn.depths[1] - drawn.depths[0]),
+        ),
     )
     return Pooled(drawn.camera.recipe.name, optics, drawn.read_noise, known, _shares(drawn, len(depths)))
 
@@ -172,8 +142,6 @@ def _psfs(drawn: RandomCamera, window: int, inverse: Tensor) -> Tensor | None:
     try:
         if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).grid.samples > LARGEST_PUPIL:
             return None
-        if drawn.broadband:
-            return Optics(drawn.camera, window, torch.device("cpu")).response_psfs(inverse)
-        return psf_bank(drawn.camera, PAPER_COLOURS, inverse, window_px=window).values
+        return TrainingCamera(drawn.camera, window, torch.device("cpu")).psfs(inverse, drawn.broadband)
     except InputError:
         return None

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from ..core.progress import Progress
 from .schedule import generator_of, rate_factor
-from .system import Optics
+from .training_camera import TrainingCamera
 
 DEPTHS = 9  # PSFs a step, evenly spaced, from a random start
 PARTS = 7  # or so many parts of the depth range, where each has a filter of its own
@@ -27,7 +27,7 @@ DESIGN = 3  # purpose of the random numbers
 
 def design(
     mask: nn.Module,
-    optics: Optics,
+    optics: TrainingCamera,
     steps: int,
     depth_range: tuple[float, float],
     *,
@@ -63,10 +63,10 @@ def design(
         generator = generator_of(seed, DESIGN, step + 1, 0)
         depths, filters = _depths(low, high, groups, generator)
         made = optics.with_height(mask())
-        psf = made.mean_psfs(depths, height_noise)
+        psf = made.psfs(depths, height_noise=height_noise)
         if response:
             shift = float(torch.rand(1, generator=generator))
-            psf = torch.cat([psf, made.mean_response_psfs(depths, height_noise, shift)])
+            psf = torch.cat([psf, made.psfs(depths, True, height_noise, shift)])
             filters *= 2
         left = error(psf, filters).mean(1)
         relative = left.log().mean()

@@ -14,7 +14,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from ..capture.planes import photograph, surroundings
-from .system import Captured, Optics, captured, colour_psfs
+from .system import Captured, captured
+from .training_camera import TrainingCamera
 
 SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most
 
@@ -33,10 +34,10 @@ class Edges:
     saturates: bool = False
     broadband: bool = False
 
-    def photograph(self, optics: Optics) -> Captured:
+    def photograph(self, optics: TrainingCamera) -> Captured:
         """With the light of `Planes`."""
         sharp, cover = self.sharp.to(optics.device), self.cover.to(optics.device)
-        psf = colour_psfs(optics, self.inverse_depths, self.broadband) if self.psf is None else self.psf
+        psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
         far = torch.arange(len(sharp)) - 1
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first

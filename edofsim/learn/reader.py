@@ -11,7 +11,8 @@ import torch
 
 from ..core.json_values import Json
 from ..recipe.train import TrainingSource, TrainRecipe
-from .system import Optics, Scenes
+from .system import Scenes
+from .training_camera import TrainingCamera
 
 
 class Source(Protocol):
@@ -37,7 +38,7 @@ class Wanted:
     are missing; for_validation: nothing of the source is trained on."""
 
     recipe: TrainRecipe
-    optics: Optics
+    optics: TrainingCamera
     base: Path
     data: Path | None
     cache: Path | None = None

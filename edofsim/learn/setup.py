@@ -27,7 +27,8 @@ from ..restore.network import build_network, network_class
 from ..restore.restorer import Restorer
 from .camera_pool import CameraPool, camera_pool
 from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
-from .system import Optics, System
+from .system import System
+from .training_camera import TrainingCamera
 from .training_data import TrainingData, gather
 from .workers import Workers
 
@@ -72,7 +73,7 @@ def prepare(
     recipe = loaded.recipe
     camera, base = _camera(recipe, loaded.base)
     mask, sampling, relief = build_mask(recipe, camera, base)
-    optics = Optics(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
+    optics = TrainingCamera(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
     if optics.camera.lens.varies:
         raise InputError(
             f"trainings have one PSF for the whole frame, and that of the lens {camera.lens.kind!r} varies"

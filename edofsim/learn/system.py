@@ -9,99 +9,10 @@ import torch
 from torch import Tensor, nn
 
 from ..capture.planes import photograph, surroundings
-from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera, mean_psfs, psf_bank, response, response_curves
-from ..optics.sampling import coarsest_pitch
 from ..restore.light import keep_light
 from ..restore.losses import LossWeights, restoration_loss
 from ..restore.restorer import Restorer
-
-WAVELENGTHS = 8
-"""So many, evenly spaced, stand for all that a sensor sees."""
-MIDDLE = 0.5  # of the distance between them
-
-
-@dataclass(frozen=True)
-class Optics:
-    """The camera, whose mask may learn; its PSFs are `window` pixels wide."""
-
-    camera: Camera
-    window: int
-    device: torch.device
-
-    def with_height(self, height: Tensor | None) -> Optics:
-        """The same with the height map [n, n] in metres of a step; None for a mask without relief."""
-        return replace(self, camera=self.camera.with_height(height))
-
-    def psfs(self, inverse_depths: Tensor) -> Tensor:
-        """PSFs of the three colours, float32 [depth, band, window, window], inverse depths [depth] in 1/m."""
-        bank = psf_bank(
-            self.camera,
-            PAPER_COLOURS,
-            inverse_depths,
-            window_px=self.window,
-            device=self.device,
-        )
-        return bank.values.to(torch.float32)
-
-    def mean_psfs(self, inverse_depths: Tensor, height_noise: float) -> Tensor:
-        """The same for a height map whose samples err, see `optics.mean_psfs`."""
-        return mean_psfs(
-            self.camera,
-            PAPER_COLOURS,
-            inverse_depths,
-            height_noise,
-            window_px=self.window,
-            device=self.device,
-        )
-
-    def mean_response_psfs(self, inverse_depths: Tensor, height_noise: float, shift: float = 0.0) -> Tensor:
-        """`mean_psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window].
-
-        shift: of these wavelengths, as a part of their distance, 0 to 1. Raises InputError for a sensor
-        whose response is not tabulated.
-        """
-        wavelengths = self._response_wavelengths(shift)
-        camera = self._sampled(wavelengths, inverse_depths)
-        weights = response(camera, wavelengths)
-        psf = mean_psfs(
-            camera,
-            wavelengths,
-            inverse_depths,
-            height_noise,
-            window_px=self.window,
-            device=self.device,
-        )
-        return torch.einsum("cb,dbyx->dcyx", weights.to(psf), psf)
-
-    def response_psfs(self, inverse_depths: Tensor) -> Tensor:
-        """`psfs` of a few wavelengths, added up by the sensor's response, [depth, 3, window, window]. Raises
-        InputError as `mean_response_psfs`."""
-        wavelengths = self._response_wavelengths(MIDDLE)
-        camera = self._sampled(wavelengths, inverse_depths)
-        bank = psf_bank(camera, wavelengths, inverse_depths, window_px=self.window, device=self.device).values
-        weights = response(camera, wavelengths)
-        return torch.einsum("cb,dbyx->dcyx", weights.to(bank), bank)
-
-    def _response_wavelengths(self, shift: float) -> Tensor:
-        curves = response_curves(self.camera)
-        if curves is None:
-            raise InputError("sensor.response: three lines have no other light; name a tabulated response")
-        first, last = curves[0][0], curves[0][-1]
-        return first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
-
-    def _sampled(self, wavelengths: Tensor, inverse_depths: Tensor) -> Camera:
-        """The camera with its pupil sampled as finely as the shortest of wavelengths asks for."""
-        recipe, fixed = self.camera.recipe, self.camera.recipe.psf.pupil_sampling_um
-        if fixed == "auto":
-            return self.camera
-
-        def sampled(pitch: float | str) -> Camera:
-            psf = recipe.psf.model_copy(update={"pupil_sampling_um": pitch})
-            return replace(self.camera, recipe=recipe.model_copy(update={"psf": psf}))
-
-        coarsest = coarsest_pitch(sampled("auto"), wavelengths, inverse_depths, self.window) * 1e6
-        return self.camera if fixed <= coarsest else sampled(coarsest)
+from .training_camera import TrainingCamera
 
 
 @dataclass(frozen=True)
@@ -134,7 +45,7 @@ def captured(
 class Scenes(Protocol):
     """A batch that can be photographed."""
 
-    def photograph(self, optics: Optics) -> Captured:
+    def photograph(self, optics: TrainingCamera) -> Captured:
         """The photo without noise, by the mask as it is made."""
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
@@ -155,10 +66,10 @@ class Planes:
     saturates: bool = False
     broadband: bool = False
 
-    def photograph(self, optics: Optics) -> Captured:
+    def photograph(self, optics: TrainingCamera) -> Captured:
         """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees."""
         sharp = self.sharp.to(optics.device)
-        psf = colour_psfs(optics, self.inverse_depths, self.broadband) if self.psf is None else self.psf
+        psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
@@ -170,16 +81,11 @@ class Planes:
         return replace(self, psf=psf, broadband=broadband)
 
 
-def colour_psfs(optics: Optics, inverse_depths: Tensor, broadband: bool) -> Tensor:
-    """PSFs of the sensor's colours, [depth, 3, window, window], see `Captured`."""
-    return optics.response_psfs(inverse_depths) if broadband else optics.psfs(inverse_depths)
-
-
 class PooledCamera(Protocol):
     """One of many cameras that a network is trained over."""
 
     @property
-    def optics(self) -> Optics: ...
+    def optics(self) -> TrainingCamera: ...
 
     def tell(self, network: Restorer) -> None:
         """Condition the network on it."""
@@ -224,7 +130,7 @@ class System(nn.Module):
 
     def __init__(
         self,
-        optics: Optics,
+        optics: TrainingCamera,
         mask: nn.Module,
         network: Restorer,
         loss: LossWeights,
@@ -295,12 +201,8 @@ class System(nn.Module):
     def _mean_psfs(self, broadband: bool) -> Tensor:
         depths = self.network.psf_depths(self.depth_range)
         height = self.mask()
-        optics = self.optics.with_height(height)
-        if height is None:
-            return colour_psfs(optics, depths, broadband)
-        if broadband:  # of the wavelengths that photos are made of
-            return optics.mean_response_psfs(depths, self.height_noise, MIDDLE)
-        return optics.mean_psfs(depths, self.height_noise)
+        noise = 0.0 if height is None else self.height_noise
+        return self.optics.with_height(height).psfs(depths, broadband, noise)
 
     def tell(self, broadband: bool) -> None:
         """Condition the network on the light that the sensor sees, where some of it is broadband. What is

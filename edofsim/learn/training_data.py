@@ -12,7 +12,8 @@ from ..core.json_values import Json
 from ..core.progress import Progress
 from ..recipe.train import TrainRecipe
 from .reader import Source, TrainingReader, Wanted
-from .system import Optics, Scenes
+from .system import Scenes
+from .training_camera import TrainingCamera
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class TrainingData:
 
 def gather(
     recipe: TrainRecipe,
-    optics: Optics,
+    optics: TrainingCamera,
     base: Path,
     data: Path | None,
     cache: Path | None = None,

@@ -15,15 +15,18 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..capture import Fidelity, capture
+from ..capture.blurring import Blurring
 from ..capture.crop import crop
-from ..capture.prepare import channel_weights
+from ..capture.occlusion import OCCLUSIONS
+from ..capture.photograph import glare_of
+from ..capture.prepare import channel_weights, depth_nodes
 from ..capture.sensor import automatic_exposure
 from ..core.json_values import Json
 from ..core.progress import Progress
 from ..core.sources import code_of_rooms
 from ..core.store import Store, user_folder
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, Camera
+from ..optics import PAPER_COLOURS, Camera, PsfField
 from ..optics import cache as bank_cache
 from ..optics.fabrication import unscattered_fraction
 from ..optics.sampling import plan_sampling
@@ -33,9 +36,9 @@ from ..recipe.scene import SceneRecipe
 from ..render.view import View
 from ..restore.light import with_other_glare
 from ..scene.family import members
-from .camera_pool import PooledOptics
 from .reader import TrainingReader, Wanted
-from .system import Captured, Optics, Scenes, captured
+from .system import Captured, Scenes, captured
+from .training_camera import StoredPsfs, TrainingCamera
 
 LEAST_SPAN = 0.02
 """In 1/m: a view that spans less is one plane, and stays far."""
@@ -125,7 +128,7 @@ class ViewParts:
     factors: Tensor
     table: Views
 
-    def photograph(self, optics: Optics) -> Captured:
+    def photograph(self, optics: TrainingCamera) -> Captured:
         """With layers, occlusion and hidden surfaces."""
         shots = [
             part if isinstance(part, Shot) else photographed(part, self.table, optics) for part in self.parts
@@ -140,11 +143,11 @@ class ViewParts:
         return self
 
 
-def photographed(view: View, table: Views, optics: Optics) -> Shot:
+def photographed(view: View, table: Views, optics: TrainingCamera) -> Shot:
     """A view as a source's table says; by one of many cameras, a view that is made `ready`."""
-    if isinstance(optics, PooledOptics):
+    if optics.stored is not None:
         part = crop(view, 0, 0, view.height, view.width, optics.window // 2).to(optics.device)
-        clean, truncated = optics.view(part, table.layers, table.occlusion)
+        clean, truncated = by_stored_psfs(part, optics.stored, table.layers, table.occlusion)
         return Shot(clean, part.crop_margin(part.all_in_focus()), truncated.mean())
     camera = _camera(optics.camera, table.bands)
     fidelity = Fidelity(
@@ -156,6 +159,18 @@ def photographed(view: View, table: Views, optics: Optics) -> Shot:
     )
     photo = capture(view, camera, fidelity, device=optics.device)
     return Shot(photo.clean, photo.ideal, photo.truncated)
+
+
+def by_stored_psfs(view: View, stored: StoredPsfs, layers: int, occlusion: str) -> tuple[Tensor, Tensor]:
+    """A view of the three colours whose depths are among those drawn: unexposed photo without noise, [3, y,
+    x], and the fraction of light that left the PSFs' window, [3]."""
+    nodes = depth_nodes(view.inverse_depth, layers, 0.0)
+    psfs = PsfField(stored.at(nodes), nodes, view.wavelengths)
+    gap = (stored.drawn[1] - stored.drawn[0]) / stored.widest
+    blurring = Blurring(psfs, torch.eye(3, device=stored.values.device), gap)
+    image = OCCLUSIONS[occlusion](view, blurring)
+    glare, truncated = glare_of(view, blurring)
+    return view.crop_margin(image) + glare[:, None, None], truncated
 
 
 @dataclass(frozen=True)
@@ -218,7 +233,7 @@ def open_views(
     table: Views,
     patch: int,
     held_back: float,
-    optics: Optics,
+    optics: TrainingCamera,
     base: Path,
     cache: Path | None,
     progress: Progress | None,
@@ -274,7 +289,7 @@ def ready(view: View, depths: tuple[float, float]) -> View:
     return stretched.with_light(exposure * view.radiance)
 
 
-def _check_sampling(view: View, optics: Optics, name: str) -> None:
+def _check_sampling(view: View, optics: TrainingCamera, name: str) -> None:
     """Raises InputError for a pupil that is sampled too coarsely for one of the depths that parts of the view
     see, before any step: what is near may be drawn late, or by validation alone."""
     whole = crop(view, 0, 0, view.height, view.width, min(view.margin, optics.window // 2))
@@ -286,7 +301,7 @@ def _check_sampling(view: View, optics: Optics, name: str) -> None:
 
 
 @torch.no_grad()
-def _once(view: View, table: Views, optics: Optics, height_noise: float) -> Shot:
+def _once(view: View, table: Views, optics: TrainingCamera, height_noise: float) -> Shot:
     """The view by the mask as designed, its pupil sampled as finely as the nearest of its surfaces asks for.
     Of its light, what errors of fabrication scatter is spread evenly over the photo, as it is in the mean
     over masks: errors of single samples would be smoothed on a finer pupil, and scatter less."""
@@ -307,7 +322,7 @@ def _once(view: View, table: Views, optics: Optics, height_noise: float) -> Shot
     return replace(shot, clean=with_other_glare(shot.clean, torch.zeros_like(glare), glare))
 
 
-def _shot_key(view: View, table: Views, optics: Optics) -> str:
+def _shot_key(view: View, table: Views, optics: TrainingCamera) -> str:
     """SHA-256 of all that decides a photo."""
     how = table.model_dump(mode="json", include={"bands", "layers", "occlusion", "sub_apertures"})
     how |= {"guess": True} if table.guess else {}

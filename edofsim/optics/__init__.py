@@ -1,9 +1,9 @@
 """Optics: glass, lens, masks, pupil, point spread functions, sensor. Knows nothing of scenes."""
 
-from .bank import PsfBank
 from .camera import Camera, best_focus_distance, defocus, focal_length, focus_distance
 from .materials import MATERIALS, Material, material
-from .psf import mean_psfs, psf_bank
+from .psf import channel_psfs, mean_psfs, psf_bank
+from .psf_field import PsfField
 from .sampling import Sampling, plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, response, response_curves
 from .sub_apertures import share_told, sub_aperture_psfs
@@ -13,11 +13,12 @@ __all__ = [
     "PAPER_COLOURS",
     "Camera",
     "Material",
-    "PsfBank",
+    "PsfField",
     "Sampling",
     "defocus",
     "focal_length",
     "best_focus_distance",
+    "channel_psfs",
     "focus_distance",
     "material",
     "mean_psfs",

@@ -1,4 +1,4 @@
-"""PSF banks kept by what they are computed from: in memory, and on request in a folder."""
+"""PSFs kept by what they are computed from: in memory, and on request in a folder."""
 
 from __future__ import annotations
 
@@ -7,25 +7,14 @@ import json
 from pathlib import Path
 
 import torch
-from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..core.sources import code_of_rooms
 from ..core.store import Store
 from ..recipe.kinds import MASKS
-from .bank import PsfBank
 from .camera import Camera
-from .grid import PupilGrid, bicubic_matrix, disc_amplitude, disc_coverage
-from .sampling import Sampling
-
-TENSORS = {
-    "values": "values",
-    "rest": "truncated",
-    "wavelengths": "wavelengths",
-    "inverse_depths": "inverse_depths",
-}
-"""By name in the file, the field of `PsfBank`."""
+from .grid import bicubic_matrix, disc_amplitude, disc_coverage
 
 
 def key(
@@ -36,7 +25,7 @@ def key(
     seed: int | None,
     dtype: torch.dtype,
 ) -> str:
-    """SHA-256 of everything that a bank depends on, the code that computes it included."""
+    """SHA-256 of everything that PSFs depend on, the code that computes them included."""
     said = {"optics": identity(camera), "window": window_px, "seed": seed, "dtype": str(dtype)}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):
@@ -61,19 +50,20 @@ def identity(camera: Camera) -> str:
     return digest.hexdigest()
 
 
-def find(key: str, folder: Path | None) -> PsfBank | None:
-    """The bank of that key from memory or the folder, or None. A damaged file counts as none."""
+def find(key: str, folder: Path | None) -> Tensor | None:
+    """PSFs [depth, band, y, x] of that key from memory or the folder, or None. A damaged file counts as
+    none."""
     return BANKS.find(key, folder)
 
 
-def keep(key: str, bank: PsfBank, folder: Path | None) -> None:
-    """Remember a bank on the CPU, and write it to the folder if there is one.
+def keep(key: str, psfs: Tensor, folder: Path | None) -> None:
+    """Remember PSFs on the CPU, and write them to the folder if there is one.
 
-    Raises ValueError for a bank that carries gradients: a cached graph would be that of an old parameter.
+    Raises ValueError for those that carry gradients: a cached graph would be that of an old parameter.
     """
-    if bank.values.requires_grad:
-        raise ValueError("a PSF bank that carries gradients must not be cached")
-    BANKS.keep(key, bank, folder)
+    if psfs.requires_grad:
+        raise ValueError("PSFs that carry gradients must not be cached")
+    BANKS.keep(key, psfs, folder)
 
 
 def forget() -> None:
@@ -83,22 +73,10 @@ def forget() -> None:
         known.cache_clear()
 
 
-def _write(bank: PsfBank, path: Path) -> None:
-    tensors = {name: getattr(bank, field).contiguous() for name, field in TENSORS.items()}
-    s = bank.sampling
-    about = [bank.transmission, s.grid.samples, s.grid.pitch, s.grid.radius]
-    about += [s.largest_defocus, s.bound, s.replica_period, s.window]
-    save_file(tensors, path, {"edofsim": json.dumps(about)})
-
-
-def _read(path: Path) -> PsfBank:
-    with safe_open(path, "pt") as file:
-        transmission, samples, pitch, radius, *numbers = json.loads(file.metadata()["edofsim"])
-        tensors = {field: file.get_tensor(name) for name, field in TENSORS.items()}
-    sampling = Sampling(PupilGrid(samples, pitch, radius), *numbers)
-    return PsfBank(**tensors, transmission=transmission, sampling=sampling)
-
-
-BANKS: Store[PsfBank] = Store(
-    "{}.safetensors", _read, _write, size=lambda bank: bank.values.nbytes, memory_bytes=512 << 20
+BANKS: Store[Tensor] = Store(
+    "{}.safetensors",
+    lambda path: load_file(path)["psfs"],
+    lambda psfs, path: save_file({"psfs": psfs.contiguous()}, path),
+    size=lambda psfs: psfs.nbytes,
+    memory_bytes=512 << 20,
 )

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -21,13 +22,16 @@ from .grid import PupilGrid
 from .lenses.base import AXIS, Field, Lens
 from .masks import Mask, mask_amplitude
 from .nodes import contrast_transfer, transfers_apart
-from .psf import psf_bank
+from .psf import carries_gradients, psf_bank
+from .psf_field import PsfField
 from .sensor import response
 
 STEPS = (1024, 512, 256, 128, 64, 32, 16, 8)
 """Distances of places, in pixels, that are chosen from: halved, errors fall by 12 dB."""
 LIGHT_SAMPLES = 258
 """Across the pupil, for the light that comes from a place in the field."""
+HELD_BYTES = 1 << 29
+"""Largest PSFs that are held in memory as a whole."""
 CONTRAST_DB = 12.0
 """PSNR less the ratio of a picture's contrast to an error: its contrast is a quarter of full scale."""
 MEAN = 1.6
@@ -207,3 +211,35 @@ def errors_by_step(
         return 10 ** (-CONTRAST_DB / 20) * math.hypot(transfers_apart(transfer, mean), dark)
 
     return ((step, max(off(step, part) for part in WAY)) for step in (0, *STEPS))
+
+
+def psf_field(
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    *,
+    window_px: int,
+    field_step: float | None = None,
+    cache: Path | None = None,
+    dtype: torch.dtype = torch.float32,
+    device: torch.device | str = "cpu",
+) -> PsfField:
+    """`psf_bank`, but that more than `HELD_BYTES` are computed as they are needed, unless gradients must pass
+    them; and, on request, as what reaches a place on the sensor.
+
+    field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
+    on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene. Other parameters as
+    there. Raises InputError as `psf_bank`.
+    """
+
+    def psfs(depths: Tensor) -> Tensor:
+        def of(seen_by: Camera) -> Tensor:
+            how = {"cache": cache, "dtype": dtype, "device": device}
+            return psf_bank(seen_by, wavelengths, depths, window_px=window_px, **how).values
+
+        return of(camera) if field_step is None else psfs_on_sensor(camera, field_step, of)
+
+    size = inverse_depths.numel() * wavelengths.numel() * window_px**2 * dtype.itemsize
+    if size <= HELD_BYTES or carries_gradients(camera):
+        return PsfField(psfs(inverse_depths), inverse_depths, wavelengths)
+    return PsfField(psfs, inverse_depths, wavelengths, window_px)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 import torch
@@ -13,21 +14,24 @@ from torch import Tensor
 from ..errors import InputError
 from . import cache as bank_cache
 from .band_limited import band_limited_nodes, band_limited_weights, fewest_nodes
-from .bank import PsfBank
 from .camera import Camera, defocus, defocus_per_dioptre
 from .fabrication import unscattered_fraction
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
+from .psf_field import PsfField
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
+from .sensor import response
 from .threads import in_threads, threads_allowed
 from .transform import SensorWindow, make_bases
 
 BETWEEN = 3e-5
 """Error of PSFs that are interpolated between depths, in the root mean square of their values over depths:
 that of float32 is not much smaller."""
+HELD_BYTES = 256 << 20
+"""Of PSFs of single bands, at a time, where channels are all that is asked for."""
 LARGEST_BYTES = 8 << 30
 """Largest bank that is computed; beyond it the work is refused before it is begun."""
 
@@ -43,7 +47,7 @@ def psf_bank(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
     cache: Path | None = None,
-) -> PsfBank:
+) -> PsfField:
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with what the lens adds to its parabola, on an oversampled
@@ -69,11 +73,10 @@ def psf_bank(
         key = bank_cache.key(camera, wavelengths, inverse_depths, pixels, seed, dtype)
         known = bank_cache.find(key, cache)
         if known is not None:
-            return _moved(known, device)
+            return PsfField(known.to(device), inverse_depths, wavelengths)
     shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
     _check_size(shape, dtype)
-    sampling = plan_sampling(camera, wavelengths, inverse_depths, pixels)
-    opening = aperture(camera, sampling.grid, seed)
+    opening = aperture(camera, plan_sampling(camera, wavelengths, inverse_depths, pixels).grid, seed)
     where = torch.device(device)
 
     if trainable:
@@ -98,11 +101,9 @@ def psf_bank(
             values[depths, band] = energy
 
         in_threads(fill, _pieces(*shape[:2]), where)
-    truncated = 1 - values.sum((-1, -2))
-    bank = PsfBank(values, truncated, wavelengths, inverse_depths, opening.transmission, sampling)
     if key is not None:
-        bank_cache.keep(key, _moved(bank, "cpu"), cache)
-    return bank
+        bank_cache.keep(key, values.cpu(), cache)
+    return PsfField(values, inverse_depths, wavelengths)
 
 
 def mean_psfs(
@@ -111,24 +112,58 @@ def mean_psfs(
     inverse_depths: Tensor,
     height_noise: float,
     *,
-    window_px: int,
+    window_px: int | None = None,
     device: torch.device | str = "cpu",
 ) -> Tensor:
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
-    camera: with a `height-map` mask; height_noise: standard deviation in metres. What the errors leave in
-    order is the designed PSF (`unscattered_fraction`); the light that they scatter spreads evenly over the
-    period of the sampled mask. Raises as `psf_bank`.
+    height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
+    What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they scatter
+    spreads evenly over the period of the sampled mask. Raises as `psf_bank`.
     """
-    bank = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device)
+    psf = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device).values
+    if height_noise == 0:
+        return psf
     unscattered = unscattered_fraction(wavelengths, height_noise, camera.mask_material)
     mask = camera.mask
     assert isinstance(mask, HeightMapMask)
     pitch = mask.pitch_um * 1e-6
     period = wavelengths * camera.sensor_distance / pitch / camera.pixel
     glare = (1 - unscattered) / period.square()
-    psf = bank.values.to(torch.float32)
     return psf * unscattered.to(psf)[:, None, None] + glare.to(psf)[:, None, None]
+
+
+def channel_psfs(
+    camera: Camera,
+    wavelengths: Tensor,
+    inverse_depths: Tensor,
+    *,
+    weights: Tensor | None = None,
+    height_noise: float = 0.0,
+    window_px: int | None = None,
+    device: torch.device | str = "cpu",
+) -> Tensor:
+    """PSFs as the sensor's channels see a white point: float32 [depth, channel, y, x].
+
+    Of many depths or wide windows only some bands are held at a time.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    weights: of the bands in the channels, [channel, band]; None for the camera's response.
+    height_noise: of the mask, as in `mean_psfs`.
+    window_px: side of the PSFs; None for the recipe's.
+
+    Raises InputError as `psf_bank`.
+    """
+    wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64).cpu()
+    weights = response(camera, wavelengths) if weights is None else weights
+    size = 4 * len(inverse_depths) * (window_px or camera.recipe.psf.window_px) ** 2
+    found = []
+    for some in torch.arange(weights.shape[1]).split(max(1, HELD_BYTES // size)):
+        how = {"window_px": window_px, "device": device}
+        psf = mean_psfs(camera, wavelengths[some], inverse_depths, height_noise, **how)
+        found.append(torch.einsum("cb,dbyx->dcyx", weights[:, some].to(psf), psf))
+    return reduce(torch.add, found)
 
 
 def wave_at(
@@ -217,9 +252,3 @@ def _check_size(shape: tuple[int, ...], dtype: torch.dtype) -> None:
             f" {size / 2**30:.3g} GiB, more than {LARGEST_BYTES / 2**30:.3g}; ask for fewer depths or bands"
             " at a time, or a smaller window"
         )
-
-
-def _moved(bank: PsfBank, device: torch.device | str) -> PsfBank:
-    if bank.values.device == torch.device(device):
-        return bank
-    return replace(bank, values=bank.values.to(device), truncated=bank.truncated.to(device))

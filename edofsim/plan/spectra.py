@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 from torch import Tensor
@@ -19,14 +19,14 @@ from torch import Tensor
 from ..capture.band_groups import Gathering, every_band
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import Axes, gathering_of
-from ..capture.kernels import depth_nodes
 from ..capture.occlusion.slabs import Hides
+from ..capture.prepare import depth_nodes
 from ..core.once import Once
 from ..optics import Camera
 from ..optics.camera import defocus_per_dioptre
 from ..render.view import View
 from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, nearest, together
-from .otfs import Otfs
+from .otfs import MakeOtfs, otfs_of, reach_of
 from .passing import Passing, passing
 from .tiles import choose_tiles
 
@@ -77,7 +77,7 @@ class Spectra:
     before: Fragments
     corners: tuple[tuple[int, int], ...]
     shares: Tensor
-    _otfs: Otfs
+    _otfs: MakeOtfs
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
     def nodes(self, count: int, distinct: int | None = None) -> Tensor:
@@ -122,7 +122,7 @@ class Spectra:
             "cg,gk,gw->ckw", gathering.response, gathering.light @ weights, gathering.psfs @ between
         )
         change = shared - (shares @ weights).transpose(1, 2)
-        otfs = self._otfs.at(self.full, few, nodes)
+        otfs = self._otfs(self.full, few, nodes)
         spectra = _mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1))
         return self._vector(self._image(nodes, spectra, light))
 
@@ -133,9 +133,9 @@ class Spectra:
             fine = self.nodes(self.fine_nodes, 2 * self.fine_nodes)
             nodes = self.nodes(layers)
             gathering = self._gathering(2, fine)
-            exact = self._otfs.at(self.full, gathering, fine, within=self._reach)
+            exact = self._otfs(self.full, gathering, fine, within=self._reach)
             between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
-            coarse = self._otfs.at(self.full, gathering, nodes, fine, within=self._reach)
+            coarse = self._otfs(self.full, gathering, nodes, fine, within=self._reach)
             change = _mixed(between, coarse[None])[0] - exact
             return self._by_channel(gathering, fine, change, shared=True)
 
@@ -152,7 +152,7 @@ class Spectra:
         if not quick:
             gathering = self._gathering(1, nodes)
         other, same = (
-            self._otfs.at(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
+            self._otfs(each, gathering, nodes, as_asked=not quick) for each in (fidelity, reference)
         )
         change = other - same
         if not quick:
@@ -169,7 +169,7 @@ class Spectra:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
         nodes = self.nodes_of_light(NODES)
         gathering = self._gathering(3, nodes)
-        otfs = self._otfs.at(self.full, gathering, nodes)
+        otfs = self._otfs(self.full, gathering, nodes)
         each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
         return each.double().mean(0)
 
@@ -188,7 +188,8 @@ class Spectra:
     @cached_property
     def _reach(self) -> int:
         """Side of the window that PSFs of many depths are computed in."""
-        return self._otfs.reach(self.full, self._few_bands[0], self.nodes_of_light(NODES))
+        window = min(self.side, self.camera.recipe.psf.window_px)
+        return reach_of(self._otfs, self.full, self._few_bands[0], self.nodes_of_light(NODES), window)
 
     @cached_property
     def _few_bands(self) -> tuple[Gathering, Tensor]:
@@ -288,7 +289,7 @@ class Spectra:
         if not len(self.behind):
             return None
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
-        otfs = self._otfs.at(self.full, self._gathering(2, nodes), nodes, within=self._reach).mean(1)
+        otfs = self._otfs(self.full, self._gathering(2, nodes), nodes, within=self._reach).mean(1)
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
         return passing(self._cover(nodes), otfs, nodes, between, len(self.shares))
 
@@ -432,7 +433,7 @@ def spectra_of(
         before,
         corners,
         shares,
-        Otfs(camera, side),
+        partial(otfs_of, Once(), camera, side),
     )
 
 

@@ -22,11 +22,10 @@ from torch import Tensor
 from ..capture.blurring import Blurring
 from ..capture.checks import check_pixel_angle
 from ..capture.crop import crop as cropped
-from ..capture.kernels import HeldKernels
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, silent
 from ..errors import InputError
-from ..optics import Camera, defocus, plan_sampling, psf_bank
+from ..optics import Camera, PsfField, defocus, plan_sampling, psf_bank
 from ..optics.pupil import aperture, bent, pupil_function
 from ..render.engine import use_engine
 from ..render.view import View
@@ -247,7 +246,7 @@ def _unclipped(
     count = 2 + math.floor((high - low) * per_dioptre / DEFOCUS_STEP) if high > low else 1
     nodes = torch.linspace(low, high, count, dtype=torch.float64)
     bank = psf_bank(camera, part.wavelengths, nodes, window_px=window, cache=cache)
-    kernels = HeldKernels(bank.values.double(), nodes, part.wavelengths)
+    kernels = PsfField(bank.values.double(), nodes, part.wavelengths)
     return Blurring(kernels, weights).light(part, which)
 
 

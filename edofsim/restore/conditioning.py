@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, mean_psfs, psf_bank, response, response_curves
+from ..optics import Camera, channel_psfs, response, response_curves
 from ..optics import cache as bank_cache
 from ..optics.sampling import coarsest_pitch
 from ..recipe.camera import CameraRecipe
@@ -85,22 +85,19 @@ def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths
     bank = bank_cache.key(camera, wavelengths, depths, window, None, torch.float32)
     key = (bank, *weights.flatten().tolist(), camera.read_noise)
     if key not in known:
-        # band by band: of all together wide windows would fill the memory
-        psf = torch.zeros(len(depths), len(weights), window, window)
-        for wavelength, weight in zip(*_enough(wavelengths, weights), strict=True):
-            values = psf_bank(camera, wavelength[None], depths).values
-            psf += weight.to(values)[:, None, None] * values
+        some, of_each = _enough(wavelengths, weights)
+        psf = channel_psfs(camera, some, depths, weights=of_each)
         known[key] = copy.deepcopy(network).cpu()
         known[key].set_camera(psf, camera.read_noise)
     return known[key]
 
 
 def _enough(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Wavelengths [n] that stand for all of wavelengths [band], and the colours' weights [n, channel] of
+    """Wavelengths [n] that stand for all of wavelengths [band], and the colours' weights [channel, n] of
     those beside them; weights: [channel, band]."""
     groups = torch.arange(len(wavelengths)).split(max(1, len(wavelengths) // ENOUGH))
     middles = torch.stack([few[len(few) // 2] for few in groups])
-    return wavelengths[middles], torch.stack([weights[:, few].sum(1) for few in groups])
+    return wavelengths[middles], torch.stack([weights[:, few].sum(1) for few in groups], 1)
 
 
 def forget() -> None:
@@ -121,13 +118,11 @@ def _channel_psfs(
     coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
     psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
     own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
-    if checkpoint.height is None:
-        bands = psf_bank(own, wavelengths, inverse, window_px=window).values
-    else:
+    error = 0.0
+    if checkpoint.height is not None:
         own = own.with_height(checkpoint.height)
         error = _training(checkpoint).doe.height_noise_nm * 1e-9
-        bands = mean_psfs(own, wavelengths.double(), inverse, error, window_px=window)
-    return torch.einsum("bc,dbyx->dcyx", weights.to(bands), bands)
+    return channel_psfs(own, wavelengths, inverse, weights=weights, height_noise=error, window_px=window)
 
 
 def _training(checkpoint: Checkpoint) -> TrainRecipe:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..optics import Camera, psf_bank, response
+from ..optics import Camera, channel_psfs
 from ..optics.field import Frame
 from ..optics.nodes import node_shares, nodes_between
 from .checkpoint import Checkpoint
@@ -15,9 +15,6 @@ from .network import apply_network
 from .places import restored_by_place, step_of
 from .restorer import Restorer
 from .wiener import wiener
-
-HELD_BYTES = 256 << 20
-"""Of PSFs of single bands, at a time."""
 
 
 def restore(
@@ -121,17 +118,3 @@ def deconvolved(photo: Tensor, psf: Tensor, noise: float, shares: Tensor | None 
     """Wiener deconvolution of photos [.., channel, y, x] without glare by PSFs [depth, channel, y, x].
     noise: standard deviation before the glare was taken off; shares: of `wiener`."""
     return wiener(photo, *without_truncated(psf, noise, shares), shares=shares)
-
-
-def channel_psfs(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Tensor:
-    """PSFs as the sensor's channels see a white point, [depth, channel, y, x]: the bands of the bank
-    weighted with the response. Of many depths or wide windows only some bands are held at a time."""
-    weights = response(camera, wavelengths)
-    size = 4 * len(inverse_depths) * camera.recipe.psf.window_px**2
-    found: Tensor | None = None
-    for some in torch.arange(weights.shape[1]).split(max(1, HELD_BYTES // size)):
-        bank = psf_bank(camera, torch.as_tensor(wavelengths)[some], inverse_depths)
-        part = torch.einsum("cb,dbyx->dcyx", weights[:, some].to(bank.values), bank.values)
-        found = part if found is None else found + part
-    assert found is not None
-    return found

@@ -12,7 +12,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..optics import Camera, PsfBank, psf_bank
+from ..optics import Camera, PsfField, psf_bank
 from ..optics.masks import catalogue
 from ..optics.masks.clear import ClearMask
 from ..optics.masks.cubic import CubicMask
@@ -61,13 +61,13 @@ def _every_mask() -> Iterator[Finding]:
     for entry in catalogue():
         camera = camera_of(2.5, entry.example, oversampling=4)
         for depth in (0.7, 2.0):
-            found: list[PsfBank] = []
+            found: list[PsfField] = []
 
-            def energy(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+            def energy(c: Camera = camera, d: float = depth, found: list[PsfField] = found) -> float:
                 found.append(bank(c, d))
                 return whole(found[0])
 
-            def single(c: Camera = camera, d: float = depth, found: list[PsfBank] = found) -> float:
+            def single(c: Camera = camera, d: float = depth, found: list[PsfField] = found) -> float:
                 return distance(bank(c, d, torch.float32).values.double(), found[0].values)
 
             yield timed(f"{entry.kind}, {depth:g} /m, float64", 1e-6, energy)

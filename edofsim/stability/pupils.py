@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..errors import InputError
-from ..optics import Camera, PsfBank, defocus, psf_bank
+from ..optics import Camera, PsfField, defocus, plan_sampling, psf_bank
 from ..optics.lenses.plano_convex import PlanoConvexLens
 from ..optics.masks import Mask
 from ..optics.masks.clear import ClearMask
@@ -36,7 +36,7 @@ def bank(
     inverse_depth: float,
     dtype: torch.dtype = torch.float64,
     side: int = SIDE,
-) -> PsfBank:
+) -> PsfField:
     """The PSF of one green wavelength at one depth."""
     return psf_bank(camera, GREEN, [inverse_depth], window_px=side, dtype=dtype)
 
@@ -45,7 +45,7 @@ def name_of(dtype: torch.dtype) -> str:
     return str(dtype).removeprefix("torch.")
 
 
-def whole(found: PsfBank) -> float:
+def whole(found: PsfField) -> float:
     """How far window and rest together are from all light, and how far below zero either reaches; NaN where
     something is not finite."""
     values, truncated = found.values.double(), found.truncated.double()
@@ -79,7 +79,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
     def check() -> Iterator[Finding]:
         camera = camera_of(2.5)
         depth = depth_of_psi(camera, psi)
-        pair: list[PsfBank] = []
+        pair: list[PsfField] = []
 
         def energy() -> float:
             pair.append(bank(camera, depth))
@@ -94,7 +94,8 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
         yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
         if psi > 500:
             return  # a finer pupil would be larger than the largest that is computed
-        finer = camera_of(2.5, pupil_um=0.8 * pair[0].sampling.grid.pitch * 1e6)
+        grid = plan_sampling(camera, GREEN, pair[0].inverse_depths, SIDE).grid
+        finer = camera_of(2.5, pupil_um=0.8 * grid.pitch * 1e6)
         yield timed(
             "against a finer pupil, float64",
             0.02,

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture.kernels import HeldKernels
+from edofsim.optics import PsfField
 from edofsim.render.view import View
 
 FOCUS = 1.0
@@ -25,8 +25,8 @@ class Bench:
         return line[..., :, None] * line[..., None, :]
 
     @classmethod
-    def kernels(cls, nodes: Tensor, bands: int, window: int, growth: float = 4.0) -> HeldKernels:
-        return HeldKernels(cls.gaussian_psfs(nodes, bands, window, growth), nodes, cls.wavelengths(bands))
+    def kernels(cls, nodes: Tensor, bands: int, window: int, growth: float = 4.0) -> PsfField:
+        return PsfField(cls.gaussian_psfs(nodes, bands, window, growth), nodes, cls.wavelengths(bands))
 
     @staticmethod
     def wavelengths(bands: int) -> Tensor:

@@ -19,13 +19,12 @@ from edofsim.capture import Fidelity, capture
 from edofsim.capture.blurring import Blurring
 from edofsim.capture.coarse import CoarsePixels
 from edofsim.capture.crop import crop
-from edofsim.capture.kernels import HeldKernels
 from edofsim.capture.light import light_of
 from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
 from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
-from edofsim.optics import Camera, share_told
+from edofsim.optics import Camera, PsfField, share_told
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
@@ -58,7 +57,7 @@ def in_part(across: int, part: int, y: int, x: int) -> bool:
     return part == (y * across // (2 * REACH + 1)) * across + x * across // (2 * REACH + 1)
 
 
-def kernels_for(bench, depths: list[float], defocus: list[int], part=lambda y, x: True) -> HeldKernels:
+def kernels_for(bench, depths: list[float], defocus: list[int], part=lambda y, x: True) -> PsfField:
     """The PSFs of those shifts: nodes ascend, so the farthest surface comes first. part: of the pupil, by
     the indices of its points."""
     window = 2 * MARGIN + 1
@@ -69,7 +68,7 @@ def kernels_for(bench, depths: list[float], defocus: list[int], part=lambda y, x
                 continue
             values[k, :, MARGIN + y * shift, MARGIN + x * shift] += 1 / len(pupil())
     nodes = torch.tensor(list(reversed(depths)), dtype=torch.float64)
-    return HeldKernels(values, nodes, bench.wavelengths(BANDS))
+    return PsfField(values, nodes, bench.wavelengths(BANDS))
 
 
 def surfaces(bench, count: int, textured: bool = True):
@@ -313,7 +312,7 @@ def test_each_channel_has_its_own_coverage(bench):
     sharp = kernels_for(bench, depths, [0, 0])
     values = torch.stack([kernels.values[:, 0], sharp.values[:, 1]], 1)
     blur = Blurring(
-        HeldKernels(values, kernels.nodes, kernels.wavelengths),
+        PsfField(values, kernels.inverse_depths, kernels.wavelengths),
         torch.eye(2).double(),
         gap=0.05,
     )
@@ -406,7 +405,7 @@ def test_gradients_with_coverage_exactly_zero_and_one(bench, name):
     )
     base = kernels_for(bench, [2.0, 1.5, 1.0, 0.2], [2, 1, 1, 0])
     values = base.values.clone().requires_grad_()
-    kernels = HeldKernels(values, base.nodes, base.wavelengths)
+    kernels = PsfField(values, base.inverse_depths, base.wavelengths)
     blur = Blurring(kernels, torch.eye(BANDS, dtype=torch.float64), gap=0.05)
     OCCLUSIONS[name](view, blur).square().sum().backward()
     for grad in (view.radiance.grad, view.coverage.grad, values.grad):
@@ -429,7 +428,7 @@ def test_gradcheck_through_occlusion(bench):
     base = bench.kernels(torch.tensor([0.2, 2.0], dtype=torch.float64), 2, window, growth=1.0)
 
     def picture(values, radiance, scale):
-        kernels = HeldKernels(values, base.nodes, base.wavelengths)
+        kernels = PsfField(values, base.inverse_depths, base.wavelengths)
         blur = Blurring(kernels, bench.response(2, 2), gap=0.05)
         changed = replace(view, radiance=radiance, coverage=view.coverage * scale)
         return view.crop_margin(OCCLUSIONS["hidden"](changed, blur))

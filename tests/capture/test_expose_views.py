@@ -11,12 +11,12 @@ import torch
 from edofsim.capture import Fidelity, capture, light
 from edofsim.capture.checks import check_pixel_angle, check_view, check_window
 from edofsim.capture.crop import crop, with_margin
-from edofsim.capture.kernels import DEFOCUS_STEP, StreamedKernels, depth_nodes
 from edofsim.capture.noise import photographed_noise
 from edofsim.capture.photograph import depths_of
+from edofsim.capture.prepare import DEFOCUS_STEP, depth_nodes
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
-from edofsim.optics import Camera
+from edofsim.optics import Camera, PsfField
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.optics.masks.cubic import CubicMask
 from edofsim.recipe import CameraRecipe
@@ -195,7 +195,7 @@ def test_bad_layers_are_refused(layers):
         depth_nodes(torch.tensor([0.5, 1.0]), layers, 40.0)
 
 
-def test_streamed_kernels_are_those_held(bench):
+def test_psfs_computed_as_they_are_needed_are_those_held(bench, monkeypatch):
     nodes = torch.linspace(0, 2, 7, dtype=torch.float64)
     held = bench.kernels(nodes, 3, 9)
     calls = []
@@ -204,11 +204,13 @@ def test_streamed_kernels_are_those_held(bench):
         calls.append(depths.numel())
         return bench.gaussian_psfs(depths, 3, 9)
 
-    streamed = StreamedKernels(compute, nodes, held.wavelengths, 9, ahead=3)
+    monkeypatch.setattr("edofsim.optics.psf_field.AHEAD", 3)
+    streamed = PsfField(compute, nodes, held.wavelengths, 9)
     for k in range(7):
         assert torch.equal(streamed.layer(k), held.layer(k))
-        assert torch.allclose(streamed.truncated(k), held.truncated(k))
     assert calls == [3, 3, 1]
+    assert torch.equal(streamed.truncated, held.truncated)
+    assert torch.equal(streamed.values, held.values)
 
 
 def deep_view(camera: Camera, margin: int = 24, side: int = 40) -> View:

@@ -9,13 +9,14 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn.camera_pool import Pooled, PooledOptics, camera_pool
+from edofsim.learn.camera_pool import Pooled, camera_pool
 from edofsim.learn.edges import Edges
 from edofsim.learn.random_cameras import random_camera, widest_blur_px
 from edofsim.learn.setup import prepare
 from edofsim.learn.system import Planes
 from edofsim.learn.trainer import draw_batch, train
-from edofsim.learn.views import ready
+from edofsim.learn.training_camera import StoredPsfs, TrainingCamera
+from edofsim.learn.views import by_stored_psfs, ready
 from edofsim.learn.workers import Workers
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.recipe.kinds import MASKS
@@ -110,18 +111,18 @@ def test_cameras_for_validation_are_others() -> None:
 def test_psfs_are_looked_up_where_the_scene_stands_in_its_range() -> None:
     stored = torch.arange(4.0).reshape(4, 1, 1, 1).expand(4, 3, 2, 2).to(torch.float16)
     camera = random_camera(EVERY, 1, 0, 0, NOISE).camera
-    optics = PooledOptics(camera, 2, torch.device("cpu"), stored, (0.0, 2.0), 5.0)
+    optics = TrainingCamera(camera, 2, torch.device("cpu"), StoredPsfs(stored, (0.0, 2.0), 5.0))
     found = optics.psfs(torch.tensor([0.0, 0.49, 0.51, 1.9, 2.0]))
     assert found[:, 0, 0, 0].tolist() == [0, 0, 1, 3, 3]
     assert found.dtype == torch.float32
 
 
-def _stored(window: int = 8, depths: int = 6) -> PooledOptics:
+def _stored(window: int = 8, depths: int = 6) -> TrainingCamera:
     """PSFs of random numbers, a tenth of whose light is beyond their window."""
     values = torch.rand(depths, 3, window, window, generator=torch.Generator().manual_seed(2))
     stored = (0.9 * values / values.sum((-1, -2), keepdim=True)).to(torch.float16)
     camera = random_camera(EVERY, 1, 0, 0, NOISE).camera
-    return PooledOptics(camera, window, torch.device("cpu"), stored, (0.0, 2.0), 5.0)
+    return TrainingCamera(camera, window, torch.device("cpu"), StoredPsfs(stored, (0.0, 2.0), 5.0))
 
 
 def _radiance(rows: int, columns: int, seed: int) -> torch.Tensor:
@@ -137,7 +138,7 @@ def test_a_view_through_stored_psfs_is_the_sum_of_its_points() -> None:
     optics, margin, window = _stored(), 4, 8
     radiance = _radiance(14, 13, 5)
     depth = torch.randint(6, (14, 13), generator=torch.Generator().manual_seed(6)) / 3 + 1 / 6
-    found, truncated = optics.view(_flat(radiance, depth, margin), 8, "none")
+    found, truncated = by_stored_psfs(_flat(radiance, depth, margin), optics.stored, 8, "none")
     wanted = torch.zeros(3, 14 + 2 * window, 13 + 2 * window)
     for row in range(14):
         for column in range(13):
@@ -154,7 +155,7 @@ def test_a_view_through_stored_psfs_is_the_sum_of_its_points() -> None:
 
 def test_a_view_of_one_depth_is_the_plane_of_a_photograph() -> None:
     optics, radiance = _stored(), _radiance(24, 24, 7)
-    found, _ = optics.view(_flat(radiance, 1.2, 4), 16, "hidden")
+    found, _ = by_stored_psfs(_flat(radiance, 1.2, 4), optics.stored, 16, "hidden")
     depth, mean = torch.tensor([1.2]), radiance.mean((-1, -2))[None]
     plane = Planes(radiance[None, :, 1:, 1:], depth, mean=mean).photograph(optics)
     assert found.shape == (3, 16, 16)
@@ -164,7 +165,8 @@ def test_a_view_of_one_depth_is_the_plane_of_a_photograph() -> None:
 def test_what_lies_behind_an_edge_of_a_view_is_seen_past_it() -> None:
     """One picture in front of another, hidden light known: as photographs with an edge are composited."""
     optics, near, far = _stored(), _radiance(24, 24, 8), _radiance(24, 24, 9)
-    optics = replace(optics, stored=optics.stored / 0.9)  # no glare, which both take from other pictures
+    stored = replace(optics.stored, values=optics.stored.values / 0.9)
+    optics = replace(optics, stored=stored)  # no glare, which both take from other pictures
     cover = torch.zeros(24, 24)
     cover[:, :11] = 1
     seen = _flat(cover * near + (1 - cover) * far, 0.5 + cover, 4)
@@ -182,12 +184,12 @@ def test_what_lies_behind_an_edge_of_a_view_is_seen_past_it() -> None:
         radiance=with_hidden(seen.radiance, far.flatten(1)[:, pixels]),
         hidden=with_hidden(seen.hidden, torch.ones(len(pixels))),
     )
-    found, _ = optics.view(view, 16, "hidden")
+    found, _ = by_stored_psfs(view, optics.stored, 16, "hidden")
     sharp = torch.stack([far, near])[..., 1:, 1:]
     covers = cover[None, None, 1:, 1:].expand(2, 1, -1, -1)
     edge = Edges(sharp, covers, torch.tensor([0.5, 1.5])).photograph(optics)
     assert torch.allclose(found, edge.clean[1], atol=1e-4)
-    assert not torch.allclose(optics.view(seen, 16, "hidden")[0], found, atol=1e-2)
+    assert not torch.allclose(by_stored_psfs(seen, optics.stored, 16, "hidden")[0], found, atol=1e-2)
 
 
 def test_a_view_is_stretched_to_the_range_of_the_cameras() -> None:
@@ -224,7 +226,7 @@ def test_each_step_has_a_camera_whose_noise_and_filters_are_used() -> None:
 def test_the_network_sees_photos_without_glare_and_what_wiener_deconvolution_makes() -> None:
     """As in use: by the light that leaves the windows of the photo's own PSFs."""
     network = build_network("camera-bank", {**SMALL, "linear": True})
-    known = CameraBank(**SMALL).condition(_stored().stored.float(), 0.01)
+    known = CameraBank(**SMALL).condition(_stored().stored.values.float(), 0.01)
     shares = torch.tensor([0.2, 0.0, 0.3, 0.1, 0.4, 0.0])
     pooled = Pooled("one", _stored(), 0.01, known, shares)
     radiance = torch.rand(2, 3, 47, 47)
@@ -234,7 +236,7 @@ def test_the_network_sees_photos_without_glare_and_what_wiener_deconvolution_mak
     for photo, psf, found in zip(captured.clean, captured.psf, seen, strict=True):
         light = without_glare(photo, 1 - psf.sum((-1, -2)))
         torch.testing.assert_close(found[:3], light)
-        between = pooled.optics.stored[[0, 2, 3, 4]].float()
+        between = pooled.optics.stored.values[[0, 2, 3, 4]].float()
         expected = deconvolved(light, between, 0.01, torch.tensor([0.2, 0.3, 0.1, 0.4]))
         torch.testing.assert_close(found[3:], expected, atol=1e-4, rtol=0)
     alone = pooled.seen(build_network("camera-bank", SMALL), captured.clean, captured)
@@ -250,7 +252,7 @@ def test_what_a_network_is_told_are_psfs_at_the_depths_of_use() -> None:
     assert pool is not None and isinstance(network, CameraBank)
     pooled = pool.training[0]
     assert float(pooled.shares.sum()) == pytest.approx(1) and bool((pooled.shares >= 0).all())
-    even = network.condition(pooled.optics.stored.float(), pooled.read_noise)
+    even = network.condition(pooled.optics.stored.values.float(), pooled.read_noise)
     assert (pooled.known.filters - even.filters).abs().max() > 1e-3
 
 

@@ -15,11 +15,12 @@ from edofsim.learn.edges import Edges
 from edofsim.learn.photographs import PlaneSource
 from edofsim.learn.setup import Setup, prepare
 from edofsim.learn.sources import draw_patches, packaged_images
-from edofsim.learn.system import Draw, Optics, Planes
+from edofsim.learn.system import Draw, Planes
 from edofsim.learn.trainer import train
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.learn.views import Views, open_views
 from edofsim.learn.workers import Workers
-from edofsim.optics import PAPER_COLOURS, Camera, psf_bank, response
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
@@ -66,10 +67,13 @@ def test_a_broadband_psf_is_the_sum_over_wavelengths_by_the_response() -> None:
         name="c", mask={"kind": "height-map"}, psf={"window_px": 32, "pupil_sampling_um": 21.0}
     )
     camera = Camera.from_recipe(recipe)
-    optics = Optics(camera, 32, torch.device("cpu"))
+    optics = TrainingCamera(camera, 32, torch.device("cpu"))
     depths = torch.tensor([0.9, 1.3])
-    found = optics.response_psfs(depths)
-    wavelengths = optics._response_wavelengths(0.5)
+    found = optics.psfs(depths, True)
+    curves = response_curves(camera)
+    assert curves is not None
+    ends = curves[0][[0, -1]]
+    wavelengths = ends[0] + (ends[1] - ends[0]) * (torch.arange(8) + 0.5) / 8
     expected = torch.zeros_like(found)
     for wavelength, weights in zip(wavelengths, response(camera, wavelengths).T, strict=True):
         for index, depth in enumerate(depths):
@@ -92,8 +96,8 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
             assert outcome.broadband == broadband
             assert torch.equal(network.filters, lines) != broadband
         told = network.filters.clone()
-        expected = system.optics.with_height(system.mask()).mean_response_psfs(
-            network.psf_depths(system.depth_range), system.height_noise, 0.5
+        expected = system.optics.with_height(system.mask()).psfs(
+            network.psf_depths(system.depth_range), True, system.height_noise
         )
         network.set_psfs(expected)
         assert torch.equal(network.filters, told)
@@ -162,7 +166,9 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
 ) -> None:
     """Another training reads them; another mask, other layers or another view have photos of their own."""
     recipe = CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16, "oversampling": 1})
-    optics = Optics(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(torch.zeros(239, 239))
+    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(
+        torch.zeros(239, 239)
+    )
     taken: list[float] = []
     once = views_.photographed
     monkeypatch.setattr(views_, "photographed", lambda *how: taken.append(0.0) or once(*how))
@@ -177,7 +183,7 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
     monkeypatch.setattr("edofsim.render.render", view)
     table = Views(scenes=("clutter",), members=2, layers=2, once=True)
 
-    def opened(table: Views = table, optics: Optics = optics) -> views_.ViewSource:
+    def opened(table: Views = table, optics: TrainingCamera = optics) -> views_.ViewSource:
         return open_views(table, 24, 0.5, optics, Path(), tmp_path, None, height_noise=40e-9)
 
     first, again = opened(), opened()
@@ -200,7 +206,9 @@ def test_photos_that_are_taken_once_have_the_veil_of_errors_of_fabrication(
     and the rest is the mean of the picture. On the pupil's own fine grid errors of single samples would be
     smoothed, and scatter less."""
     recipe = CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16, "oversampling": 1})
-    optics = Optics(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(torch.zeros(239, 239))
+    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(
+        torch.zeros(239, 239)
+    )
     monkeypatch.setattr(views_, "_folder", lambda: tmp_path / "photos")
     image = 0.4 + 0.2 * torch.rand(3, 72, 62, generator=torch.Generator().manual_seed(4))
     angle = optics.camera.pixel_angle

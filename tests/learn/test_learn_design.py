@@ -15,7 +15,8 @@ from edofsim.errors import InputError
 from edofsim.learn.design import design
 from edofsim.learn.doe import FreeHeight
 from edofsim.learn.sources import central_patches, packaged_images
-from edofsim.learn.system import Optics, Planes
+from edofsim.learn.system import Planes
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.optics import Camera, mean_psfs, response
 from edofsim.recipe.load import load_camera
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
@@ -150,7 +151,7 @@ def test_mean_psfs_are_the_mean_over_masks_that_err() -> None:
         for _ in range(200)
     ]
     mean = torch.stack(drawn).mean(0)
-    found = optics.with_height(height).mean_psfs(depths, 60e-9)
+    found = optics.with_height(height).psfs(depths, height_noise=60e-9)
     peak = found.amax((-1, -2))
     torch.testing.assert_close(mean.amax((-1, -2)), peak, rtol=0.01, atol=0)
     torch.testing.assert_close(
@@ -165,11 +166,15 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
         mask = FreeHeight(torch.full((239, 239), 0.6e-6), 1.2e-6, 1.3e-7)
         depths = torch.linspace(0, 2, 5, dtype=torch.float64)
         with torch.no_grad():
-            before = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
+            before = (
+                local_error(optics.with_height(mask()).psfs(depths, height_noise=40e-9)).mean(1).log().mean()
+            )
         settings = {"height_noise": 40e-9, "truncated_energy": 0.5, "seed": 3}
         design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, **settings)
         with torch.no_grad():
-            after = local_error(optics.with_height(mask()).mean_psfs(depths, 40e-9)).mean(1).log().mean()
+            after = (
+                local_error(optics.with_height(mask()).psfs(depths, height_noise=40e-9)).mean(1).log().mean()
+            )
         assert float(after) < float(before) - 0.1
         maps.append(mask().detach())
     assert torch.equal(*maps)
@@ -183,8 +188,8 @@ def test_a_mask_is_designed_for_filters_of_each_distance_and_light_of_all_wavele
 
     def judged() -> float:
         with torch.no_grad():
-            lines = optics.with_height(mask()).mean_psfs(depths, 40e-9)
-            light = optics.with_height(mask()).mean_response_psfs(depths, 40e-9, 0.5)
+            lines = optics.with_height(mask()).psfs(depths, height_noise=40e-9)
+            light = optics.with_height(mask()).psfs(depths, True, 40e-9)
             return float(sum(colour_error(psf, groups=4).mean(1).log().mean() for psf in (lines, light)))
 
     before = judged()
@@ -208,7 +213,7 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
     optics = _optics("paper-clear", 48)
     depths = torch.tensor([0.0, 0.7, 1.6], dtype=torch.float64)
     height = torch.full((239, 239), 0.6e-6)
-    shifted = [optics.with_height(height).mean_response_psfs(depths, 30e-9, (n + 0.5) / 8) for n in range(8)]
+    shifted = [optics.with_height(height).psfs(depths, True, 30e-9, (n + 0.5) / 8) for n in range(8)]
     bands = torch.linspace(420e-9, 720e-9, 61, dtype=torch.float64)
     fine = replace(optics, camera=optics._sampled(bands, depths))
     weights = response(fine.camera, bands).float()
@@ -226,7 +231,7 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
 def test_a_sensor_of_three_lines_has_no_other_light() -> None:
     optics = _optics("paper-clear", 48, response="lines")
     with pytest.raises(InputError, match=r"sensor\.response"):
-        optics.with_height(torch.zeros(239, 239)).mean_response_psfs(torch.tensor([1.0]), 0.0)
+        optics.with_height(torch.zeros(239, 239)).psfs(torch.tensor([1.0]), True)
 
 
 @pytest.mark.parametrize("name", ["clear-dcnn", "rings-dcnn", "cubic-dcnn", "paper-dcnn"])
@@ -236,7 +241,7 @@ def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
     by the cubic mask less than by others: the closed form of rings or of no mask has 0.8 with it."""
     checkpoint = load_checkpoint(name)
     camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
-    optics = Optics(camera, 96, torch.device("cpu"))
+    optics = TrainingCamera(camera, 96, torch.device("cpu"))
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
     psf = optics.psfs(depths)
     predicted = -10 * local_error(psf).mean(1).log10()
@@ -263,7 +268,7 @@ def _for_one_filter(psf: Tensor, filters: int) -> Tensor:
     return local_error(psf)
 
 
-def _optics(camera: str, window: int, **sensor: str) -> Optics:
+def _optics(camera: str, window: int, **sensor: str) -> TrainingCamera:
     recipe = load_camera(camera).recipe
     recipe = recipe.model_copy(update={"sensor": recipe.sensor.model_copy(update=sensor)})
     mask = {"kind": "height-map", "pitch_um": 21.0}
@@ -271,4 +276,4 @@ def _optics(camera: str, window: int, **sensor: str) -> Optics:
     made = type(recipe).model_validate(
         recipe.model_dump(mode="json", by_alias=True) | {"mask": mask, "psf": psf}
     )
-    return Optics(Camera.from_recipe(made, Path()), window, torch.device("cpu"))
+    return TrainingCamera(Camera.from_recipe(made, Path()), window, torch.device("cpu"))

@@ -8,7 +8,7 @@ import torch
 
 from edofsim.learn.drawn import drawn
 from edofsim.learn.reader import Wanted
-from edofsim.learn.system import Optics
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.optics import Camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.kinds import TRAINING_DATA
@@ -46,7 +46,7 @@ def test_a_recipe_trains_on_them_and_holds_others_back() -> None:
     recipe = TrainRecipe(name="r", camera="paper-clear", seed=3, data=data)
     camera = Camera.from_recipe(CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16}))
     table = TRAINING_DATA["drawn"].model_validate(sources[0])
-    source = table.open(Wanted(recipe, Optics(camera, 16, torch.device("cpu")), Path(), None))
+    source = table.open(Wanted(recipe, TrainingCamera(camera, 16, torch.device("cpu")), Path(), None))
     sheets = drawn(5, 3).pictures
     assert [len(images.pictures) for images in (source.training, source.held_back)] == [4, 1]
     known = [*source.training.pictures, *source.held_back.pictures]

@@ -10,8 +10,9 @@ import torch
 from edofsim.capture.planes import surroundings
 from edofsim.learn.edges import Edges, draw_covers
 from edofsim.learn.sources import draw_patches, packaged_images
-from edofsim.learn.system import Optics, Planes
+from edofsim.learn.system import Planes
 from edofsim.learn.trainer import train
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.learn.training_data import gather
 from edofsim.optics import Camera
 from edofsim.recipe.load import Loaded, load_camera
@@ -23,10 +24,10 @@ NEAR, FAR = [2, 1, 2], [0, 0, 1]  # by hand: each in front of the one before, th
 
 
 @pytest.fixture(scope="module")
-def optics() -> Optics:
+def optics() -> TrainingCamera:
     recipe = load_camera("paper-clear").recipe
     settings = recipe.psf.model_copy(update={"pupil_sampling_um": 21.0})
-    return Optics(
+    return TrainingCamera(
         Camera.from_recipe(recipe.model_copy(update={"psf": settings})), WINDOW, torch.device("cpu")
     )
 
@@ -37,7 +38,9 @@ def _patches() -> torch.Tensor:
 
 
 @pytest.mark.parametrize(("cover", "shown"), [(1.0, NEAR), (0.0, FAR)])
-def test_where_one_covers_all_there_is_only_that(optics: Optics, cover: float, shown: list[int]) -> None:
+def test_where_one_covers_all_there_is_only_that(
+    optics: TrainingCamera, cover: float, shown: list[int]
+) -> None:
     sharp = _patches()
     whole = torch.full((3, 1, *sharp.shape[-2:]), cover)
     found = Edges(sharp, whole, DEPTHS).photograph(optics)
@@ -46,7 +49,7 @@ def test_where_one_covers_all_there_is_only_that(optics: Optics, cover: float, s
     assert torch.equal(found.ideal, plane.ideal)
 
 
-def test_a_grey_world_has_no_edges(optics: Optics) -> None:
+def test_a_grey_world_has_no_edges(optics: TrainingCamera) -> None:
     """Both pictures the same grey: whatever covers what, the photo is that grey, and no seam shows."""
     sharp = torch.full_like(_patches(), 0.4)
     covers = draw_covers(3, sharp.shape[-1], torch.Generator().manual_seed(6))
@@ -55,7 +58,7 @@ def test_a_grey_world_has_no_edges(optics: Optics) -> None:
     assert torch.allclose(found.ideal, torch.full_like(found.ideal, 0.4), atol=1e-6)
 
 
-def test_far_from_the_edge_it_is_a_plane(optics: Optics) -> None:
+def test_far_from_the_edge_it_is_a_plane(optics: TrainingCamera) -> None:
     """A straight edge: on either side of it, farther than half a window, one picture alone."""
     sharp = _patches()
     size = sharp.shape[-1]
@@ -97,7 +100,7 @@ def _recipe(edges: float) -> Loaded[TrainRecipe]:
     return Loaded(recipe, Path("edges.toml"), "")
 
 
-def test_the_share_of_edges_is_that_of_the_recipe(optics: Optics) -> None:
+def test_the_share_of_edges_is_that_of_the_recipe(optics: TrainingCamera) -> None:
     training_data = gather(_recipe(0.3).recipe, optics, Path(), None)
     generator = torch.Generator().manual_seed(8)
     drawn = [training_data.draw(2, generator) for _ in range(300)]

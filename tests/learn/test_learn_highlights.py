@@ -14,8 +14,9 @@ from edofsim.errors import InputError
 from edofsim.learn.edges import Edges, draw_covers
 from edofsim.learn.highlights import BRIGHTNESS, with_highlights
 from edofsim.learn.setup import prepare
-from edofsim.learn.system import Draw, Optics, Planes
+from edofsim.learn.system import Draw, Planes
 from edofsim.learn.trainer import train
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.learn.workers import Workers
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera
@@ -29,9 +30,9 @@ SIZE = PATCH + WINDOW - 1
 
 
 @pytest.fixture(scope="module")
-def optics() -> Optics:
+def optics() -> TrainingCamera:
     loaded = load_camera("paper-clear")
-    return Optics(Camera.from_recipe(loaded.recipe, loaded.base), WINDOW, torch.device("cpu"))
+    return TrainingCamera(Camera.from_recipe(loaded.recipe, loaded.base), WINDOW, torch.device("cpu"))
 
 
 def _generator(seed: int = 1) -> torch.Generator:
@@ -67,7 +68,7 @@ def test_a_share_of_the_patches_is_lit() -> None:
 
 
 @pytest.mark.parametrize("edges", [False, True])
-def test_a_sensor_that_saturates_sees_no_more_than_full_scale(optics: Optics, edges: bool) -> None:
+def test_a_sensor_that_saturates_sees_no_more_than_full_scale(optics: TrainingCamera, edges: bool) -> None:
     sharp = _patches()
     sharp[..., SIZE // 2, SIZE // 2] = 1000.0
     depths = torch.tensor([0.6, 0.7])

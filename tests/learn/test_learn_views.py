@@ -11,7 +11,8 @@ from PIL import Image
 
 from edofsim.errors import InputError
 from edofsim.learn.reader import Wanted
-from edofsim.learn.system import Optics, Planes
+from edofsim.learn.system import Planes
+from edofsim.learn.training_camera import TrainingCamera
 from edofsim.learn.training_data import gather
 from edofsim.learn.views import ViewParts, Views, ViewSource, in_colours, open_views, scenes_of, training_rows
 from edofsim.optics import PAPER_COLOURS, Camera
@@ -24,8 +25,8 @@ PSF = {"window_px": WINDOW, "oversampling": 1, "pupil_sampling_um": 21.0}
 CAMERA = CameraRecipe(name="c", mask={"kind": "height-map"}, psf=PSF, sensor={"exposure": 1.0})
 
 
-def _optics() -> Optics:
-    return Optics(Camera.from_recipe(CAMERA), WINDOW, torch.device("cpu"))
+def _optics() -> TrainingCamera:
+    return TrainingCamera(Camera.from_recipe(CAMERA), WINDOW, torch.device("cpu"))
 
 
 def _view(
@@ -160,7 +161,9 @@ def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
     fine = CAMERA.model_copy(update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})})
-    optics = Optics(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_height(torch.zeros(239, 239))
+    optics = TrainingCamera(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_height(
+        torch.zeros(239, 239)
+    )
     table = Views(scenes=("clutter",), members=2, layers=2, exposure=(0.3, 0.3))
 
     def source(once: bool, noise: float = 0.0) -> ViewSource:

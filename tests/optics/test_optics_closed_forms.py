@@ -160,7 +160,7 @@ def test_strehl_ratio_of_weak_aberration_follows_its_variance():
 def encircled_energy(psfs: Tensor, radii_px: Tensor | Sequence[float]) -> Tensor:
     """Energy of each PSF within circles around its centre pixel's middle, [..., radius].
 
-    psfs: [..., y, x] as `PsfBank.values`, so that what lies outside the window counts as light too; radii in
+    psfs: [..., y, x] as `PsfField.values`, so that what lies outside the window counts as light too; radii in
     pixels. Pixels that a circle crosses count with the part that is inside.
     """
     size = psfs.shape[-1]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.optics import Camera, material, psf_bank
+from edofsim.optics import Camera, material, plan_sampling, psf_bank
 from edofsim.optics.fabrication import make, wave_height
 from edofsim.optics.grid import PupilGrid, bicubic_matrix, resample
 from edofsim.optics.height import load_height_map, natural_samples, save_height_map, surface
@@ -158,7 +158,7 @@ def test_made_surface_is_sampled_at_its_own_pitch():
     made = camera(mask={"kind": "cubic"}, fabrication={"preset": "paper-device", "wrap_wavelength_nm": 543.0})
     assert natural_samples(made, 3e-6) == 1667
     bank = psf_bank(made, [GREEN], [0.5], window_px=8)
-    assert bank.sampling.grid.pitch == pytest.approx(3e-6)
+    assert plan_sampling(made, bank.wavelengths, bank.inverse_depths, 8).grid.pitch == pytest.approx(3e-6)
     # errors scatter 1 - exp(-(2 pi (n - 1) sigma / lambda)^2) of the light, almost all out of the window
     ideal = camera(mask={"kind": "cubic"})
     flat = psf_bank(ideal, [GREEN], [0.5], window_px=128)

@@ -9,13 +9,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture.blurring import opaque_kernels
+from edofsim.capture.blurring import white_psfs
 from edofsim.capture.convolution import Grid
-from edofsim.capture.kernels import HeldKernels
-from edofsim.capture.occlusion.sub_apertures import Psfs
+from edofsim.capture.occlusion.sub_apertures import spectra_of
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
-from edofsim.optics import Camera, plan_sampling, psf_bank, share_told, sub_aperture_psfs
+from edofsim.optics import Camera, PsfField, plan_sampling, psf_bank, share_told, sub_aperture_psfs
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
@@ -185,16 +184,16 @@ def test_what_blocks_a_part_whose_light_has_left_the_window():
     recipe = load_camera("paper-clear").recipe
     camera = Camera.from_recipe(recipe)
     bands, nodes = torch.tensor(WAVELENGTHS).double(), torch.tensor([0.0, 1.0, 4.0]).double()
-    whole = HeldKernels(psf_bank(camera, bands, nodes, window_px=24).values, nodes, bands)
+    whole = PsfField(psf_bank(camera, bands, nodes, window_px=24).values, nodes, bands)
     response = torch.tensor([[1.0, 0.0], [0.5, 0.5]])
     grid, worst, naive = Grid(48, 48, 0, 24), 0.0, 0.0
     for values in sub_aperture_psfs(camera, bands, nodes, 6, window_px=24):
-        part = HeldKernels(values, nodes, bands)
-        spectra = [blocking for _, blocking in Psfs(part, whole, response).at(range(3), grid).values()]
+        part = PsfField(values, nodes, bands)
+        spectra = [blocking for _, blocking in spectra_of(part, whole, response)(range(3), grid).values()]
         opaque = torch.fft.irfft2(torch.stack(spectra), s=grid.transform)
         assert (opaque.sum((-2, -1)) - 1).abs().max() < 1e-5
         worst = max(worst, float(opaque.abs().sum((-2, -1)).max()))
-        naive = max(naive, float(opaque_kernels(part, response).values.abs().sum((-2, -1)).max()))
+        naive = max(naive, float(white_psfs(part, response).values.abs().sum((-2, -1)).max()))
     assert worst < 3 < naive
 
 

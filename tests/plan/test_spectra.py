@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 import torch
@@ -20,7 +21,7 @@ from edofsim.plan.coarse import coarse_of, coarser
 from edofsim.plan.effects import all_effects
 from edofsim.plan.estimate import _products, estimate
 from edofsim.plan.fragments import Fragments
-from edofsim.plan.otfs import Otfs
+from edofsim.plan.otfs import otfs_of, reach_of
 from edofsim.plan.passing import Passing
 from edofsim.plan.spectra import Spectra
 from edofsim.recipe import CameraRecipe
@@ -75,8 +76,8 @@ def test_many_psfs_are_computed_in_the_window_that_holds_each_of_them():
     gathering, found = every_band(torch.tensor([500e-9, 600e-9]).double(), torch.eye(2)), set()
     for depths in ([0.5, 0.6], [0.2, 0.5], [0.0, 2.0], [0.0, 2.6]):
         nodes = torch.tensor(depths, dtype=torch.float64)
-        otfs = Otfs(CAMERA, 64)
-        side = otfs.reach(facts_of(two_depths(), CAMERA).full, gathering, nodes)
+        otfs = partial(otfs_of, Once(), CAMERA, 64)
+        side = reach_of(otfs, facts_of(two_depths(), CAMERA).full, gathering, nodes, 48)
         psfs = psf_bank(CAMERA, gathering.wavelengths, nodes, window_px=48).values
 
         def held(cut: int, psfs: torch.Tensor = psfs) -> float:
@@ -85,8 +86,8 @@ def test_many_psfs_are_computed_in_the_window_that_holds_each_of_them():
 
         assert side == next(cut for cut in (24, 36, 48) if held(cut) >= 0.95)
         full = facts_of(two_depths(), CAMERA).full
-        one = otfs.at(full, gathering, nodes, within=side)
-        other = otfs.at(full.changed({"window_px": side}), gathering, nodes)
+        one = otfs(full, gathering, nodes, within=side)
+        other = otfs(full.changed({"window_px": side}), gathering, nodes)
         assert (one - other).abs().max() < 1e-3
         found.add(side)
     assert found == {24, 36, 48}

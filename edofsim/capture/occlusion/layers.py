@@ -52,7 +52,7 @@ def normalised(view: View, blurring: Blurring) -> Tensor:
 
 def _layers(view: View, blurring: Blurring) -> Iterator[tuple[Tensor, Tensor]]:
     """Blurred light and coverage of each occupied node, near to far; a fragment is at the nearest node."""
-    nodes = blurring.kernels.nodes.to(view.inverse_depth)
+    nodes = blurring.psfs.inverse_depths.to(view.inverse_depth)
     which = seen(view)
     cell, share = hat_weights(view.inverse_depth[which], nodes)
     node = cell + (share > 0.5).long()

@@ -9,21 +9,22 @@ transformed once for all of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 from torch.utils.checkpoint import checkpoint
 
+from ...optics import PsfField
 from ...optics.threads import in_threads, threads_allowed
 from ...render.view import View
 from ..blurring import Blurring
 from ..coarse import CoarsePixels
 from ..convolution import Grid, mixed, spectrum, summed_products
 from ..crop import crop
-from ..kernels import Kernels
 from ..light import Box, Light, box_of, light_of
 from .hidden import Layout, layout_of, merged, slabs_of
 from .slabs import revealed
@@ -39,7 +40,7 @@ LEAST_LIGHT = 1e-3
 def change_by_sub_apertures(
     view: View,
     blurring: Blurring,
-    through: Sequence[Kernels],
+    through: Sequence[PsfField],
     side: int = 1,
     layout: Layout | None = None,
 ) -> Tensor:
@@ -66,10 +67,10 @@ def change_by_sub_apertures(
 
 
 def _change(
-    view: View, blurring: Blurring, through: Sequence[Kernels], pixels: CoarsePixels, cut: list[float]
+    view: View, blurring: Blurring, through: Sequence[PsfField], pixels: CoarsePixels, cut: list[float]
 ) -> Tensor:
     """[channel, y, x] of the frame."""
-    pupil = blurring.kernels
+    pupil = blurring.psfs
     grid = pixels.grid(*view.padded_shape, view.margin, pupil.window)
     slabs = []
     for which in slabs_of(view, cut):
@@ -77,12 +78,13 @@ def _change(
         share = shown / view.coverage[which].clamp_min(torch.finfo(shown.dtype).tiny)
         shine = view.radiance.index_select(1, which) * share
         both = torch.cat([shine, shown[None]])
-        light = pixels.light(light_of(view, pupil.nodes, which, both))
+        light = pixels.light(light_of(view, pupil.inverse_depths, which, both))
         slabs.append(Slab.of(light, grid, None if pixels.side > 1 else (view.height, view.width)))
-    change = -_composite(slabs, Psfs(pupil, pupil, blurring.response))
 
-    def one(part: Kernels) -> Tensor:
-        return _composite(slabs, Psfs(part, pupil, blurring.response))
+    def one(part: PsfField) -> Tensor:
+        return _composite(slabs, spectra_of(part, pupil, blurring.response), blurring.response)
+
+    change = -one(pupil)
 
     if change.requires_grad or any(part.layer(0).requires_grad for part in through):
         for part in through:  # one at a time is held, and computed again on the way back
@@ -161,54 +163,56 @@ def _around(image: Tensor, begin: int, count: int, period: int, axis: int) -> Te
     return torch.roll(image, -begin, axis).narrow(axis, 0, count)
 
 
-class Psfs:
-    """Spectra of the PSFs of a part of the pupil at depth nodes. Those asked for last are kept: all at once
-    would be more memory than stays near a processor."""
+Spectra: TypeAlias = Callable[[Iterable[int], Grid], dict[int, tuple[Tensor, Tensor]]]
+"""PSFs at nodes as spectra of a grid, by node: [band, ky, kx] for light, and [channel, ky, kx] for coverage,
+as PSFs of white light that each sum to 1."""
 
-    def __init__(self, kernels: Kernels, pupil: Kernels, response: Tensor) -> None:
-        self._kernels, self._pupil, self.response = kernels, pupil, response
-        self._left = torch.zeros(()) if kernels is pupil else has_left(kernels)
-        self._known: dict[tuple[int, Grid], tuple[Tensor, Tensor]] = {}
 
-    def at(self, nodes: Iterable[int], grid: Grid) -> dict[int, tuple[Tensor, Tensor]]:
-        """By node, [band, ky, kx] for light, and [channel, ky, kx] for coverage: as PSFs of white light that
-        each sum to 1."""
-        known = self._known
-        self._known = {(node, grid): known.get((node, grid)) or self._at(node, grid) for node in nodes}
-        return {node: found for (node, _), found in self._known.items()}
+def spectra_of(part: PsfField, pupil: PsfField, response: Tensor) -> Spectra:
+    """Those of a part of the pupil. Those asked for last are kept: all at once would be more memory than
+    stays near a processor."""
+    left = torch.zeros(()) if part is pupil else has_left(part)
+    known: dict[tuple[int, Grid], tuple[Tensor, Tensor]] = {}
 
-    def _at(self, node: int, grid: Grid) -> tuple[Tensor, Tensor]:
-        psf = self._kernels.layer(node)
+    def made(node: int, grid: Grid) -> tuple[Tensor, Tensor]:
+        psf = part.layer(node)
         through = spectrum(psf, grid)
-        if self._left.ndim and bool(self._left[node].any()):
-            psf = torch.where(self._left[node][:, None, None], self._pupil.layer(node), psf)
-            return through, mixed(self.response / psf.sum((-2, -1)), spectrum(psf, grid))
-        return through, mixed(self.response / psf.sum((-2, -1)), through)
+        if left.ndim and bool(left[node].any()):
+            psf = torch.where(left[node][:, None, None], pupil.layer(node), psf)
+            return through, mixed(response / psf.sum((-2, -1)), spectrum(psf, grid))
+        return through, mixed(response / psf.sum((-2, -1)), through)
+
+    def at(nodes: Iterable[int], grid: Grid) -> dict[int, tuple[Tensor, Tensor]]:
+        nonlocal known
+        known = {(node, grid): known.get((node, grid)) or made(node, grid) for node in nodes}
+        return {node: found for (node, _), found in known.items()}
+
+    return at
 
 
-def _composite(slabs: Sequence[Slab], psfs: Psfs) -> Tensor:
+def _composite(slabs: Sequence[Slab], psfs: Spectra, response: Tensor) -> Tensor:
     """[channel, y, x] of the place that is needed, without the light of the nearest slab: nothing hides that,
     and it adds up to the same through all parts of the pupil. slabs: near to far."""
 
     def blurred(slab: Slab) -> tuple[Tensor, Tensor]:
         spectra, place = slab.spectra, slab.place
-        through = psfs.at(spectra, place.grid)
+        through = psfs(spectra, place.grid)
         opaque = place.image(summed_products((spectra[node][-1:], through[node][1]) for node in spectra))
         if slab is slabs[0]:
             return torch.zeros_like(opaque), opaque
         light = summed_products((spectra[node][:-1], through[node][0]) for node in spectra)
-        return place.image(mixed(psfs.response, light)), opaque
+        return place.image(mixed(response, light)), opaque
 
     return merged((blurred(slab) for slab in reversed(slabs)), len(slabs))
 
 
-def has_left(kernels: Kernels) -> Tensor:
+def has_left(part: PsfField) -> Tensor:
     """Where so much of the light through a sub-aperture lies outside the window that what is left of it does
     not tell what the sub-aperture is blocked by: bool [node, band]. The whole pupil stands in for it there.
 
     A blur that is wider than the window moves all light of an outer sub-aperture out of it. What stays is the
     diffraction of its border, of either sign, and must not be divided by its sum.
     """
-    sums = torch.stack([kernels.layer(node).sum((-2, -1)) for node in range(kernels.nodes.numel())])
+    sums = part.values.sum((-2, -1))
     most = sums.amax(0)
     return (sums < HELD_SHARE * most) | (most < LEAST_LIGHT)

@@ -12,10 +12,9 @@ from torch import Tensor
 
 from edofsim.capture import blurring, imaging, photograph
 from edofsim.capture.blurring import Blurring
-from edofsim.capture.kernels import HeldKernels, Kernels
 from edofsim.capture.occlusion import OCCLUSIONS, layers, none, slabs
 from edofsim.capture.occlusion.slabs import Hides
-from edofsim.optics import Camera
+from edofsim.optics import Camera, PsfField
 from edofsim.render.view import View
 
 from .mutant import Mutant, scaled, swapped, together
@@ -97,12 +96,10 @@ def _hard_edges(slabs: list[tuple[Tensor, Tensor]]) -> Tensor:
     return image
 
 
-def _lossy_kernels(kernels: Kernels, response: Tensor) -> HeldKernels:
-    values = [
-        torch.einsum("cb,byx->cyx", response, kernels.layer(node)) for node in range(kernels.nodes.numel())
-    ]
-    colours = (response @ kernels.wavelengths.to(response)) / response.sum(1)
-    return HeldKernels(torch.stack(values), kernels.nodes, colours)
+def _lossy_psfs(psfs: PsfField, response: Tensor) -> PsfField:
+    values = torch.einsum("cb,nbyx->ncyx", response, psfs.values)
+    colours = (response @ psfs.wavelengths.to(response)) / response.sum(1)
+    return PsfField(values, psfs.inverse_depths, colours)
 
 
 def _nothing_hides(view: View, gap: float) -> Hides:
@@ -158,7 +155,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "coverage not normalised",
         "surfaces are as transparent as light leaves the windows",
         ("coverage",),
-        lambda: swapped(blurring, "opaque_kernels", _lossy_kernels),
+        lambda: swapped(blurring, "white_psfs", _lossy_psfs),
     ),
     Mutant(
         "edges not found",

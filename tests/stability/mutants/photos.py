@@ -9,11 +9,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from edofsim.capture import Photo, blurring, light, photograph, prepare
+from edofsim.capture import Photo, blurring, imaging, light, photograph, prepare
 from edofsim.capture.imaging import Imaging
-from edofsim.capture.kernels import HeldKernels, Kernels
 from edofsim.capture.light import Light
-from edofsim.optics import PsfBank
+from edofsim.optics import PsfField, field
 from edofsim.render.view import View
 from edofsim.stability import light_cases, occlusion_cases, photos, sensor_cases
 
@@ -68,9 +67,8 @@ def _half_floats(found: Light) -> Light:
     return replace(found, radiance=found.radiance.half().to(found.radiance))
 
 
-def _first_node(kernels: Kernels) -> Kernels:
-    assert isinstance(kernels, HeldKernels)
-    return replace(kernels, values=kernels.values[:1].expand_as(kernels.values))
+def _first_node(psfs: PsfField) -> PsfField:
+    return replace(psfs, source=psfs.values[:1].expand_as(psfs.values))
 
 
 def _coarse_nodes() -> AbstractContextManager[object]:
@@ -82,9 +80,9 @@ def _coarse_nodes() -> AbstractContextManager[object]:
     return swapped(prepare, "depth_nodes", fewer)
 
 
-def _half_the_slope(bank: PsfBank) -> PsfBank:
+def _half_the_slope(bank: PsfField) -> PsfField:
     values = bank.values
-    return replace(bank, values=values.detach() + 0.5 * (values - values.detach()))
+    return replace(bank, source=values.detach() + 0.5 * (values - values.detach()))
 
 
 def _no_glare(found: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
@@ -160,14 +158,14 @@ MUTANTS: tuple[Mutant, ...] = (
         "one PSF for all depths",
         "that of the farthest node",
         ("depth", "coverage"),
-        lambda: after(photograph, "kernels_of", _first_node),
+        lambda: after(imaging, "psf_field", _first_node),
     ),
     Mutant("light in float16", "as it is blurred", ("radiance",), _blurring_of(_half_floats)),
     Mutant(
         "half the slope by height",
         "gradients that reach the mask",
         ("depth",),
-        lambda: after(prepare, "psf_bank", _half_the_slope),
+        lambda: after(field, "psf_bank", _half_the_slope),
     ),
     Mutant("slope by light 1 % down", "gradients that reach the view", ("depth",), _views(_slope_of_light)),
     Mutant("exposure 1 % up", "of what is asked for or chosen", ("radiance", "sensor"), _longer(1.01)),

@@ -1,0 +1,96 @@
+"""What photographs the scenes of a training, and the PSFs that it does it with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..errors import InputError
+from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response_curves
+from ..optics.sampling import coarsest_pitch
+
+WAVELENGTHS = 8
+"""So many, evenly spaced, stand for all that a sensor sees."""
+MIDDLE = 0.5  # of the distance between them
+
+
+@dataclass(frozen=True)
+class StoredPsfs:
+    """PSFs that are looked up in place of being computed.
+
+    values: float16 [n, 3, window, window], at the middles of n equal parts of a camera's range.
+    drawn: least and largest inverse depth of the scenes, 1/m, which the range stands for.
+    widest: blur without mask by which the ends of the range differ, in pixels.
+    """
+
+    values: Tensor
+    drawn: tuple[float, float]
+    widest: float
+
+    def at(self, inverse_depths: Tensor) -> Tensor:
+        """Float32 [depth, 3, window, window]."""
+        low, high = self.drawn
+        part = (inverse_depths - low) / (high - low) * len(self.values)
+        return self.values[part.long().clamp(0, len(self.values) - 1)].to(torch.float32)
+
+
+@dataclass(frozen=True)
+class TrainingCamera:
+    """A camera whose mask may learn, or, of many that do not, one with stored PSFs.
+
+    window: side of the PSFs in pixels.
+    """
+
+    camera: Camera
+    window: int
+    device: torch.device
+    stored: StoredPsfs | None = None
+
+    def with_height(self, height: Tensor | None) -> TrainingCamera:
+        """The same with the height map [n, n] in metres of a step; None for a mask without relief."""
+        return replace(self, camera=self.camera.with_height(height))
+
+    def psfs(
+        self,
+        inverse_depths: Tensor,
+        broadband: bool = False,
+        height_noise: float = 0.0,
+        shift: float = MIDDLE,
+    ) -> Tensor:
+        """PSFs of the three colours, float32 [depth, 3, window, window].
+
+        inverse_depths: [depth], 1/m.
+        broadband: whether a colour is a few wavelengths, added up by the sensor's response, or a line.
+        height_noise: of the mask's samples, metres; the PSFs are then the mean, see `optics.mean_psfs`.
+        shift: of the few wavelengths, as a part of their distance, 0 to 1.
+
+        Raises InputError for a sensor whose response is not tabulated, where light is broadband.
+        """
+        if self.stored is not None:
+            return self.stored.at(inverse_depths)
+        if not broadband:
+            how = {"window_px": self.window, "device": self.device}
+            return mean_psfs(self.camera, PAPER_COLOURS, inverse_depths, height_noise, **how)
+        curves = response_curves(self.camera)
+        if curves is None:
+            raise InputError("sensor.response: three lines have no other light; name a tabulated response")
+        first, last = curves[0][0], curves[0][-1]
+        wavelengths = first + (last - first) * (torch.arange(WAVELENGTHS) + shift) / WAVELENGTHS
+        return channel_psfs(
+            self._sampled(wavelengths, inverse_depths),
+            wavelengths,
+            inverse_depths,
+            height_noise=height_noise,
+            window_px=self.window,
+            device=self.device,
+        )
+
+    def _sampled(self, wavelengths: Tensor, inverse_depths: Tensor) -> Camera:
+        """The camera with its pupil sampled as finely as the shortest of wavelengths asks for."""
+        fixed = self.camera.recipe.psf.pupil_sampling_um
+        if fixed == "auto":
+            return self.camera
+        coarsest = coarsest_pitch(self.camera, wavelengths, inverse_depths, self.window)
+        return self.camera if fixed * 1e-6 <= coarsest else self.camera.with_pupil_sampling(coarsest)
