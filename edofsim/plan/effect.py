@@ -79,7 +79,7 @@ class Decision:
     effect: its name; called_for: whether leaving it out would be seen; chosen: what is simulated, in a word
     or two; why: one sentence; overruled: set by the user against the plan; error: of each channel if it is
     left out, in sensor units, None where that is not known; left: likewise, what the choice leaves out;
-    seconds: what simulating it costs; memory_mib: likewise; stage: where.
+    seconds: what simulating it costs; stage: where.
     """
 
     effect: str
@@ -90,7 +90,6 @@ class Decision:
     error: Errors | None = None
     left: Errors = ()
     seconds: float = 0.0
-    memory_mib: float = 0.0
     stage: str = "expose"
 
 

@@ -16,9 +16,6 @@ from ..optics.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 
-LONGEST = ("sub-apertures", "bands", "PSF window", "depth layers", "pupil sampling")
-"""Effects that are looked at first, so that no thread is left with a long one when the others are done:
-sub-apertures, which need no spectra, beside the making of these for all the others."""
 AT_ONCE = 2**16
 """Entries of differences whose products are summed at a time, so that little memory is touched."""
 LITTLE = 0.2
@@ -149,13 +146,7 @@ def _measured(
             return dict(enumerate(differences(facts, levels[:-1])))
         return _useful(lambda level: differences(facts, [levels[level]])[0], len(levels) - 1, facts.allowed)
 
-    order = sorted(range(len(todo)), key=lambda number: _turn(todo[number][0].name))
-    found = dict(zip(order, in_threads(measure, [todo[k] for k in order], torch.device("cpu")), strict=True))
-    return [found[number] for number in range(len(todo))]
-
-
-def _turn(name: str) -> int:
-    return LONGEST.index(name) if name in LONGEST else len(LONGEST)
+    return in_threads(measure, todo, torch.device("cpu"))
 
 
 def _useful(measure: Callable[[int], Tensor], count: int, most: float) -> Mapping[int, Tensor]:

@@ -124,10 +124,6 @@ class Planner:
             level = chosen[name]
             without, with_it = {**chosen, name: 0}, {**chosen, name: level or row.full}
             costs = 0.0 if row.full == 0 else max(0.0, seconds(with_it) - seconds(without))
-            memory = 0.0
-            if row.full:
-                memory = self.costs.memory_mib(fidelity_of(self.estimates, with_it, self.facts.full))
-                memory -= self.costs.memory_mib(fidelity_of(self.estimates, without, self.facts.full))
             called = _called_for(row, asked, level)
             decisions.append(
                 Decision(
@@ -139,7 +135,6 @@ class Planner:
                     error=row.errors[0] if row.full else None,
                     left=row.errors[level] if not self.estimates.moot(row, chosen) else row.errors[row.full],
                     seconds=costs,
-                    memory_mib=max(0.0, memory),
                     stage=row.effect.stage,
                 )
             )

@@ -31,6 +31,8 @@ from .thumbnail import preview_of, thumbnail
 RAY = 1e-7
 """Reference seconds of a ray from one surface to the next, on one thread: about that of shipped scenes. What
 the rays of this scene take on this machine, previews measure; that is reported."""
+SURVEYED = 0.1
+"""A ray of the survey of depths, in seconds of a path."""
 BOUNCES = (2, 3)
 """Path lengths that thumbnails are rendered with, to see what longer paths add."""
 
@@ -76,17 +78,18 @@ def look(
     shorter, plain = seen_in_thumbnails(facts, base, **how)
     facts = replace(facts, shorter=shorter, plain_glass=plain)
     expected = forecast([Task(recipe, base)], cache=cache)
-    pace = _pace(recipe, base, cache)
+    taken = _seconds(recipe, base, cache)
 
     def reference(fidelity: Fidelity) -> float:
         return RAY * _rays(simpler_recipe(recipe, fidelity), seen_quickly, fidelity)
 
     def seconds(fidelity: Fidelity) -> float:
-        if pace is None:
+        if taken is None:
             return expected.seconds
         planned = simpler_recipe(recipe, fidelity)
-        shares = [_rays(each, seen_quickly, s) for each, s in ((planned, fidelity), (small, Fidelity()))]
-        return pace.seconds(planned.render.samples, shares[0] / shares[1])
+        times = _rays(planned, seen_quickly, fidelity) / _rays(small, seen_quickly, Fidelity())
+        surveyed = max(times * min(1.0, SURVEY_SAMPLES / planned.render.samples) - 1, 0.0)
+        return taken[0] + taken[1] * (times + SURVEYED * surveyed)
 
     return Looked(facts, Rendering(reference, seconds), expected.bytes / 2**20, recipe)
 
@@ -154,55 +157,16 @@ def _rays(recipe: SceneRecipe, view: View, fidelity: Fidelity) -> float:
     return pixels * (1 + behind) * recipe.render.samples * recipe.render.max_depth
 
 
-SURVEYED = 0.1
-"""A ray of the survey of depths, in seconds of a path."""
-
-
-@dataclass(frozen=True)
-class Pace:
-    """What a preview took, in seconds. once: loading, compiling, what a survey takes with few rays; a_pass:
-    of each pass of samples, however few; rays: of those of the whole preview."""
-
-    once: float
-    a_pass: float
-    rays: float
-
-    def seconds(self, samples: int, times: float) -> float:
-        """Of a rendering with so many samples a pixel and so many times the preview's rays."""
-        surveyed = max(times * min(1.0, SURVEY_SAMPLES / samples) - 1, 0.0)
-        rays = times + SURVEYED * surveyed
-        return self.once + passes_of(samples) * self.a_pass + self.rays * rays
-
-
-def _pace(recipe: SceneRecipe, base: Path, cache: Path | None) -> Pace | None:
-    """The pace of the preview and thumbnail of a scene, from their entries in the cache; None where those do
-    not say. Two last passes, of many rays and of few, tell what a pass and what a ray takes."""
+def _seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> tuple[float, float] | None:
+    """What the preview of a scene took, in seconds: once (loading, compiling), and for its rays, as its last
+    pass tells; None where its entry in the cache does not say."""
     small = preview_of(recipe)
-    many, few = (run_of(each, base, cache) for each in (small, thumbnail(recipe)))
+    run = run_of(small, base, cache)
     # entries of before have no such field, and what was interrupted after its last pass has 0
-    if many is None or few is None:
+    if run is None or not run.get("last_pass_seconds", {}).get("all"):
         return None
-    if not all(run.get("last_pass_seconds", {}).get("all") for run in (many, few)):
-        return None
-    counts = [_rays_of_a_pass(each) for each in (small, thumbnail(recipe))]
-    last, adding = (many["last_pass_seconds"][name] for name in ("all", "adding"))
-    least = few["last_pass_seconds"]["all"]
-    once = sum(many["seconds"][name] for name in ("load", "survey", "paths"))
-    a_ray = last / counts[0]
-    if counts[0] > counts[1] and last - adding > least:
-        a_ray = (last - adding - least) / (counts[0] - counts[1])
-    passes = passes_of(small.render.samples)
-    return Pace(
-        once=once - passes * last,
-        a_pass=last - a_ray * counts[0],
-        rays=a_ray * counts[0] * passes,
-    )
-
-
-def _rays_of_a_pass(recipe: SceneRecipe) -> int:
-    frame = recipe.frame
-    pixels = (frame.width_px + 2 * frame.margin_px) * (frame.height_px + 2 * frame.margin_px)
-    return pixels * samples_of_a_pass(recipe.render.samples)
+    rays = run["last_pass_seconds"]["all"] * passes_of(small.render.samples)
+    return sum(run["seconds"][name] for name in ("load", "survey", "paths")) - rays, rays
 
 
 def passes_of(samples: int) -> int:

@@ -32,7 +32,7 @@ from edofsim.plan import (
     thumbnail,
 )
 from edofsim.plan.costs import WORTH_S
-from edofsim.plan.estimate import LONGEST, estimate
+from edofsim.plan.estimate import estimate
 from edofsim.plan.facts import facts_of
 from edofsim.plan.photo import allowed_error
 from edofsim.plan.spectra import Spectra
@@ -531,10 +531,6 @@ def test_what_was_counted_before_changes_no_count():
         counts.append(known.amounts)
     for stage in ("psf", "blur", "sub_apertures"):
         assert len({tuple(sorted(each[stage].items())) for each in counts}) > 2
-
-
-def test_what_takes_longest_are_effects():
-    assert set(LONGEST) < set(EFFECTS)
 
 
 def test_where_a_photo_takes_a_moment_in_full_no_effect_is_looked_at(monkeypatch: pytest.MonkeyPatch):
