@@ -23,6 +23,8 @@ FEWEST_A_PIXEL = 2
 """Samples along a pixel's side where the recipe leaves them open."""
 HIGHEST = 1e-3
 """Height of a mask [m] beyond which it is taken to be in another unit."""
+PLACE_DIGITS = 12
+"""Of tangents of a place on the sensor: far below a pixel, and above what rounding does."""
 FOCUS_SAMPLES = 4096
 """Rings of equal area in which the phase of a lens is averaged."""
 
@@ -141,7 +143,9 @@ class Camera:
     def seen_at(self, place: Field) -> Camera:
         """The same camera with the PSFs of points whose chief ray lands where a lens without distortion
         images light of tangents (right, up) `place`. Raises InputError where there is no such ray."""
-        return self.at_field(self.lens.chief(place))
+        # rounded, so that a place reached by two ways is one, and its PSFs are computed once
+        right, up = (round(tangent, PLACE_DIGITS) + 0.0 for tangent in place)
+        return self.at_field(self.lens.chief((right, up)))
 
     def with_pupil_sampling(self, pitch: float) -> Camera:
         """The same camera with samples of the pupil `pitch` [m] apart."""

@@ -17,9 +17,10 @@ from edofsim.capture.crop import crop
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
-from edofsim.optics.field import Frame, places, relative_light, step_for
+from edofsim.optics.field import Frame, places, psfs_on_sensor, relative_light, step_for
 from edofsim.plan import decibels, overall, parse_target, plan_photo
 from edofsim.recipe import CameraRecipe
+from edofsim.recipe.load import load_camera
 from edofsim.render.view import View
 from edofsim.restore import restore
 from edofsim.restore.scores import psnr
@@ -228,3 +229,21 @@ def test_each_place_is_restored_by_its_own_psfs():
     scores = [psnr(each.clamp(0, 1), photo.ideal) for each in (sharp, by_axis)]
     print(scores)
     assert scores[0] > scores[1] + 3
+
+
+def test_places_next_to_each_other_are_the_same_ones():
+    """PSFs as they land need those of the places around: each is computed once."""
+    seen_by = Camera.from_recipe(load_camera("aspheres-5mm-f3").recipe)
+    frame, step = Frame.about(60, 90, seen_by), 32
+    own, around = set(), set()
+    tangent = step * frame.pixel_angle
+
+    def kept(camera: Camera) -> torch.Tensor:
+        around.add(camera.field)
+        return torch.zeros(3, 3)
+
+    for place in places(frame, step):
+        here = seen_by.seen_at(place.field)
+        own.add(here.field)
+        psfs_on_sensor(here, tangent, kept)
+    assert len(own) == 3 * 5 and own < around and len(around) == 3 * 5 + 2 * (3 + 5)
