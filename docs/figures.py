@@ -41,7 +41,7 @@ COVERED = (
     *(f"docs/howto/{page}.md" for page in ("camera", "many", "photo")),
 )
 AWAITED: tuple[str, ...] = ()
-"""Files that pages name and that are yet to be brought in: their figures are told, and fail no test."""
+"""Files that pages name and that are yet to be brought in: their figures are given, and fail no test."""
 KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "figures")
 PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
 """Options that change no figure."""

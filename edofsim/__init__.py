@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from .plan import Plan
     from .render.view import View
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "Camera",

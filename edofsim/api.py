@@ -36,7 +36,7 @@ from .restore.choice import any_camera_network, choose_network
 from .scene.family import members as family_members
 
 NEAREST = 0.5
-"""Metres: depths of a photo that is restored without being told any, from here to infinity."""
+"""Metres: depths of a photo that is restored without any given, from here to infinity."""
 
 
 def camera(

@@ -60,7 +60,7 @@ def _checkpoints() -> list[str]:
 
 
 def _fitting(incomplete: str, names: Iterable[str], suffix: str) -> list[str]:
-    """Names that begin so, and files of that ending. No folders: a shell that is told nothing completes those
+    """Names that begin so, and files of that ending. No folders: a shell that gets nothing completes those
     by itself."""
     begun, slash, _ = incomplete.rpartition("/")
     folder = begun + slash

@@ -114,7 +114,7 @@ def refused_memory(error: Exception) -> str | None:
         return None
     found = re.search(r"allocate\s+([\d.]+)\s*([KMGTPE]iB|bytes)", text)
     if found is None:
-        return "an amount that was not told"
+        return "an unknown amount"
     if found[2] != "bytes":
         return f"{found[1]} {found[2]}"
     return f"{float(found[1]) / 2**30:.3g} GiB"

@@ -1,4 +1,4 @@
-"""The two ways a command can end badly, told apart by their exit status."""
+"""The two ways a command can end badly, distinguished by their exit status."""
 
 from __future__ import annotations
 

@@ -189,7 +189,7 @@ MembersOption = Annotated[
         "--members",
         min=0,
         metavar="N",
-        help="So many members of each scene's family in its place, the first of the seed --seed.",
+        help="Replace each scene by this many random variants, seeds --seed and up.",
     ),
 ]
 SYSTEM_HELP = (
@@ -235,7 +235,7 @@ ShowOption = Annotated[
     list[str] | None,
     typer.Option("--show", metavar="NAME", help="Photograph to show, repeatable; default: the first."),
 ]
-LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Only so many photographs.")]
+LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Use only this many photographs.")]
 
 
 def numbers(text: str, option: str, example: str, count: int | None = None) -> tuple[float, ...]:

@@ -31,13 +31,13 @@ photo
 # The network undoes that blur. Photos have the sensor's own colours, which are not those that the eye sees.
 
 sharp = edofsim.restored(photo, camera)
-axes = edofsim.show(sharp, "restored")
+axes = edofsim.show(sharp, "restored", colours=photo.colours)
 
 # %%
 # ``photo.save("photo.exr")`` keeps the photo as linear light with all that belongs to it, for
 # ``edofsim.Photo.load``; ``photo.save("photo.png")`` keeps a picture, and
-# ``edofsim.save_image("sharp.png", sharp)`` does so for any image. On the command line all of this page is
-# one command, whose report also scores what came out:
+# ``edofsim.save_image("sharp.png", sharp, photo.colours)`` does so for any image. On the command line all
+# of this page is one command, whose report also scores what came out:
 #
 # .. code-block:: console
 #

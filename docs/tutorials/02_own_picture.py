@@ -33,7 +33,7 @@ figure, axes = pyplot.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
 edofsim.show(view.picture(), "all in focus", axes[0])
 for name, ax in (("paper-clear", axes[1]), ("paper-cubic", axes[2])):
     photo = edofsim.photograph(view, edofsim.camera(name))
-    edofsim.show(photo.image, name, ax)
+    edofsim.show(photo.image, name, ax, photo.colours)
 
 # %%
 # One pixel of the picture becomes one pixel of the photo, whatever angle it saw when it was taken. With a

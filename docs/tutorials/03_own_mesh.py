@@ -67,4 +67,4 @@ view
 photo = edofsim.photograph(view, edofsim.camera("paper-clear"))
 figure, axes = pyplot.subplots(1, 2, figsize=(8, 3.1), layout="constrained")
 edofsim.show(view.picture(), "all in focus", axes[0])
-axes = edofsim.show(photo.image, "photographed", axes[1])
+axes = edofsim.show(photo.image, "photographed", axes[1], photo.colours)

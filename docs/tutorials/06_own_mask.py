@@ -37,7 +37,7 @@ for row, camera, name in ((axes[0], clear, "lens alone"), (axes[1], axicon, "axi
     row[0].set_ylabel(name)
 
 # %%
-# Light that lands outside of the window is told, and comes back in photos as veiling glare:
+# Light that lands outside of the window is given, and comes back in photos as veiling glare:
 
 for name, camera in (("lens alone", clear), ("axicon", axicon)):
     outside = edofsim.psfs(camera, [0.5], [543e-9]).truncated.mean()

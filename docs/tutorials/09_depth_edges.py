@@ -90,14 +90,14 @@ camera = edofsim.camera(folder / "clear.toml")
 photos = {}
 for way in ("none", "normalised", "hidden"):
     photo = edofsim.photograph(view, camera, edofsim.Fidelity(occlusion=way))
-    crop = photo.image[:, 12:36, 12:36]
+    colours, crop = photo.colours, photo.image[:, 12:36, 12:36]
     psnr = -10 * float((crop - truth).square().mean().log10())
     photos[f"{way}: {psnr:.1f} dB"] = crop
 photos["rays"] = truth
 
 figure, axes = pyplot.subplots(1, 4, figsize=(9, 2.6), layout="constrained")
 for ax, (title, photo) in zip(axes, photos.items(), strict=True):
-    edofsim.show(photo, title, ax)
+    edofsim.show(photo, title, ax, colours)
 
 # %%
 # Across the edge, from the bright page to the dark card: light from behind the card reaches into its picture,

@@ -45,7 +45,7 @@ images = {
 }
 figure, axes = pyplot.subplots(2, 2, figsize=(8, 6.8), layout="constrained")
 for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
-    edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax)
+    edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax, photo.colours)
 
 # %%
 # For cameras that no network was trained for there is ``any-bank``, which knows a camera by its PSFs. A
@@ -54,4 +54,4 @@ for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")
 sharp = edofsim.restored(of_own, own, depths=far)
-axes = edofsim.show(sharp, "the cubic mask, any-bank")
+axes = edofsim.show(sharp, "the cubic mask, any-bank", colours=of_own.colours)

@@ -97,7 +97,7 @@ def check_pixels(view: View) -> None:
 
 
 def _sound(depth: Tensor, coverage: Tensor, radiance: Tensor) -> bool:
-    """Whether nothing can be wrong, told by few passes; comparisons with NaN are false."""
+    """Whether nothing can be wrong, found by few passes; comparisons with NaN are false."""
     if not depth.numel():
         return False
     near, far = depth.aminmax()

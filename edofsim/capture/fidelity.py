@@ -23,9 +23,9 @@ from .fidelity_file import read_fidelity, write_fidelity
 from .prepare import blur_per_dioptre
 
 FULL_DB = 70.0
-"""The full simulation has so many depth nodes that interpolating between them errs by less than this."""
+"""The full simulation has enough depth nodes that interpolating between them errs by less than this."""
 FULL_SUB_APERTURES = 6
-"""Sub-apertures along each axis in the full simulation, where diffraction lets so many be told apart."""
+"""Sub-apertures along each axis in the full simulation, where diffraction lets them be distinguished."""
 SUB_APERTURE_LAYERS = 13
 """Depth nodes for what sub-apertures change, unless the blur changes so much that it asks for more."""
 COARSE_LAYERS = 9
@@ -57,7 +57,7 @@ def _knob(default: T, effect: str, unit: str, meaning: str) -> T:
 @dataclass(frozen=True)
 class Simplification:
     """Something of a camera that is left out, for effects that other packages add. apply: the camera without
-    it; a function of a module, told from others by the name."""
+    it; a function of a module, distinguished from others by its name."""
 
     name: str
     apply: Callable[[Camera], Camera] = field(repr=False, compare=False)

@@ -15,7 +15,7 @@ from .fidelity import Fidelity
 from .imaging import Axes
 
 Part = Callable[[View, int], View]
-"""Of light that fills a frame, what reaches a place from within so many pixels around it."""
+"""Of light that fills a frame, what reaches a place from within this many pixels around it."""
 
 
 def frame_of(views: Sequence[View]) -> Frame:

@@ -77,7 +77,7 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
 
 
 def _moved(view: View, ratio: float, height: int, width: int) -> tuple[float, float]:
-    """The axis of a view in pixels of which `ratio` are as wide as one of before."""
+    """The axis of a view in pixels of which `ratio` are as wide as one of the given view."""
     y, x = view.axis_px
     return height / 2 + (y - view.height / 2) * ratio, width / 2 + (x - view.width / 2) * ratio
 
@@ -91,7 +91,7 @@ def _sorted(*keys: Tensor) -> Tensor:
 
 
 def resampled_sides(height: int, width: int, ratio: float) -> tuple[int, int]:
-    """Height and width in pixels of which `ratio` are as wide as one of before."""
+    """Height and width in pixels of which `ratio` are as wide as one of the given view."""
     return max(1, round(height * ratio)), max(1, round(width * ratio))
 
 

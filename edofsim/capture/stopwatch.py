@@ -9,7 +9,7 @@ from ..core.progress import Progress
 
 
 class Stopwatch:
-    """seconds: of each stage that is over, by name; each is told to whoever shows progress."""
+    """seconds: of each stage that is over, by name; each is reported to whoever shows progress."""
 
     def __init__(
         self, progress: Progress | None = None, clock: Callable[[], float] = time.perf_counter

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
 
 SEEDS = 3
-"""Draws of the sensor's noise that scores are told for."""
+"""Draws of the sensor's noise to score."""
 
 
 def cost(

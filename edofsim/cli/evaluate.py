@@ -272,5 +272,5 @@ def _all_of(setting: Paper, only: Sequence[str], folder: Path, progress: Progres
         problems += done.problems
         outputs["index"] = write_index(folder)
     if failed:
-        raise EdofsimError(f"{', '.join(failed)}: failed as told above; the others are in {folder}")
+        raise EdofsimError(f"{', '.join(failed)}: failed, see above; the others are in {folder}")
     return Done(outputs=outputs, problems=problems)

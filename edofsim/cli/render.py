@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 def render(
     scenes: Scenes,
     members: Annotated[
-        int | None, typer.Option("--members", min=1, help="So many different scenes of each family.")
+        int | None, typer.Option("--members", min=1, help="Variants to render of each family.")
     ] = None,
     accuracy: AccuracyOption = None,
     time: TimeOption = None,

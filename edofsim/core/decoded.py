@@ -232,7 +232,7 @@ def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
             return None
         try:
             values = page.asarray()
-        except (ValueError, KeyError, RuntimeError, ImportError):  # ways to compress that it lacks
+        except (ValueError, KeyError, RuntimeError, ImportError):  # ways to compress that it does not have
             return None
         said = [] if profile is None or measured else ["its colour profile is not used"]
         if page.planarconfig == 2 and values.ndim == 3:

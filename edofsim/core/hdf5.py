@@ -35,7 +35,7 @@ def read_hdf5(path: Path, key: str | None, what: str) -> dict[str, np.ndarray]:
     alone.
 
     Arrays of MATLAB 7.3 have their axes as in MATLAB. Raises InputError for a file that is no HDF5, that
-    points to another file, or that lacks `key`, and where h5py is not installed.
+    points to another file, or that does not have `key`, and where h5py is not installed.
     """
     existing(path, what)
     try:

@@ -17,7 +17,8 @@ from .limits import check_pixels, existing
 
 
 def read_hdr(path: Path, what: str) -> np.ndarray:
-    """Linear RGB from an .exr or .hdr file, float32 [y, x, 3], finite."""
+    """Linear RGB from an .exr or .hdr file, float32 [y, x, 3], finite.
+    Raises InputError for a file that is damaged, of no known kind, or not finite."""
     existing(path, what)
     readers = {".exr": read_exr_rgb, ".hdr": read_radiance, ".pic": read_radiance, ".pfm": read_pfm}
     reader = readers.get(path.suffix.lower())
@@ -32,7 +33,8 @@ def read_hdr(path: Path, what: str) -> np.ndarray:
 
 
 def read_pfm(path: Path, what: str) -> np.ndarray:
-    """A Portable Float Map, float32 [y, x] or [y, x, 3]; the file counts rows from below."""
+    """A Portable Float Map, float32 [y, x] or [y, x, 3]; the file counts rows from below.
+    Raises InputError for a file that is cut short or no PFM."""
     data = existing(path, what).read_bytes()
     header = re.match(rb"(P[Ff])\s+(\d+)\s+(\d+)\s+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s", data)
     if header is None:
@@ -49,7 +51,8 @@ def read_pfm(path: Path, what: str) -> np.ndarray:
 
 
 def read_radiance(path: Path, what: str) -> np.ndarray:
-    """A Radiance picture (.hdr, RGBE, plain or run-length encoded), float32 [y, x, 3]."""
+    """A Radiance picture (.hdr, RGBE, plain or run-length encoded), float32 [y, x, 3].
+    Raises InputError for a file that is damaged or no Radiance picture."""
     data = existing(path, what).read_bytes()
     header = re.match(rb"#\?.*?\n\s*\n([-+])Y (\d+) ([-+])X (\d+)\n", data, re.DOTALL)
     if header is None or header[1] != b"-" or header[3] != b"+":

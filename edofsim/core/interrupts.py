@@ -1,5 +1,5 @@
 """Ctrl-C and a batch system's SIGTERM, taken only where they leave nothing half done: after an import, and
-where progress is told."""
+where progress is reported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from types import FrameType
 from .progress import Progress
 
 AGAIN_S = 0.02
-"""An interrupt that came within an import is tried again after so many seconds."""
+"""An interrupt that came within an import is tried again after this many seconds."""
 
 
 def interrupt_after_imports() -> None:
@@ -38,8 +38,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def interruptible(progress: Progress) -> Generator[Progress]:
-    """Within, Ctrl-C and SIGTERM are taken only where progress is told through what this gives, and at the
-    end: there KeyboardInterrupt is raised, or SystemExit after SIGTERM. A second Ctrl-C does not wait.
+    """Within, Ctrl-C and SIGTERM are taken only where progress is reported through what this gives, and at
+    the end: there KeyboardInterrupt is raised, or SystemExit after SIGTERM. A second Ctrl-C does not wait.
 
     Outside of the main thread signals never arrive, and nothing is changed.
     """

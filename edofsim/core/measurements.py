@@ -126,7 +126,8 @@ def _fields(line: str) -> list[str]:
 
 
 def read_sintel(path: Path, what: str) -> np.ndarray:
-    """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres."""
+    """A depth map of MPI Sintel (D. J. Butler et al., ECCV 2012), float32 [y, x] in metres.
+    Raises InputError for a file that is damaged or no .dpt."""
     existing(path, what)
     with path.open("rb") as file:
         head = file.read(12)
@@ -231,7 +232,8 @@ def read_mat(path: Path, key: str | None, what: str) -> np.ndarray:
 
 
 def load_mat(path: Path, what: str) -> dict[str, object]:
-    """All of a MAT file up to version 7; structures become objects with attributes."""
+    """All of a MAT file up to version 7; structures become objects with attributes.
+    Raises InputError for a file that cannot be read."""
     existing(path, what)
     # Some damaged MAT files crash the reader of SciPy, which would take this process with it
     if _crashes(path):
@@ -257,7 +259,8 @@ def _crashes(path: Path) -> bool:
 
 
 def mat_value(data: dict[str, object], key: str | None, path: Path, what: str) -> object:
-    """The value of a dotted key in a MAT file; without a key, its only variable."""
+    """The value of a dotted key in a MAT file; without a key, its only variable.
+    Raises InputError for a variable that is not there, and for no key where there are several."""
     names = [name for name in data if not name.startswith("__")]
     if not names:
         raise InputError(f"{what}: {str(path)!r} holds no variable; save the array in one")

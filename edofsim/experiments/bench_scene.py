@@ -18,6 +18,7 @@ from torch import Tensor
 
 from ..capture import save_image
 from ..capture.framing import framed
+from ..core.images import developed
 from ..core.progress import Progress, part
 from ..errors import InputError
 from ..optics import Camera
@@ -62,7 +63,7 @@ ZOOM_PX = 96
 SETUP = (
     "The paper photographed a bus at 0.5 m and a car at 1.3 m on a bench, with its DOE and without, the lens "
     "focused at 1.3 m in the green. This scene is built and rendered to be such a bench, so that there is a "
-    "truth to score against, which the paper's photos lack."
+    "truth to score against, which the paper's photos do not have."
 )
 MAKING = (
     "The mask as made has the errors that the paper measured on its device: a surface of 3 um pitch, 98 "
@@ -119,10 +120,11 @@ def run(
         for system in lens.every:
             ours = taken[OURS, system.name]
             for image, values in ours.images.items():
-                save_image(pictures / f"{system.name}-{image}.png", values)
+                save_image(pictures / f"{system.name}-{image}.png", values, ours.photo.colours)
             if system.name in files:
                 write_page(files[system.name], page(measured, seen, system, parts))
-        save_image(pictures / "ideal.png", taken[OURS, LENS_ALONE].truth)
+        alone = taken[OURS, LENS_ALONE]
+        save_image(pictures / "ideal.png", alone.truth, alone.photo.colours)
         kept.put(key, asdict(measured))
     outputs = {"scores": write_table(folder / "bench-scene.csv", SceneScores((measured,)))}
     outputs |= {"pictures": pictures, **{f"page of {name}": path for name, path in files.items()}}
@@ -239,18 +241,28 @@ def _made(seen: Seen, system: System, crops: tuple[Detail, ...]) -> tuple[Block,
     """Restored with the mask as designed and as made, whole and enlarged."""
     designed = seen.taken[OURS, system.name]
     made = seen.taken[OURS, f"{system.name}-{MADE}"]
-    gain = display_gain(designed.truth)
+    colours = designed.photo.colours
+    gain = display_gain(developed(designed.truth, colours))
     images = {
         "Restored, as designed": designed.images["restored"],
         "Restored, as made": made.images["restored"],
         "Photo, as made": made.images["photo"].clamp(0, 1),
     }
     blocks: list[Block] = [Text(MAKING)]
-    whole = tuple(picture(image, label, f"{label}: the bench.", gain=gain) for label, image in images.items())
+    whole = tuple(
+        picture(image, label, f"{label}: the bench.", gain=gain, colours=colours)
+        for label, image in images.items()
+    )
     blocks.append(Gallery(whole, "All by our way to simulate, with the same exposure.", columns=3))
     for crop in crops:
         pictures = tuple(
-            picture(crop.cut(image), label, f"{label}: the {crop.range.name.lower()}, enlarged.", gain=gain)
+            picture(
+                crop.cut(image),
+                label,
+                f"{label}: the {crop.range.name.lower()}, enlarged.",
+                gain=gain,
+                colours=colours,
+            )
             for label, image in images.items()
         )
         blocks.append(Gallery(pictures, columns=3, pixels=True, title=crop.range.name))

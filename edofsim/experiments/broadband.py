@@ -4,8 +4,8 @@ Akpinar et al., section "Broadband Imaging": every band of a spectral cube is co
 own wavelength; the sensor's colours are the sums weighted with its spectral response, and so is the truth.
 The object is a plane at 0.5 m, 1 m and infinity.
 
-The paper's sensor has 31 bands, 420 to 720 nm. Bands that a cube lacks are left out of photo and truth
-alike, and the response is scaled so that those it has sum to 1 for each colour; the share left out is
+The paper's sensor has 31 bands, 420 to 720 nm. Bands that a cube does not have are left out of photo and
+truth alike, and the response is scaled so that those it has sum to 1 for each colour; the share left out is
 reported. The exposure is automatic: the 99.5th percentile of the truth is 0.9 of full scale. Read noise and
 height error are those of the paper's table.
 
@@ -28,7 +28,7 @@ from torch import Tensor
 
 from .. import completion
 from ..capture.sensor import automatic_exposure
-from ..core.images import srgb_encode, write_png
+from ..core.images import developed, srgb_encode, write_png
 from ..core.progress import Progress, part
 from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
 from ..options import CacheOption, LensOption, SeedOption, SystemsOption, numbers
@@ -36,6 +36,7 @@ from ..recipe import load_scene
 from ..recipe.camera import CameraRecipe
 from ..record import write_csv
 from ..render import render
+from ..render.colour import colour_matrix
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import image_psnr
 from .chromatic import Chromatic, chromatic
@@ -80,7 +81,8 @@ class CubeScore:
 
 @dataclass(frozen=True)
 class Result:
-    """left_out: share of each colour's response in bands that a cube lacks, by cube; bands_nm by cube."""
+    """left_out: share of each colour's response in bands that a cube does not have, by cube; bands_nm by
+    cube."""
 
     rows: tuple[CubeScore, ...]
     optics: dict[str, Chromatic]
@@ -146,10 +148,10 @@ def run(
 ) -> Findings:
     """Spectral cubes at 0.5 m, 1 m and infinity, restored by networks trained with three wavelengths.
 
-    Bands of the sensor (420 to 720 nm) that a cube lacks are left out of photo and truth alike. Without
-    --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from there.
-    A system that cannot be used is named, and the others are finished. Masks are made as the paper tests
-    them, whatever a recipe's [fabrication] says.
+    Bands of the sensor (420 to 720 nm) that a cube does not have are left out of photo and truth alike.
+    Without --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from
+    there. A system that cannot be used is named, and the others are finished. Masks are made as the paper
+    tests them, whatever a recipe's [fabrication] says.
 
     Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;
     psnr_db.SYSTEM.CUBE.three.* in three wavelengths, psnr_db.SYSTEM.CUBE.filter.* of a Wiener filter that
@@ -344,8 +346,10 @@ def _photographed(
         restored = system.restored(photo, truncated_share(known), inverse_depth)
         from_lines = of_three.restored(lines, truncated_share(three), inverse_depth)
         linear = filtered(photo, known[None], truncated_share(known))
+    found = colour_matrix(weights.double().numpy(), cube.wavelengths.double().numpy())
+    colours = None if found is None else torch.from_numpy(found)
     for path, image in ((files.sharp, sharp), (files.photo, photo), (files.restored, restored)):
-        write_png(path, srgb_encode(middle(image, SHOWN_PX)))
+        write_png(path, srgb_encode(developed(middle(image, SHOWN_PX), colours)))
     return {
         "photo_db": _scores(photo, sharp),
         "restored_db": _scores(restored, sharp),

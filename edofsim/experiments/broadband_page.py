@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 ABOUT = (
     "Every band is convolved with the point spread function of its own wavelength; the sensor's colours are "
-    "the sums weighted with its response, and so is the truth. Bands that a cube lacks are left out of both. "
+    "the sums weighted with its response, and so is the truth. Bands that a cube does not have are left out "
+    "of both. "
     "The 99.5th percentile of the truth is 0.9 of full scale; read noise 0.005, height errors of 30 nm."
 )
 
@@ -217,7 +218,7 @@ def _pictures(result: Result, cube: str) -> tuple[Block, ...]:
             ):
                 alt = f"{cube}, {what} of {system} at {at}: {decibels(db)}."
                 pictures.append(picture_file(path, f"{at}, {what}", alt, note=decibels(db)))
-        caption = "Encoded with the sRGB curve, not colour-corrected; the PSNR is of the whole picture."
+        caption = "White-balanced to daylight (D65) and in sRGB; the PSNR is of the whole picture."
         blocks.append(Gallery(tuple(pictures), caption, columns=4, pixels=True, title=system))
     return tuple(blocks)
 

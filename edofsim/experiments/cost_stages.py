@@ -204,7 +204,7 @@ def _restored(
     truth = Truth(photo.ideal, noise)
 
     def restores(image: Tensor) -> Tensor:
-        """As `run` does: told the camera as it is planned."""
+        """As `run` does: given the camera as it is planned."""
         depths, psfs = ends, None
         if network is None or network.network.any_camera:
             depths = nodes_between(planned, view.wavelengths, *ends)

@@ -5,11 +5,11 @@ of the edge, between them, and behind both. The paper's camera in the green of i
 so that the references take minutes; or any camera with its own mask.
 
 The first reference clips pupils by what the view holds: both sides see the same light, and what is compared
-is occlusion alone. It is dark where the pupil sees a surface that the view lacks. The second is Mitsuba's own
-thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction. Two things keep
-any way from it: it is a mean over random rays, whose noise is told from its two halves; and the view lacks
-surfaces that it sees. How much they matter is told by what clipped pupils reach, which know nothing but the
-view.
+is occlusion alone. It is dark where the pupil sees a surface that the view does not have. The second is
+Mitsuba's own thin lens: its rays meet every surface of the scene, but it knows no mask and no diffraction.
+Two things keep any way from it: it is a mean over random rays, whose noise is known from its two halves; and
+the view does not have surfaces that it sees. How much they matter is known by what clipped pupils reach,
+which know nothing but the view.
 
 What to expect: `hidden` is exact for two surfaces of which one is in focus. Where both are blurred it
 averages coverage and light over the pupil apart, while rays know which go together; that error is a smooth
@@ -115,7 +115,7 @@ def run(
     `hidden` through 4 x 4 of them. layers.SCENE.MASK.FOCUS.{over,normalised}: the number of layers, from 2
     on, with which that way is nearest to the truth, which its PSNR is of. noise_db.SCENE.thin-lens.FOCUS:
     PSNR that the noise of that truth leaves to a perfect photo; view_db.SCENE.thin-lens.FOCUS: PSNR of the
-    photo by clipped pupils, which is dark where the view lacks a surface.
+    photo by clipped pupils, which is dark where the view does not have a surface.
     white_percent.CAMERA.{known,guessed}.WAY: how far a white disc before a white wall is from white at the
     worst pixel, by whether the view holds what is behind the disc.
     """

@@ -24,7 +24,7 @@ WINDOW = 64
 """Side of the PSFs, and the margin around the crop twice."""
 SIZE = 64
 GAPS = (0.25, 1.3)
-"""Depth edges of so many dioptres count, for the paper's aperture: blurs are then no wider than the window.
+"""Depth edges of this many dioptres count, for the paper's aperture: blurs are then no wider than the window.
 Other apertures have the same blurs."""
 APERTURE_MM, PIXEL_MRAD = 2.5, 0.16264
 """Of the paper's camera: radius, and the angle that a pixel sees."""

@@ -2,13 +2,13 @@
 
 Protocol of Akpinar et al., section "Test Images": 8-bit values are intensities; red, green and blue are 611,
 543 and 482 nm; the mask is upsampled to 3 um (bicubic between its wraps) and made with height errors, one
-made mask a system. What restores is told which part of the light the made mask spreads evenly. PSNR over all
+made mask a system. What restores is given which part of the light the made mask spreads evenly. PSNR over all
 channels.
 
 Where a picture ends matters, as what lies beyond is unknown. Ours: the frame is the middle of a larger
 picture, half a PSF from its border, so that the world goes on and the photo holds light from beyond the
 frame. The paper's, as far as it tells: the picture as it is; mirror images continue it here. Both are cut
-from one photo, each is restored by itself, and no system is told anything about borders.
+from one photo, each is restored by itself, and no system is given anything about borders.
 
 Every finished picture is kept in the output folder; the same call goes on from there.
 """
@@ -48,7 +48,7 @@ SHOWN_PX = 240
 ABOUT = (
     "8-bit values are taken as intensities; red, green and blue are 611, 543 and 482 nm; the mask is sampled "
     "every 3 µm and has height errors. A frame is the middle of a larger picture, of which the photo is "
-    "formed: the world goes on beyond it, and no system is told how. By the paper's protocol a frame is a "
+    "formed: the world goes on beyond it, and no system is given how. By the paper's protocol a frame is a "
     "whole picture, which mirror images continue. PSNR over all channels, averaged over the pictures."
 )
 MIDDLES = "The middle of the frame, pixel for pixel; the PSNR is of the whole frame."
@@ -115,7 +115,8 @@ def measure(
 ) -> list[PictureScore]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
     errors; show: names of pictures whose middles are written, too; told: whether `told_depth` restores the
-    photos, too; nearest_per_m: inverse depth up to which random ones go."""
+    photos, too; nearest_per_m: inverse depth up to which random ones go.
+    Raises InputError for systems whose PSF varies over the frame."""
     kept = Kept(out / "finished.jsonl")
     depths = random_depths(pictures, seed, nearest_per_m)
     jobs = []

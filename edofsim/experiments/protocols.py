@@ -62,7 +62,7 @@ class Way:
     """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
     an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
     hidden surfaces where it has any; sub_apertures: along each axis of the pupil, as far as diffraction lets
-    them be told apart; layers: depth nodes, None for as many as the camera's defocus asks for."""
+    them be distinguished; layers: depth nodes, None for as many as the camera's defocus asks for."""
 
     name: str
     title: str

@@ -323,7 +323,7 @@ def measure(
     """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are.
 
     systems: of one lens, the lens alone first; parts: further regions to score, bool [y, x], by name. A
-    system that cannot be judged by a way has no rows, and is told in what was measured.
+    system that cannot be judged by a way has no rows, and what was measured says so.
     """
     started = time.perf_counter()
     alone = systems[0]

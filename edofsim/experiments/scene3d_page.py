@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import torch
 from PIL import Image
 
-from ..core.images import srgb_decode
+from ..core.images import developed, srgb_decode
 from ..core.words import counted
 from ..report.crops import Detail
 from ..report.figures import score_plot
@@ -47,7 +47,7 @@ LABELS = {"photo": "Photo", "restored": "Restored", "wiener": "Wiener", LENS_ALO
 ABOUT = (
     "Ours: linear light of all bands; each surface that a pixel sees has its own depth; surfaces behind "
     "edges are rendered and composited front to back, through 4 x 4 sub-apertures or as many as "
-    "diffraction lets be told apart. The paper's: a picture with one depth a pixel in steps of 1 mm, its "
+    "diffraction lets be distinguished. The paper's: a picture with one depth a pixel in steps of 1 mm, its "
     "8-bit sRGB values taken for the intensities of 611, 543 and 482 nm, each depth's part "
     "convolved with the PSF at that depth, nothing hiding anything. The ways between change one thing at a "
     "time. All masks have the height error that the paper tests with, 30 nm."
@@ -78,6 +78,7 @@ def scene_page(
         purpose=recipe.purpose,
         camera=f"{seen.lens.name}, mask of {system.name}",
         ideal=ours.truth,
+        colours=ours.photo.colours,
         photo=ours.images["photo"].clamp(0, 1),
         restored=ours.images["restored"].clamp(0, 1),
         wiener=ours.images["wiener"].clamp(0, 1),
@@ -134,12 +135,17 @@ def overview_page(
 
 def strip(truth: torch.Tensor, alone: Taken, restored: torch.Tensor, name: str) -> Picture:
     """Truth, lens alone and restored side by side, small, for a card."""
-    gain = display_gain(truth)
+    colours = alone.photo.colours
+    gain = display_gain(developed(truth, colours))
     images = [truth, alone.images["photo"].clamp(0, 1), restored.clamp(0, 1)]
     side = max(1, truth.shape[-1] // 170)
     small = [torch.nn.functional.avg_pool2d(each.cpu().float()[None], side)[0] for each in images]
     return picture(
-        torch.cat(small, -1), name, f"{name}: all in focus, through the lens alone, and restored.", gain=gain
+        torch.cat(small, -1),
+        name,
+        f"{name}: all in focus, through the lens alone, and restored.",
+        gain=gain,
+        colours=colours,
     )
 
 

@@ -77,7 +77,8 @@ class Measured:
         return gains({name: row.psnr_db for name, row in rows.items() if row is not None})
 
     def gain(self, way: str, system: str, region: str = WHOLE) -> float:
-        """PSNR in dB of what the system restored above that of the lens alone; NaN where either lacks."""
+        """PSNR in dB of what the system restored above that of the lens alone; NaN where either is
+        missing."""
         return self.gains(way, system, region).get(LENS_ALONE, math.nan)
 
 

@@ -98,7 +98,7 @@ def run(
     Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored middles of the pictures,
     psnr_db.SYSTEM.photo.* alike, psnr_db.SYSTEM.chart.{0.5m,0.8m,1m}, each also psnr_db.SYSTEM.whole.*, of
     whole pictures that mirror images continue; psnr_db.SYSTEM.chart.DEPTH.{red,green,blue}, and
-    psnr_db.SYSTEM.told.chart.* alike, of a linear restoration that is told the depth;
+    psnr_db.SYSTEM.told.chart.* alike, of a linear restoration that is given the depth;
     {steps,steps_before,hours}.SYSTEM of its training, pictures, left_out.
     """
     found = photographs(data, limit)
@@ -214,7 +214,7 @@ def methods(result: Result, protocol: Protocol) -> PageTable:
 
 
 def chart_figures(rows: Sequence[PictureScore]) -> dict[str, float]:
-    """Figures of the chart: both protocols, each channel, and what is restored by who is told the depth."""
+    """Figures of the chart: both protocols, each channel, and what is restored by who is given the depth."""
     figures: dict[str, float] = {}
     for row in rows:
         for each in (GOES_ON, WHOLE):
@@ -227,20 +227,20 @@ def chart_figures(rows: Sequence[PictureScore]) -> dict[str, float]:
 
 
 def chart_table(result: Result) -> PageTable:
-    """The chart by colour, and what a linear restoration that is told the depth makes of its photos."""
+    """The chart by colour, and what a linear restoration that is given the depth makes of its photos."""
     names = ("all", *CHANNELS)
     columns = (
         Column("System"),
         Column("Depth"),
         *(Column(f"Restored, {name}", "dB", 2) for name in names),
-        *(Column(f"Told the depth, {name}", "dB", 2) for name in names),
+        *(Column(f"Given the depth, {name}", "dB", 2) for name in names),
     )
     rows = tuple(
         (row.system, DEPTH_NAMES[row.condition], row.restored_db, *row.channels_db, *row.told_db)
         for row in result.chart_rows
     )
     said = (
-        "The chart in a world that goes on. Told the depth: a filter over all colours and the whole photo "
+        "The chart in a world that goes on. Given the depth: a filter over all colours and the whole photo "
         "that knows the distance and the mask as it was made. Where a system has less, its mask is not why."
     )
     return PageTable(columns, rows, said)

@@ -1,6 +1,6 @@
-"""What is in a photo of a plane: the linear restoration that is told the depth and the mask as it was made.
+"""What is in a photo of a plane: the linear restoration that is given the depth and the mask as it was made.
 
-It sees all of the photo and all colours. Where a system that is told nothing has less, its mask is not why:
+It sees all of the photo and all colours. Where a system that is given nothing has less, its mask is not why:
 the photo holds more. A network that knows more of pictures than second moments may have more.
 """
 

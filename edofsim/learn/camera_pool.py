@@ -1,4 +1,4 @@
-"""The cameras of a training over many, each with the PSFs of its depth range and what a network is told."""
+"""The cameras of a training over many, each with the PSFs of its depth range and what a network is given."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ VALIDATION = 100_000  # number of the first camera for validation
 
 @dataclass(frozen=True)
 class Pooled:
-    """A camera; known: what the network is told of it; shares: [n], how much each of the n stored PSFs counts
-    for Wiener deconvolution."""
+    """A camera; known: what the network is given of it; shares: [n], how much each of the n stored PSFs
+    counts for Wiener deconvolution."""
 
     name: str
     optics: TrainingCamera
@@ -106,7 +106,7 @@ def _pooled(
         psf = _psfs(drawn, table.window_px, depths)
         if psf is None or float(1 - psf.sum((-1, -2)).mean()) > TRUNCATED:
             continue
-        # what it is told is of other depths than photos are taken by, as in use
+        # what it is given is of other depths than photos are taken by, as in use
         closer = closer_about_focus(drawn.camera, depths)
         told = psf if torch.equal(closer, depths) else _psfs(drawn, table.window_px, closer)
         if told is not None:
@@ -128,7 +128,7 @@ def _pooled(
 
 
 def _shares(drawn: RandomCamera, parts: int) -> Tensor:
-    """How much each of so many equal parts of a camera's range counts for Wiener deconvolution: its nodes'
+    """How much each of this many equal parts of a camera's range counts for Wiener deconvolution: its nodes'
     shares, [part]."""
     low, high = drawn.depths
     nodes = nodes_between(drawn.camera, PAPER_COLOURS, low, high)

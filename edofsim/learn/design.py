@@ -19,7 +19,7 @@ from .schedule import generator_of, rate_factor
 from .training_camera import TrainingCamera
 
 DEPTHS = 9  # PSFs a step, evenly spaced, from a random start
-PARTS = 7  # or so many parts of the depth range, where each has a filter of its own
+PARTS = 7  # or this many parts of the depth range, where each has a filter of its own
 RATE_RAD = 0.2
 FIRST_RAD = 0.5  # size of the smooth disturbance that a flat map starts with
 DESIGN = 3  # purpose of the random numbers
@@ -44,7 +44,7 @@ def design(
 
     error: (PSFs [depth, channel, y, x], number of filters) to the mean square error of each, [depth,
     channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth, and
-    `evenness` times the logarithm of its mean over depth, which the worst depths decide. groups: so many
+    `evenness` times the logarithm of its mean over depth, which the worst depths decide. groups: this many
     filters restore, each for a part of the depth range; 1 for one filter for all. height_noise: standard
     deviation of the mask's samples in metres; what such errors do to the PSFs is taken in its mean.
     truncated_energy: weight of the light that leaves the PSFs' window. response: whether half of what counts

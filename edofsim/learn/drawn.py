@@ -21,7 +21,7 @@ from .reader import Wanted
 from .sources import Images
 
 SIDE = 512  # pixels of a sheet
-FINER = 3  # drawn in so many times smaller pixels, then averaged
+FINER = 3  # drawn in pixels this many times smaller, then averaged
 ITEMS = 60  # on a sheet
 DARK, LIGHT = 0, 160  # least values of 255 of dark and of light ink
 Ink: TypeAlias = tuple[int, int, int]

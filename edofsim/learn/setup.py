@@ -200,7 +200,7 @@ def _free(named: str, height: Tensor, recipe: TrainRecipe, radian: float) -> Fre
 
 def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple[Json, ...]]:
     """The network with weights that only the seed decides, or those of a checkpoint, and its history. What it
-    lacks of one that grows out of it is the seed's, too."""
+    does not have of one that grows out of it is the seed's, too."""
     table = recipe.network
     history: tuple[Json, ...] = ()
     with torch.random.fork_rng(devices=[]):

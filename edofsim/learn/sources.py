@@ -51,7 +51,7 @@ def usable_pictures(
 ) -> tuple[tuple[str, ...], Images, list[str]]:
     """The names of all pictures of a folder, those that can be used, and a sentence for each that cannot.
 
-    smallest: pixels that each side must have. limit: only the first so many files; only: the one of that
+    smallest: pixels that each side must have. limit: only this many files, the first; only: the one of that
     name. Raises InputError for a missing or empty folder.
     """
     if not folder.is_dir():

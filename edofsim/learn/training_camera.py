@@ -12,7 +12,7 @@ from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response_cu
 from ..optics.sampling import coarsest_pitch
 
 WAVELENGTHS = 8
-"""So many, evenly spaced, stand for all that a sensor sees."""
+"""This many, evenly spaced, stand for all that a sensor sees."""
 MIDDLE = 0.5  # of the distance between them
 
 

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 ROUNDING = 1e-12
-"""Of the nodes' correlations, so that nearly equal ones can be told apart."""
+"""Of the nodes' correlations, so that nearly equal ones can be distinguished."""
 CHECKS = 8
 """Places in each interval between nodes at which the error is looked at."""
 
@@ -69,7 +69,7 @@ def _places(half: float, error: float) -> tuple[float, ...]:
 
 
 def _known(count: int, half: float, error: float) -> bool:
-    """Whether so many nodes tell what lies between them. They are symmetric: half of them are looked at."""
+    """Whether this many nodes tell what lies between them. They are symmetric: half of them are looked at."""
     if count < fewest_nodes(-half, half, 1):
         return False
     nodes = half * _spread(count, error)
@@ -80,7 +80,7 @@ def _known(count: int, half: float, error: float) -> bool:
 
 
 def _spread(count: int, error: float) -> Tensor:
-    """So many places from -1 to 1, both ends among them, a little closer there (D. Kosloff and H. Tal-Ezer,
+    """This many places from -1 to 1, both ends among them, a little closer there (D. Kosloff and H. Tal-Ezer,
     J. Comput. Phys. 104, 457, 1993, with the parameter that suits an error)."""
     if count == 1:
         return torch.zeros(1, dtype=torch.float64)

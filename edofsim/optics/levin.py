@@ -18,7 +18,7 @@ from torch import Tensor
 
 CELLS = 13
 SIZES_PX = (5, 6, 7, 8, 9, 11, 13, 15)
-"""Widths of the blur that are told apart, in pixels: eight between 5 and 15, as they use."""
+"""Widths of the blur that are distinguished, in pixels: eight between 5 and 15, as they use."""
 FREQUENCIES = 24
 NOISE = 0.005
 CANDIDATES = 500
@@ -44,7 +44,7 @@ PATTERN = (
 def discrimination(pattern: Tensor) -> float:
     """Least Kullback-Leibler divergence between blurs of neighbouring sizes, a frequency, for [13, 13] cells.
 
-    The larger, the better a blur's size can be told. 0 for a pattern that lets no light through.
+    The larger, the better a blur's size can be determined. 0 for a pattern that lets no light through.
     """
     light = float(pattern.sum())
     if light == 0:

@@ -18,7 +18,7 @@ from .sampling import plan_sampling
 
 FEWEST_SAMPLES = 512
 """Fewest samples across the pupil: what its edge scatters beyond the replica period is missing from a
-transfer function, with so many less than 1e-3 of the light."""
+transfer function, with this many less than 1e-3 of the light."""
 PEAKS = 8
 """Samples around which the peak of a large pupil's PSF is looked for."""
 BLOCK_BYTES = 256 << 20
@@ -141,7 +141,7 @@ class _FocalPlane:
     """The field's transform over a whole replica period, `count` x `count` samples in upright orientation.
 
     pupil: complex128 [samples, samples] without defocus; chirps: its defocus along an axis, [depth, samples];
-    step: between samples [m]; parts: of the rows, every so many-th at a time; amplitude: sum of the pupil's;
+    step: between samples [m]; parts: of the rows, every n-th at a time; amplitude: sum of the pupil's;
     mirrored: the pupil is even in x and in y, so that a quadrant tells all.
     """
 

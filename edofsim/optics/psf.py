@@ -178,7 +178,7 @@ def wave_at(
     oversampling: int | None = None,
 ) -> Wave:
     """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
-    `pixels`, each of `pixel` [m], None for the camera's, with so many samples along its side."""
+    `pixels`, each of `pixel` [m], None for the camera's, with this many samples along its side."""
     window = SensorWindow(pixels, pixel or camera.pixel, oversampling or camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
     wave = Wave(
@@ -223,7 +223,8 @@ def axes_of(
     wavelengths: Tensor | Sequence[float],
     inverse_depths: Tensor | Sequence[float],
 ) -> tuple[Tensor, Tensor]:
-    """Wavelengths and inverse depths as float64 [n]; refuses what cannot be one, or has no glass data."""
+    """Wavelengths and inverse depths as float64 [n]; refuses what cannot be one, or has no glass data.
+    Raises InputError for values that are no axes of PSFs."""
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64, device="cpu").flatten().detach()
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64, device="cpu").flatten().detach()
     problems = []

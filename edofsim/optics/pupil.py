@@ -46,7 +46,8 @@ class Aperture:
 
 
 def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Aperture:
-    """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`."""
+    """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`.
+    Raises InputError for a mask that lets no light through."""
     mask = camera.mask
     amplitude, light = mask_amplitude(mask, grid)
     regions: list[tuple[Tensor, Tensor | float | None]] = []

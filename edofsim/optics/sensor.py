@@ -42,8 +42,8 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
     outside = nm[(nm < table_nm[0] - 1e-3) | (nm > table_nm[-1] + 1e-3)]
     if outside.size:
         raise InputError(
-            f"sensor.response {name!r} ({source}) covers {table_nm[0]:g} to {table_nm[-1]:g} nm and lacks"
-            f" {outside[0]:g} nm; narrow the bands of the scene or choose another response"
+            f"sensor.response {name!r} ({source}) covers {table_nm[0]:g} to {table_nm[-1]:g} nm and does not "
+            f"have {outside[0]:g} nm; narrow the bands of the scene or choose another response"
         )
     rows = np.stack([np.interp(nm, table_nm, curve) for curve in curves])
     sums = rows.sum(1)

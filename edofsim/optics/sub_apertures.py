@@ -6,7 +6,7 @@ With the pupil function Q = sum_j w_j Q, sum_j w_j = 1, and the field F = sum_j 
 
 for any mask, exactly: each summand is what part j adds to the energy in a place, interference with all the
 others included. Rays through a part of the pupil are what it becomes for short waves; that is how light that
-something in the way stops in one part, and lets by in another, is told apart. A summand may be negative.
+something in the way stops in one part, and lets by in another, is distinguished. A summand may be negative.
 """
 
 from __future__ import annotations
@@ -158,12 +158,12 @@ def _share_told(mask: Mask, across: int) -> float:
 
 
 def coarse_window(pixels: int, side: int) -> int:
-    """Width in pixels of `side` of the window that holds one of so many of the camera's."""
+    """Width in pixels of `side` of the window that holds one of this many of the camera's."""
     return pixels if side == 1 else 2 * math.ceil(pixels // 2 / side) + 1
 
 
 def coarse_oversampling(fine: int, side: int) -> int:
-    """Samples along a pixel of `side` for so many along one of the camera's."""
+    """Samples along a pixel of `side` for this many along one of the camera's."""
     return fine if side == 1 else math.ceil(side * fine / COARSER)
 
 

@@ -54,7 +54,7 @@ class Facts:
     focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the
     distinct ones where they are few, else None; hides: which fragments hide which; cuts: inverse depths at
     which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds; shorter:
-    error of each channel if paths end after so many bounces, and plain_glass: if glass does not disperse,
+    error of each channel if paths end after this many bounces, and plain_glass: if glass does not disperse,
     both from small renderings; noisier: the view's noise over that of the recipe's samples; allowed:
     root mean square error that the photo may have: how much more something errs is of no account.
     """
@@ -126,7 +126,7 @@ class Facts:
         return tuple((own * self.levels_of_light * torch.tensor(self.averaging)).tolist())
 
     def layers_of(self, layers: int | None) -> int:
-        """Depth nodes that so many layers come to; the full simulation's for None."""
+        """Depth nodes that this many layers come to; the full simulation's for None."""
         if layers is None:
             return self._finest_layers
         return layers if self.depths is None else min(layers, int(self.depths.numel()))

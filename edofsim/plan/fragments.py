@@ -40,7 +40,7 @@ class Tiled:
         return replace(self, values=torch.fft.rfft2(self.values if window is None else self.values * window))
 
     def part(self, begin: int, count: int) -> Tiled:
-        """So many pairs from one on."""
+        """This many pairs from one on."""
         some = slice(begin, begin + count)
         return Tiled(self.values[some], self.tile[some], self.node[some])
 

@@ -44,7 +44,7 @@ class Passing:
 
 
 def passing(cover: Tiled, otfs: Tensor, nodes: Tensor, cuts: Tensor, tiles: int) -> Passing:
-    """cover: of the fragments at nodes, k = 1, in so many tiles; otfs: of nodes, complex [node, y, x // 2 +
+    """cover: of the fragments at nodes, k = 1, in this many tiles; otfs: of nodes, complex [node, y, x // 2 +
     1]."""
     side, slab = cover.values.shape[-1], torch.searchsorted(cuts, nodes)
     blurred = cover.transformed().values[:, 0] * otfs[cover.node]

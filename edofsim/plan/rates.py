@@ -52,8 +52,8 @@ KEPT = 9
 SHORTEST_S = 0.02
 """Stages that are predicted to take less say nothing of the machine."""
 NEAR = 5.0
-"""A photo that took so many times more or less than predicted met something else: PSFs that were known, other
-work."""
+"""A photo that took this many times more or less than predicted met something else: PSFs that were known,
+other work."""
 
 _known: dict[str, Rates] = {}
 

@@ -17,7 +17,7 @@ TRUTH_DB = 45.0
 SHARE_OF_SENSOR = 0.1
 """Noise of rendering in the photo over the sensor's, where the photo is asked for."""
 TYPICAL_DB = 30.0
-"""Restored PSNR that the standard error of a score is told for."""
+"""Restored PSNR that the standard error of a score is reported for."""
 PLACES = ("photo", "truth")
 
 

@@ -162,7 +162,7 @@ def _seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> tuple[float
     pass tells; None where its entry in the cache does not say."""
     small = preview_of(recipe)
     run = run_of(small, base, cache)
-    # entries of before have no such field, and what was interrupted after its last pass has 0
+    # entries of earlier versions have no such field, and what was interrupted after its last pass has 0
     if run is None or not run.get("last_pass_seconds", {}).get("all"):
         return None
     rays = run["last_pass_seconds"]["all"] * passes_of(small.render.samples)
@@ -170,7 +170,7 @@ def _seconds(recipe: SceneRecipe, base: Path, cache: Path | None) -> tuple[float
 
 
 def passes_of(samples: int) -> int:
-    """Passes that so many samples a pixel are taken in."""
+    """Passes that this many samples a pixel are taken in."""
     return -(-samples // samples_of_a_pass(samples))
 
 

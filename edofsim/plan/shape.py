@@ -66,7 +66,7 @@ class Shape:
 
 
 def nodes_used(occupied: Tensor, layers: int) -> Tensor:
-    """Of so many depth nodes, how many have a share in fragments at some depths: float64 [slab] for bool
+    """Of this many depth nodes, how many have a share in fragments at some depths: float64 [slab] for bool
     [slab, bin]."""
     if layers == 1:
         return torch.ones(len(occupied), dtype=torch.float64)
@@ -109,7 +109,7 @@ def shape_of(view: View, camera: Camera, hidden: Hides, cuts: Sequence[float]) -
 
 
 def _slabs_within(view: View, slab: Tensor, place: Tensor, part: Tile, reach: int) -> tuple[Tensor, ...]:
-    """The fields of `Slabs` of one part of the frame, with surroundings of so many pixels."""
+    """The fields of `Slabs` of one part of the frame, with surroundings of this many pixels."""
     columns = view.padded_shape[1]
     y = view.pixel // columns - view.margin - part.top + reach
     x = view.pixel % columns - view.margin - part.left + reach
@@ -126,7 +126,7 @@ def _slabs_within(view: View, slab: Tensor, place: Tensor, part: Tile, reach: in
 
 
 def _span(slab: Tensor, place: Tensor, count: int) -> Tensor:
-    """From the first to the last place [fragment] of each of so many slabs: int64 [slab]."""
+    """From the first to the last place [fragment] of each of this many slabs: int64 [slab]."""
     first, last = (
         torch.zeros(count, dtype=torch.long).scatter_reduce_(0, slab, place, how, include_self=False)
         for how in ("amin", "amax")

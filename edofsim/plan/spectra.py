@@ -46,11 +46,11 @@ BANDS = 11
 FINE_NODES = 25
 """Depths that depth layers are judged by: nodes of 2, 3, 4, 5, 7, 9 and 13 layers are among them."""
 FINE_DB = 40.0
-"""These are doubled until light between two of them is blurred right to about so many decibels: a fast lens
+"""These are doubled until light between two of them is blurred right to about this many decibels: a fast lens
 is sharp between two of few."""
 MOST_FINE = 193
 FOUND_DB = 45.0
-"""Spectra of light are told apart by as many components as leave less than this of them: 1 to 10 on most
+"""Spectra of light are distinguished by as many components as leave less than this of them: 1 to 10 on most
 shipped scenes, nearly every band where each has noise of its own."""
 SOME = 20_000
 """Fragments that stand for all where only the mean of their light counts."""

@@ -39,7 +39,7 @@ def choose_tiles(
 
 
 def _starts(length: int, side: int, beyond: int = 0) -> list[int]:
-    """Where tiles begin that cover a frame's side and so many pixels on either side of it."""
+    """Where tiles begin that cover a frame's side and this many pixels on either side of it."""
     whole = length + 2 * beyond
     if whole <= side:
         return [(length - side) // 2]

@@ -1,7 +1,8 @@
 """How much work a simulation is, counted and not done: a few named kinds of it for each stage.
 
-What a choice needs of it is which of two simulations is more work, and what is told that seconds are right
-within a factor of 1.7: padding, what is kept from one transform to the next and the like are not counted.
+What a choice needs of it is which of two simulations is more work, and what is reported is that seconds are
+right within a factor of 1.7: padding, what is kept from one transform to the next and the like are not
+counted.
 """
 
 from __future__ import annotations
@@ -134,7 +135,7 @@ def work_of(
 
 
 def waves_between(camera: Camera, shape: Shape, layers: int) -> int:
-    """Depths at which the PSFs of so many layers are computed, at the wavelength in the middle."""
+    """Depths at which the PSFs of this many layers are computed, at the wavelength in the middle."""
     middle = (shape.wavelengths[0] + shape.wavelengths[-1]) / 2
     return min(layers, len(band_limited_nodes(*shape.ends, defocus_per_dioptre(camera, middle), BETWEEN)))
 
@@ -171,7 +172,7 @@ def _added(*parts: Amounts) -> Amounts:
 
 
 def _blurs(size: Tensor, nodes: Tensor, images: int, lights: int) -> Amounts:
-    """Blurs of so many images at depth nodes, of pixels each. lights: what they are images of."""
+    """Blurs of this many images at depth nodes, of pixels each. lights: what they are images of."""
     return {
         "calls": float((BLURRED + nodes).sum()),
         "transforms": float(((nodes * (images + lights) + 3) * size * size.log2()).sum()),

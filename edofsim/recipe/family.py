@@ -14,7 +14,7 @@ TomlValue: TypeAlias = Any  # pyrefly: ignore[explicit-any]
 
 
 class Vary(RecipeModel):
-    """One value that differs from member to member, or a thing that some members lack.
+    """One value that differs from member to member, or a thing that some members do not have.
 
     `key` is a dotted path: `lights.lamp.radiance`, `objects.bust.surface.reflectance`, `seed`-free keys of
     the recipe such as `frame.margin_px` too; lights and objects by name, or by number from 0. Exactly one

@@ -1,4 +1,4 @@
-"""The objects that a scene recipe can name, told apart by their `kind`."""
+"""The objects that a scene recipe can name, distinguished by their `kind`."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ def nearest_line(location: Location, lines: Mapping[Location, int]) -> int | Non
 
 
 def _by_value(found: list[ErrorDetails], data: Json) -> list[ErrorDetails]:
-    """One wrong value in a union is reported once for each member: what it must be, told together."""
+    """One wrong value in a union is reported once for each member: what it must be, in one message."""
     values: dict[tuple[Location, str], ErrorDetails] = {}
     for item in found:
         key = _location_in_file(item["loc"], data), "" if item["type"].endswith(_OF_TYPE) else item["msg"]

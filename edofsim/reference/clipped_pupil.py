@@ -94,7 +94,8 @@ def clipped_pupils(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> list[Tensor]:
-    """`clipped_pupil` for several cameras of one aperture and pixel angle, which share rays and shadows."""
+    """`clipped_pupil` for several cameras of one aperture and pixel angle, which share rays and shadows.
+    Raises InputError for cameras of different apertures."""
     say = progress or silent
     check_crop(view, where)
     first = cameras[0]

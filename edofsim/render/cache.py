@@ -207,7 +207,7 @@ def verify(folder: Path) -> Verified:
 
 
 def prune(folder: Path, older_than_days: float = 0.0) -> Pruned:
-    """Remove entries that were not used for so many days, and what is left over of any age: damaged files,
+    """Remove entries that were not used for this many days, and what is left over of any age: damaged files,
     interrupted work, locks and temporary files that nobody holds."""
     limit = time.time() - older_than_days * 86400
     files = freed = 0

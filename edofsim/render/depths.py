@@ -40,7 +40,7 @@ def survey(tiles: Iterator[tuple[np.ndarray, np.ndarray]], gap: float, surfaces:
     """Find the surfaces that each pixel sees.
 
     tiles: (pixels [pixel], inverse depths float32 [pixel, sample], NaN where a sample sees nothing). gap: of
-    inverse depth, in 1/m, that parts two surfaces; surfaces: at most so many a pixel.
+    inverse depth, in 1/m, that parts two surfaces; surfaces: at most this many a pixel.
     """
     pixels = [np.zeros(0, np.int64)]
     bounds = [np.zeros((0, surfaces - 1), np.float32)]

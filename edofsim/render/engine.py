@@ -297,7 +297,7 @@ _threads: int | None = None
 
 
 def set_threads(count: int | None) -> None:
-    """Render with so many threads in this process; None for as many as it may use."""
+    """Render with this many threads in this process; None for as many as it may use."""
     global _threads
     _threads = count
 

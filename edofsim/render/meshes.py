@@ -22,7 +22,7 @@ ALIGNMENT = 64
 """Bytes."""
 
 SPARES = 16
-"""The engine's numbers of surfaces and of meshes end at a multiple of so many."""
+"""The engine's numbers of surfaces and of meshes end at a multiple of this many."""
 
 MANY = 64
 """With more objects than this, those of one BSDF are one mesh: the engine follows every mesh by itself

@@ -74,7 +74,7 @@ def render_foreign(
     partial: Path | None = None,
 ) -> Fragments:
     """Render a Mitsuba scene through Mitsuba's spectral variant, for the reasons given. See
-    `render_model`."""
+    `render_model`. Raises InputError for a scene that Mitsuba cannot render."""
     from .foreign import load_foreign
 
     begun = time.perf_counter()
@@ -199,7 +199,7 @@ def take_samples(
     partial: Path | None,
 ) -> None:
     """Launch what is missing in `sums`, in order, until there are enough samples or the noise is low
-    enough. Sums are whole wherever progress is told."""
+    enough. Sums are whole wherever progress is reported."""
     from .tracing import run_launch
 
     before = 0

@@ -10,7 +10,7 @@ INTEGRATOR = 5
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give another view."""
 
 SURVEY_SAMPLES = 64
-"""At most so many samples a pixel tell the depths that it sees."""
+"""At most this many samples a pixel tell the depths that it sees."""
 LARGEST_PASS = 64
 """Samples beyond which stratifying them against each other gains little."""
 
@@ -70,7 +70,7 @@ class RenderSettings:
 
 
 def samples_of_a_pass(samples: int) -> int:
-    """Of so many in all: see `RenderSettings.pass_samples`."""
+    """Of this many in all: see `RenderSettings.pass_samples`."""
     size = 1
     while size < LARGEST_PASS and 4 * size <= samples:
         size *= 2

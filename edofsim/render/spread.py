@@ -75,8 +75,8 @@ class Workers(Generic[T, R]):
     """Parts at work, and what became of them.
 
     work: does a part; module level, so that a worker finds it. failed: what becomes of part `number` that
-    ended with a message, or whose worker died. keep: is told each result as it comes. called: what parts are
-    called where progress is told.
+    ended with a message, or whose worker died. keep: gets each result as it comes. called: what parts are
+    called where progress is reported.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ def _dask(address: str) -> Generator[Executor]:
         client = Client(address, timeout="20s")
     except (OSError, ValueError) as error:
         raise InputError(f"no Dask scheduler answers at {address}: {error}") from error
-    # what goes wrong is told in one message; Dask's own log of it is pages long
+    # what goes wrong is given in one message; Dask's own log of it is pages long
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with client:
         yield client.get_executor(pure=False)

@@ -36,11 +36,11 @@ its refractive index if that changes with wavelength (else 0)."""
 
 
 FEW_LIGHT_ROWS = 8
-"""So many rows of light spectra are constants of the kernel, which is faster than to look them up: a lookup
+"""This many rows of light spectra are constants of the kernel, which is faster than to look them up: a lookup
 loads a packet of bands for every ray, a constant is loaded once for all. Surfaces have too many for it."""
 
 SMOOTH_SKY = 4.0
-"""A sky whose brightest direction shines at most so many times its mean is found by the surfaces' own
+"""A sky whose brightest direction shines at most this many times its mean is found by the surfaces' own
 sampling: light samples that look for it are better spent on a lamp. Among many lamps they are not: most are
 far."""
 

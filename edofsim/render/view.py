@@ -260,7 +260,7 @@ class View:
 
     def with_light(self, radiance: Tensor, wavelengths: Tensor | None = None) -> View:
         """The same surfaces with other light [band, fragment], whose noise is not known; wavelengths: [band]
-        in metres, None for those of before."""
+        in metres, None for earlier ones."""
         wavelengths = self.wavelengths if wavelengths is None else wavelengths
         return replace(self, radiance=radiance, wavelengths=wavelengths, half_difference=None)
 

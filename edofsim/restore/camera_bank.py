@@ -1,4 +1,4 @@
-"""A bank of filters for any camera: its network was trained over many, and is told each new one.
+"""A bank of filters for any camera: its network was trained over many, and is set for each new one.
 
 The filters for the parts of a depth range, how likely each part is at a place, and how well each can be
 restored at all follow from the PSFs and the sensor's noise (`condition`). What was trained knows none of the
@@ -38,7 +38,7 @@ validation their mean is better than either, and seldom worse than Wiener deconv
 LITTLE_PSNR = 24.0
 SEEN_SHARE = 0.15
 """The same of a network that sees Wiener deconvolution, chosen alike."""
-BETWEEN = 3  # PSFs for each distance that is told apart
+BETWEEN = 3  # PSFs for each distance that is distinguished
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 BRIGHTENED = 0.7
 """Of full scale: so much the brightest place of a dim photo has at most when it is brightened, to be restored
@@ -61,7 +61,7 @@ class Conditioning:
 
 
 class CameraBank(FilterBank):
-    """A `FilterBank` whose network fits any camera. Until it is told one, it takes photos for sharp ones.
+    """A `FilterBank` whose network fits any camera. Until it is set for one, it takes photos for sharp ones.
 
     groups, support, distances, width, blocks, kernel: see `FilterBank`. linear: whether the U-Net sees what
     Wiener deconvolution makes of the photo: its photos have three more channels then, which hold that.
@@ -213,6 +213,6 @@ def brightening(photo: Tensor) -> int:
 
 
 def _middle(size: int) -> slice:
-    """The middle EXPECTED_PX of so many pixels, with the centre at half of them."""
+    """The middle EXPECTED_PX of this many pixels, with the centre at half of them."""
     first = max(0, size // 2 - EXPECTED_PX // 2)
     return slice(first, first + min(size, EXPECTED_PX))

@@ -5,9 +5,9 @@ learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's t
 `mask.sampling_m`. The card is JSON in the metadata entry `card`, with the keys
 
     name, format, network (kind, settings), camera (the recipe it was trained for), recipe (the training
-    recipe), data (sources, counts, sha256), versions, seed, step, hours (to a tenth; older ones lack them),
-    figures, `weights` where they are not what that training ended with, `chosen`: what else was, on which
-    pictures, and `history` where they come from an
+    recipe), data (sources, counts, sha256), versions, seed, step, hours (to a tenth; older ones do not have
+    them), figures, `weights` where they are not what that training ended with, `chosen`: what else was, on
+    which pictures, and `history` where they come from an
     earlier training: these of each one before, the first first; `beside`: the same of the network that stands
     beside it
 """

@@ -39,7 +39,7 @@ def conditioned_on(
 ) -> Restorer:
     """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
 
-    A network for any camera is told this one: its PSFs between the least and the largest of inverse_depths
+    A network for any camera is set for this one: its PSFs between the least and the largest of inverse_depths
     [depth] in 1/m, by the mask as it is made, and its read noise.
 
     A network that was conditioned on mean PSFs gets those of the response; other networks, and all for a

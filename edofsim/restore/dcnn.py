@@ -17,19 +17,20 @@ from .restorer import Restorer
 KERNELS = 32
 DILATIONS = (1, 2, 3, 2, 1)
 LEAK = 0.01
-BETWEEN = 2  # distances in each part that is told apart
+BETWEEN = 2  # distances in each part that is distinguished
 BELIEF = (0.027, 0.075)
 """How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
 REFINED = 2  # pixels that the transposed convolutions see around them
 
 
 class DCnn(DistanceTold):
-    """Dilated convolution blocks estimate what the photo lacks; it is added, then refined and clamped.
+    """Dilated convolution blocks estimate what the photo does not have; it is added, then refined and
+    clamped.
 
     A block is a 3x3 convolution, batch normalisation and a leaky ReLU. A 3x3 convolution gives three
     channels, which are added to the photo; two transposed 3x3 convolutions follow, and the clamp of Eq.
     `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
-    that see 25 pixels. distances: so many parts of the depth range. Of each the last convolution has three
+    that see 25 pixels. distances: this many parts of the depth range. Of each the last convolution has three
     channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
     all distances restores what is near badly.
 
@@ -96,9 +97,9 @@ class DCnn(DistanceTold):
     def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> DCnn:
         """A larger one that at first restores as a smaller one does (Net2Net: Chen et al., ICLR 2016).
 
-        Blocks whose dilations the smaller one lacks hand on what they get, but for the leak; kernels that it
-        lacks start at random, and nothing goes by them yet. Raises InputError for another network, and for
-        one that is not smaller.
+        Blocks whose dilations the smaller one does not have hand on what they get, but for the leak; kernels
+        that it does not have start at random, and nothing goes by them yet. Raises InputError for another
+        network, and for one that is not smaller.
         """
         if not isinstance(network, DCnn):
             raise InputError(f"a {cls.kind!r} grows out of a smaller one, not out of a {network.kind!r}")
@@ -123,7 +124,7 @@ class DCnn(DistanceTold):
             assert isinstance(first, nn.Conv2d) and isinstance(last, nn.Conv2d)
             for value, own in zip(last.parameters(), first.parameters(), strict=True):
                 value.zero_()
-                # what is told of distances is the same for all at first
+                # what is given of distances is the same for all at first
                 own = own.repeat(len(value) // len(own), *[1] * (own.ndim - 1))
                 value[tuple(slice(size) for size in own.shape)] = own
             found.refine.load_state_dict(network.refine.state_dict())

@@ -1,4 +1,4 @@
-"""Which distances a network is told a camera's PSFs at: closely where the blur is small."""
+"""Which distances a network is given a camera's PSFs at: closely where the blur is small."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GREEN = 543e-9
 
 def closer_about_focus(camera: Camera, inverse_depths: Tensor) -> Tensor:
     """Inverse depths [depth] in 1/m, evenly spaced and ascending, moved towards the focus of a lens with a
-    large blur: there few pixels of it make all the difference, far from it nothing can be told apart.
+    large blur: there few pixels of it make all the difference, far from it nothing can be distinguished.
 
     Of a lens with a small blur they stay. Otherwise they are even in asinh(d / b), d the diameter of the
     geometric blur and b as wide as keeps steps about the focus at `FINEST_PX`.

@@ -1,4 +1,4 @@
-"""Networks that are told how far each place of a photo is: how likely each distance is there.
+"""Networks that are given how far each place of a photo is: how likely each distance is there.
 
 That follows from the blur of the photo itself and the PSFs, in closed form (see `blur_likelihood`).
 """
@@ -30,7 +30,7 @@ class DistanceTold(Restorer):
     _constant: Tensor
 
     def _ask_distances(self, depths: int) -> None:
-        """Register what is known of so many distances; until `set_distances` all are alike."""
+        """Register what is known of this many distances; until `set_distances` all are alike."""
         self.depths = depths
         self.register_buffer(
             "transfer", torch.zeros(depths * 3, BLOCK, BLOCK // 2 + 1, 2, dtype=torch.float16)

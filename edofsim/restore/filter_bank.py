@@ -38,9 +38,10 @@ BELIEF = (0.01, 0.05)
 
 
 class FilterBank(DistanceTold):
-    """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they lack.
+    """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they do
+    not have.
 
-    support: width of the filters in pixels, odd; distances: so many for each filter are told
+    support: width of the filters in pixels, odd; distances: this many for each filter are given
     apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. dcnn: settings of the `DCnn` beside it, which
     is not trained with it; None for none. Untaught, it returns the photo.
 
@@ -68,7 +69,8 @@ class FilterBank(DistanceTold):
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         # pyrefly: ignore[bad-argument-type] - those of its own class
         self.dcnn = None if dcnn is None else DCnn(**dcnn).eval().requires_grad_(False)
-        # it gives what filters lack; with a D-CNN beside, it sees its image, too, and says how much it counts
+        # it gives what filters do not have; with a D-CNN beside, it sees its image, too, and says how much
+        # it counts
         images, given = (6, 3) if self.dcnn is None else (9, 4)
         self.trunk = Trunk(images, given, width, blocks, kernel, side=groups)
         self.border = max(support // 2, 0 if self.dcnn is None else self.dcnn.reach)
@@ -80,7 +82,7 @@ class FilterBank(DistanceTold):
         self._transferred: tuple[Tensor, Tensor] | None = None
         self._ask_distances(groups * distances)
         if self.dcnn is not None and self.dcnn.distances and self.dcnn.depths != self.depths:
-            raise ValueError(f"a D-CNN told {self.dcnn.depths} distances beside filters told {self.depths}")
+            raise ValueError(f"a D-CNN given {self.dcnn.depths} distances beside filters given {self.depths}")
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
@@ -92,7 +94,8 @@ class FilterBank(DistanceTold):
 
     def beside(self, network: Restorer) -> Self:
         """The same with a copy of a D-CNN beside it; until it is trained, it gives the mean of both images
-        where it had none. Raises InputError for another network, and for one that is told other distances."""
+        where it had none. Raises InputError for another network, and for one that is given other
+        distances."""
         if not isinstance(network, DCnn):
             raise InputError(f"beside a {self.kind!r} stands a 'dcnn', not a {network.kind!r}")
         try:
@@ -159,7 +162,7 @@ class FilterBank(DistanceTold):
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
     def _with_dcnn(self, photo: Tensor, reach: int) -> Tensor:
-        """The photo continued by so many pixels; in three more channels what a D-CNN beside makes of it."""
+        """The photo continued by this many pixels; in three more channels what a D-CNN beside makes of it."""
         beyond = continued(photo, reach) if reach else photo
         if self.dcnn is None:
             return beyond

@@ -23,7 +23,7 @@ CELL = 8  # pixels across that are averaged before all else
 SMOOTH_PX = 32.0  # standard deviation of the Gaussian that leaves the lowest frequencies
 BLUR_PX = 9.0  # that of the blur of a photo, about: the restoration is blurred so before it is compared
 DARK_PX = 16.0  # how far around light that clamping at 0 adds is taken off again,
-ROUNDS = 2  # in so many steps, as some of it is clamped again
+ROUNDS = 2  # in this many steps, as some of it is clamped again
 REACH = int(3 * (SMOOTH_PX + BLUR_PX + ROUNDS * DARK_PX)) + 2 * (1 + ROUNDS) * CELL
 """Pixels: what is farther away changes nothing."""
 

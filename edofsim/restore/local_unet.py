@@ -48,7 +48,7 @@ class Trunk(nn.Module):
     """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
 
     side: channels of coarse maps that it is given besides; width, blocks, kernel: see `LocalUNet`.
-    multiple: images are padded to a multiple of so many pixels. radius: how far in pixels an output pixel
+    multiple: images are padded to a multiple of this many pixels. radius: how far in pixels an output pixel
     sees, at most.
     """
 
@@ -92,7 +92,7 @@ class Trunk(nn.Module):
 
     def grown(self, other: Trunk) -> dict[str, Tensor]:
         """Weights that make it give what another one does that has fewer images, maps and outputs, the first
-        of its own; what the other lacks counts for nothing, and is zero."""
+        of its own; what the other does not have counts for nothing, and is zero."""
         weights = other.state_dict()
         first, images = weights["first.weight"], 4 * other.inputs
         wider = torch.zeros_like(self.first.weight)

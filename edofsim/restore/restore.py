@@ -37,10 +37,10 @@ def restore(
     conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore, Wiener
     deconvolution does, and the words say why. psfs: `channel_psfs` at the inverse depths, which are nodes
     then; None where they are still to be made. glare: [channel], the part of the
-    light that is spread evenly over the photo besides what the camera's own PSFs lack: by a mask that was
-    made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is known
-    (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where the
-    photo looks, None: about the optical axis; through a lens that varies over the field each place is
+    light that is spread evenly over the photo besides what the camera's own PSFs do not have: by a mask that
+    was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
+    known (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where
+    the photo looks, None: about the optical axis; through a lens that varies over the field each place is
     restored by its own PSFs, after the photo is brought to the light of the axis.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
@@ -106,9 +106,9 @@ def for_any_camera(
     glare: Tensor,
     shares: Tensor | None = None,
 ) -> Tensor:
-    """What a network for any camera that was told this one makes of a photo [channel, y, x], with its share
-    of Wiener deconvolution, in [0, 1]. psf, noise, shares: of `deconvolved`; glare: [channel], all that is
-    spread evenly over the photo."""
+    """What a network for any camera that was set for this one makes of a photo [channel, y, x], with its
+    share of Wiener deconvolution, in [0, 1]. psf, noise, shares: of `deconvolved`; glare: [channel], all
+    that is spread evenly over the photo."""
     light = without_glare(image, glare)
     linear = deconvolved(light, psf, noise, shares)
     return apply_network(network, light, linear=linear).lerp(linear.clamp(0, 1), network.linear_share())

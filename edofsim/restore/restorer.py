@@ -15,9 +15,9 @@ class Restorer(nn.Module):
     """Maps a photo [batch, 3, y, x], full scale 1, to the sharp image of the same shape: `forward` is that.
 
     kind: the name that recipes and checkpoints know it by. radius: how far in pixels an output pixel sees at
-    most; None: all of the photo. multiple: photos are padded to a multiple of so many pixels. border: so many
-    outermost pixels should not be judged in training. groups: parts of the depth range that it restores each
-    by a filter of its own.
+    most; None: all of the photo. multiple: photos are padded to a multiple of this many pixels. border: this
+    many outermost pixels should not be judged in training. groups: parts of the depth range that it restores
+    each by a filter of its own.
 
     psfs: which PSFs it is conditioned on (`set_psfs`). "mean": once before a training, those of the mask with
     the mean error of its making, and again for a camera whose response is another. "designed": in each step
@@ -30,7 +30,7 @@ class Restorer(nn.Module):
     on, by the errors of its mask's making; None: not known. Photos are given as much before it sees them: one
     without would have more contrast than it knows.
 
-    any_camera: it was trained over many cameras, and is told each new one (`set_camera`). sees_linear: its
+    any_camera: it was trained over many cameras, and is set for each new one (`set_camera`). sees_linear: its
     photos have three more channels, what Wiener deconvolution makes of the photo.
     """
 
@@ -63,7 +63,7 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def known(self) -> object:
-        """What it was told by `set_psfs`, for `use`."""
+        """What it was given by `set_psfs`, for `use`."""
         return tuple(getattr(self, name) for name in self.told)
 
     def use(self, known: object) -> None:
@@ -78,12 +78,12 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def linear_share(self) -> float:
-        """How much of what restores a photo is Wiener deconvolution's, for the camera that it was told, where
-        `any_camera`."""
+        """How much of what restores a photo is Wiener deconvolution's, for the camera that it was set for,
+        where `any_camera`."""
         return 0.0
 
     def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
-        """What restores a photo [3, y, x] of so little light, told the same camera, and the factor by which
+        """What restores a photo [3, y, x] of so little light, given the same camera, and the factor by which
         the photo is brightened for it; what it restores is darkened by as much."""
         return self, 1.0
 

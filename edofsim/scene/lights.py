@@ -81,7 +81,8 @@ def sky(light: SkyLight, wavelengths: np.ndarray) -> Environment:
 
 def environment_map(light: EnvironmentMap, wavelengths: np.ndarray, base: Path) -> Environment:
     """A picture of all directions: linear sRGB over the basis of Mallett and Yuksel, seen as the illuminant
-    where it is white. Negative values, which some files hold, count as 0."""
+    where it is white. Negative values, which some files hold, count as 0.
+    Raises InputError for a picture that cannot be read or is not twice as wide as high."""
     image = pictures.read_hdr(base / light.path, f"environment map {light.path!r}")
     rows, columns = image.shape[:2]
     if not 1.5 < columns / rows < 2.6:
@@ -117,7 +118,8 @@ def _shining(name: str, shape: TriangleMesh, emission: np.ndarray) -> SceneObjec
 
 
 def area_lamp(light: AreaLamp, wavelengths: np.ndarray, name: str) -> SceneObject:
-    """A rectangle that shines from its front side, towards the target; its body is black."""
+    """A rectangle that shines from its front side, towards the target; its body is black.
+    Raises InputError for a lamp that is where its target is."""
     position, target = np.array(light.position_mm) * 1e-3, np.array(light.target_mm) * 1e-3
     direction = target - position
     distance = np.linalg.norm(direction)

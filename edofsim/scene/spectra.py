@@ -241,7 +241,8 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
 
 def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
-    """CIE daylight of a correlated colour temperature (4000 to 25000 K), scaled as `illuminant`."""
+    """CIE daylight of a correlated colour temperature (4000 to 25000 K), scaled as `illuminant`.
+    Raises InputError for temperatures outside the definition of the CIE."""
 
     def make() -> dict[str, np.ndarray]:
         from colour import sd_CIE_illuminant_D_series
@@ -277,7 +278,8 @@ def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
 
 def metal_by_symbol(stem: str, wavelengths: np.ndarray) -> np.ndarray:
-    """As `metal`, for the name of one of Mitsuba's tables (`Au`, `Cu_palik`)."""
+    """As `metal`, for the name of one of Mitsuba's tables (`Au`, `Cu_palik`).
+    Raises InputError for an unknown table."""
     package = importlib.util.find_spec("mitsuba")  # finds the folder without importing the package
     if package is None or package.origin is None:
         raise InputError("the optical constants of metals come with Mitsuba, which is not installed")

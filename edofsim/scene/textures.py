@@ -61,7 +61,7 @@ def photo(name: str) -> np.ndarray:
     folder = installed("skimage") / "data"
     found = [path for path in (folder / f"{name}.png", folder / f"{name}.jpg") if path.exists()]
     if not found:
-        raise InputError(f"this installation of scikit-image lacks its photograph {name!r}")
+        raise InputError(f"this installation of scikit-image does not have its photograph {name!r}")
     with Image.open(found[0]) as picture:
         return np.asarray(picture)
 

@@ -13,8 +13,8 @@ NAN = float("nan")
 
 
 def floor_of(truth: Tensor) -> float:
-    """The sensor's noise in an image exposed for its median, not for the lamps in it: smaller values are told
-    from each other by no sensor."""
+    """The sensor's noise in an image exposed for its median, not for the lamps in it: smaller values are
+    reported from each other by no sensor."""
     return float(truth.abs().median()) * READ_NOISE / MIDDLE_GREY
 
 

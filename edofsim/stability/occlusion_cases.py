@@ -62,8 +62,8 @@ WIRE, PLATE, WALL = 0.6, 0.25, 1.0
 PLATE_PX = 6
 """Of a plate, on the near side of its bend."""
 THREE = 0.08
-"""At the worst pixel, wall in focus: 0.056 was seen, the diffraction that rays lack; a plate that is cut
-through errs by 0.3 to 0.65."""
+"""At the worst pixel, wall in focus: 0.056 was seen, the diffraction that rays do not have; a plate that is
+cut through errs by 0.3 to 0.65."""
 NEAR_EDGE = (..., slice(EDGE - 4, EDGE + 5))
 POINTS = 400
 """Of the pupil that rays go through, on a spiral that covers it evenly (Vogel, Math. Biosci. 44, 1979)."""

@@ -1,6 +1,6 @@
 """Hard sensors: what noise, quantisation, saturation and mosaic are by definition, counted in many pixels.
 
-A statistic of n samples may be off by `SIGMAS` of its own standard errors; errors are told in these.
+A statistic of n samples may be off by `SIGMAS` of its own standard errors; errors are reported in these.
 """
 
 from __future__ import annotations

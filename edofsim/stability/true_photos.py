@@ -196,7 +196,7 @@ def normalised(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
 
 def uncovered(view: View, camera: Camera, cut: float | None) -> Tensor:
     """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where
-    its fragments lack, light from beside fills them. cut: None for nothing that hides anything."""
+    its fragments do not have, light from beside fills them. cut: None for nothing that hides anything."""
     if cut is None:
         return linear(view, camera)
     scene = Scene(view, camera)

@@ -42,9 +42,9 @@ def test_wavelengths_between_the_table_are_interpolated():
 
 
 def test_wavelengths_outside_are_refused():
-    with pytest.raises(InputError, match="lacks 400 nm"):
+    with pytest.raises(InputError, match="does not have 400 nm"):
         response(camera("paper"), torch.tensor([400e-9, 500e-9]))
-    with pytest.raises(InputError, match="lacks 690 nm"):
+    with pytest.raises(InputError, match="does not have 690 nm"):
         response(camera("sigma-sdmerill"), BANDS)
     with pytest.raises(InputError, match="blue dark"):
         response(camera("paper"), torch.tensor([700e-9, 720e-9]))

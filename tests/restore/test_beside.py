@@ -134,7 +134,7 @@ def test_what_cannot_stand_beside_is_refused() -> None:
     bank, dcnn = _pair()
     with pytest.raises(InputError, match="beside a 'filter-bank' stands a 'dcnn'"):
         bank.beside(bank)
-    with pytest.raises(InputError, match="told 6 distances beside filters told 4"):
+    with pytest.raises(InputError, match="given 6 distances beside filters given 4"):
         bank.beside(DCnn(distances=3))
     with pytest.raises(InputError, match="takes no other beside it"):
         dcnn.beside(bank)

@@ -73,11 +73,11 @@ class Layout:
 
 
 def layout_of(view: View, gap: float, reach: int) -> Layout:
-    """The parts of a view that blurs of so many pixels carry light into across depth edges, and their cuts.
+    """The parts of a view that blurs of this many pixels carry light into across depth edges, and their cuts.
 
-    Where so many tiles are that their overlaps cost more than the whole frame, that is done in one go. gap:
-    in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are alike only
-    where their layout is.
+    Where there are too many tiles, and their overlaps cost more than the whole frame, that is done in one
+    go. gap: in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are
+    alike only where their layout is.
     """
     dark = view.with_light(view.radiance[:0], view.wavelengths[:0])
     hidden = hides(dark, gap)

@@ -157,7 +157,7 @@ def _met(first: int, count: int, begin: int, needed: int) -> tuple[int, int, int
 
 
 def _around(image: Tensor, begin: int, count: int, period: int, axis: int) -> Tensor:
-    """So many of an axis from `begin` on, which goes on at its beginning behind its end."""
+    """This many of an axis from `begin` on, which goes on at its beginning behind its end."""
     if begin + count <= period:
         return image.narrow(axis, begin, count)
     return torch.roll(image, -begin, axis).narrow(axis, 0, count)

@@ -1,4 +1,4 @@
-"""Quantisation: the converter knows so many steps."""
+"""Quantisation: the converter knows this many steps."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .base import SensorEffect, Signal
 
 
 class Quantisation(SensorEffect):
-    """Rounds to whole steps of a converter of so many bits, which clips at 0 and at full scale. Gradients
+    """Rounds to whole steps of a converter of this many bits, which clips at 0 and at full scale. Gradients
     pass as if it did not round."""
 
     kind: Literal["quantisation"] = "quantisation"

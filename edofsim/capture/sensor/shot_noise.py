@@ -11,7 +11,7 @@ from .base import SensorEffect, Signal
 
 
 class ShotNoise(SensorEffect):
-    """Poisson counts of so many electrons at full scale. Gradients pass as if there were no noise."""
+    """Poisson counts of this many electrons at full scale. Gradients pass as if there were no noise."""
 
     kind: Literal["shot-noise"] = "shot-noise"
     full_well_electrons: Positive

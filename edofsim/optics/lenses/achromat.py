@@ -17,7 +17,7 @@ from .base import Lens, refracting
 D_LINE = 587.6e-9
 """Of helium, where focal lengths are stated."""
 BEYOND_RIM = 1.03
-"""Rays are traced out to so many aperture radii: cells that the edge crosses reach beyond it."""
+"""Rays are traced out to this many aperture radii: cells that the edge crosses reach beyond it."""
 ORDER = 14
 """Of the polynomial in the squared radius that the wave's shape is interpolated by, at Chebyshev's points."""
 

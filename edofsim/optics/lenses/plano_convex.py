@@ -62,7 +62,7 @@ class PlanoConvexLens(Lens):
         return -self._delay(wavelength) * (exact - radii / curvature)
 
     def _sag(self, radius_squared: Tensor) -> Tensor:
-        """Thickness [m] that the lens lacks beyond its parabola at squared radii [m^2].
+        """Thickness [m] that the lens does not have beyond its parabola at squared radii [m^2].
 
         The exact sag R - sqrt(R^2 - q) minus its parabola q / 2R is q^2 / (2 R (R + sqrt(R^2 - q))^2), which
         is evaluated without subtracting large numbers.

@@ -25,7 +25,7 @@ from ..prescription.waves import Wave, landings, tangents_of, waves
 from .base import Bend, ChiefRays, Field, Lens
 
 BEYOND_RIM = 1.03
-"""Rays are traced out to so many radii of the aperture: cells that the edge crosses reach beyond it."""
+"""Rays are traced out to this many radii of the aperture: cells that the edge crosses reach beyond it."""
 ORDER = 14
 """Of the polynomial in the squared radius that the wave on the axis is interpolated by."""
 DEPTHS = (0.02, 0.06)

@@ -70,7 +70,7 @@ def catalogue() -> tuple[MaskEntry, ...]:
         try:
             example = model(kind=kind)
         except ValidationError:
-            continue  # a mask of another package that must be told more
+            continue  # a mask of another package that must be given more
         assert isinstance(example, Mask)  # what the registry holds
         summary, _, rest = (model.__doc__ or "").partition("\n")
         entries.append(MaskEntry(kind, example, summary.strip(), " ".join(rest.split())))

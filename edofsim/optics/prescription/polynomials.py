@@ -10,7 +10,7 @@ from torch import Tensor
 DEGREE = 12
 TERMS = tuple((i, j) for i in range(0, DEGREE + 1, 2) for j in range(DEGREE + 1 - i))
 REACH = 1.1
-"""They are fitted, and used, out to so many radii of the disc; beyond, they stay as at the edge of a
+"""They are fitted, and used, out to this many radii of the disc; beyond, they stay as at the edge of a
 square."""
 NODES = DEGREE + 2
 

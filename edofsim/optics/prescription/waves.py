@@ -23,7 +23,7 @@ RINGS = 12
 OUTSIDE = 0.03
 """Weight of rays that stop or rims shut out: they keep polynomials from growing beyond the edges."""
 EDGE = 1.05
-"""Rays count as inside out to so many radii of what shuts them out."""
+"""Rays count as inside out to this many radii of what shuts them out."""
 MET = 1e-8
 """Relative difference to which tangents are found."""
 NEAR = 0.85

@@ -20,7 +20,7 @@ FEWEST = 2
 LEFT_BY_FEWER = 0.6
 """What 3 x 3 leave out, of what 2 x 2 leave out of what 3 x 3 show."""
 LEFT_BY_COARSE = 1.7, 1.2, 0.064
-"""And what pixels so many times as wide leave out of the change: the first times what averages over pixels
+"""And what pixels this many times as wide leave out of the change: the first times what averages over pixels
 of another width leave out, times the ratio of the widths to the power of the second; and at least the third
 times the root of the width.
 

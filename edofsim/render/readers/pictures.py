@@ -1,8 +1,8 @@
 """Readers of views, and pictures with a depth map as views: one fragment a pixel, nothing behind the edges.
 
-What such a picture lacks is said in the view's metadata, for the plan to name: light from behind edges was
-never recorded, holes of the depth map were filled by a guess, and beyond the picture's border its mirror
-image stands in for what is unknown.
+What such a picture does not have is said in the view's metadata, for the plan to name: light from behind
+edges was never recorded, holes of the depth map were filled by a guess, and beyond the picture's border its
+mirror image stands in for what is unknown.
 """
 
 from __future__ import annotations

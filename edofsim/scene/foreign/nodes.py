@@ -126,7 +126,7 @@ def numbers_of(text: str, where: str) -> list[float]:
 
 def rotation_about(axis: np.ndarray, angle: float, where: str) -> np.ndarray:
     """Rotation by `angle` (radians) about `axis`, float64 [3, 3] (Rodrigues). An axis that is not of length 1
-    scales and shears, as it does in Mitsuba."""
+    scales and shears, as it does in Mitsuba. Raises InputError for an axis of length 0."""
     if not np.linalg.norm(axis) > 0:
         raise InputError(f"{where}: a rotation needs an axis")
     x, y, z = axis
@@ -135,7 +135,8 @@ def rotation_about(axis: np.ndarray, angle: float, where: str) -> np.ndarray:
 
 
 def look_at(origin: np.ndarray, target: np.ndarray, up: np.ndarray, where: str) -> np.ndarray:
-    """Mitsuba's frame of a sensor: columns left, up, forward and the origin, float64 [4, 4]."""
+    """Mitsuba's frame of a sensor: columns left, up, forward and the origin, float64 [4, 4].
+    Raises InputError for points that fix no direction."""
     forward = target - origin
     left = np.cross(up, forward)
     if not (np.linalg.norm(forward) > 0 and np.linalg.norm(left) > 0):
@@ -149,7 +150,8 @@ def look_at(origin: np.ndarray, target: np.ndarray, up: np.ndarray, where: str) 
 
 
 def square(numbers: list[float], where: str) -> np.ndarray:
-    """A 4 x 4 (or 3 x 3) matrix from its numbers, row by row."""
+    """A 4 x 4 (or 3 x 3) matrix from its numbers, row by row.
+    Raises InputError for another count of numbers."""
     if len(numbers) not in (9, 16):
         raise InputError(f"{where}: a matrix needs 16 numbers, not {len(numbers)}")
     side = 3 if len(numbers) == 9 else 4

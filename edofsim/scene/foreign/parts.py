@@ -158,7 +158,8 @@ _SHAPES: dict[str, Callable[[Node], TriangleMesh]] = {
 
 
 def spectrum(colour: Colour, reader: Reader, light: bool, what: str) -> np.ndarray:
-    """A colour at the bands, float64 [band]: RGB over Mallett's basis, for lights times what white is."""
+    """A colour at the bands, float64 [band]: RGB over Mallett's basis, for lights times what white is.
+    Raises InputError for bands outside its spectrum."""
     if colour.rgb is not None:
         values = np.asarray(colour.rgb) @ spectra.srgb_basis(reader.wavelengths)
         return values * reader.white if light else values
@@ -175,7 +176,7 @@ def spectrum(colour: Colour, reader: Reader, light: bool, what: str) -> np.ndarr
 
 
 def carrier(node: Node, key: str, default: float, reader: Reader, what: str) -> BandTexture:
-    """A reflectance: a number, colour or texture of the node."""
+    """A reflectance: a number, colour or texture of the node. Raises InputError for values outside [0, 1]."""
     texture = node.part(key)
     if texture is not None and texture.kind != "texture":
         raise NotCarried(f"{what}: its {key} is a {texture.type!r}")

@@ -169,7 +169,7 @@ class _Xml:
     def text(self, element: ET.Element, attribute: str, otherwise: str | None = None) -> str:
         text = element.attrib.get(attribute, otherwise)
         if text is None:
-            raise InputError(f"{self.path}: <{element.tag}> lacks {attribute!r}")
+            raise InputError(f"{self.path}: <{element.tag}> does not have {attribute!r}")
         for name in sorted(self.defaults, key=len, reverse=True):
             if text.count(f"${name}") * len(self.defaults[name]) > MAX_BYTES:
                 raise InputError(f"{self.path}: ${name} makes a text of more than {MAX_BYTES >> 20} MiB")

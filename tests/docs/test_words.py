@@ -1,0 +1,110 @@
+"""One word a meaning: words that need two readings stay out of pages, help texts, messages and docstrings."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EVERYWHERE = {
+    r"told(?!:)": "given, reported, conditioned on",  # `told:` names a field
+    r"so many": "this many, N",
+    r"of before": "earlier, of earlier versions",
+    r"lacks": "does not have, is without",
+}
+"""Words that no text holds, and what to write instead (docs/glossary.md)."""
+PAGES = EVERYWHERE | {r"besides?": "next to, with, in addition to, as well", r"foretells?": "predicts"}
+ROOT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+SINCE = "2026-11-27T07:30:00Z"
+"""Subjects of commits are checked from here on."""
+
+
+def found(text: str, words: dict[str, str]) -> list[str]:
+    """Each banned word of a text with what stands around it. Code in backticks does not count."""
+    text = re.sub(r"`[^`\n]*`|<!--.*?-->|\]\([^)]*\)", "", text, flags=re.DOTALL)
+    return [
+        f"...{text[max(0, hit.start() - 30) : hit.end() + 20]!r}: write {instead}"
+        for word, instead in words.items()
+        for hit in re.finditer(rf"(?<![\w.\-])(?:{word})(?![\w\-])", text, re.IGNORECASE)
+    ]
+
+
+def pages() -> list[Path]:
+    made = {"_build", "gallery"}
+    every = [*(ROOT / name for name in ROOT_PAGES), *(ROOT / "docs").rglob("*.md")]
+    return [
+        path for path in every if not made & set(path.parts) and path.name not in ("glossary.md", "runs.md")
+    ]
+
+
+@pytest.mark.parametrize("path", pages(), ids=lambda path: str(path.relative_to(ROOT)))
+def test_pages_have_one_word_a_meaning(path: Path):
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert not found(text, PAGES)
+
+
+def test_code_says_the_same_words():
+    """Docstrings, help texts and messages: every string of two words or more."""
+    problems = []
+    for path in sorted((ROOT / "edofsim").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value.strip():
+                hits = found(node.value, EVERYWHERE)
+                problems += [f"{path.relative_to(ROOT)}:{node.lineno}: {hit}" for hit in hits]
+    assert not problems, "\n".join(problems)
+
+
+def test_the_ban_catches_its_words():
+    said = "A net that is told, so many of before, lacks it; `told` and told-dcnn are names, told: a field."
+    assert len(found(said, EVERYWHERE)) == 4
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_subjects_of_commits_fit_a_line():
+    asked = ["git", "-C", str(ROOT), "log", "--no-merges", f"--since={SINCE}", "--format=%h %s"]
+    log = subprocess.run(asked, capture_output=True, text=True, check=False)
+    if log.returncode:
+        pytest.skip("not a checkout of git")
+    long = [line for line in log.stdout.splitlines() if len(line.split(" ", 1)[1]) > 72]
+    assert not long, f"subjects of more than 72 characters: {long}"
+
+
+def names_in(node: ast.AST) -> set[str]:
+    found = (each for each in ast.walk(node) if isinstance(each, ast.Name | ast.Attribute))
+    return {each.id if isinstance(each, ast.Name) else each.attr for each in found}
+
+
+def public_functions() -> list[tuple[ast.FunctionDef, str]]:
+    """Public functions and methods of the package, but commands, whose docstrings are help texts."""
+    found: list[tuple[ast.FunctionDef, str]] = []
+    for path in sorted((ROOT / "edofsim").rglob("*.py")):
+        if "cli" in path.parts:
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        kinds = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_"]
+        for node in (*tree.body, *(each for kind in kinds for each in kind.body)):
+            if isinstance(node, ast.FunctionDef) and node.name[0] != "_":
+                found.append((node, ast.get_docstring(node) or ""))
+    return found
+
+
+def test_docstrings_state_shapes_and_errors():
+    """Shares that may grow and not shrink: array functions with shapes, raising functions that say so."""
+    arrays, raising = [], []
+    for node, text in public_functions():
+        hints = [each.annotation for each in (*node.args.args, *node.args.kwonlyargs) if each.annotation]
+        if any(
+            names_in(hint) & {"Tensor", "ndarray"}
+            for hint in (*hints, *([node.returns] if node.returns else []))
+        ):
+            arrays.append(bool(re.search(r"\[[^\]]+\]", text)))
+        thrown = [each.exc for each in ast.walk(node) if isinstance(each, ast.Raise) and each.exc]
+        if any("InputError" in names_in(each) for each in thrown):
+            raising.append("raise" in text.lower())
+    assert sum(arrays) / len(arrays) > 0.64, (sum(arrays), len(arrays))
+    assert sum(raising) / len(raising) > 0.9, (sum(raising), len(raising))
