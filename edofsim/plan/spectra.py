@@ -91,8 +91,9 @@ class Spectra:
         return torch.linspace(low, high, count, dtype=torch.float64)
 
     def nodes_of_light(self, count: int) -> Tensor:
-        """`count` inverse depths or fewer that stand for about as much of the tiles' light each, without the
-        mean, or the view's own where these are no more."""
+        """`count` inverse depths or fewer between which lies about as much of the tiles' light each, without
+        the mean, the nearest and the farthest among them: what PSFs lose grows steeply where they are widest.
+        The view's own where these are no more."""
         if self.depths is not None and self.depths.numel() <= count:
             return self.depths
         return self._known.get(("of light", count), lambda: self._spread_by_light(count))
@@ -105,8 +106,8 @@ class Spectra:
         light.index_add_(0, cell.long().clamp(0, CELLS - 1), amount)
         evenly = torch.full_like(light, EVENLY / CELLS)
         below = (evenly + (1 - EVENLY) * light / light.sum().clamp_min(1e-30)).cumsum(0)
-        middles = (torch.arange(count, dtype=torch.float64) + 0.5) / count * below[-1]
-        found = torch.searchsorted(below, middles).clamp_max(CELLS - 1).unique()
+        places = torch.linspace(0, 1, count, dtype=torch.float64) * below[-1]
+        found = torch.searchsorted(below, places).clamp_max(CELLS - 1).unique()
         return low + (found + 0.5) / CELLS * (high - low)
 
     def by_bands(self, fidelity: Fidelity) -> Tensor:
