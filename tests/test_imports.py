@@ -30,6 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 MAY_IMPORT["report"] = {*MAY_IMPORT, "pipeline"} - {"stability"}
 MAY_IMPORT["experiments"] = {*MAY_IMPORT, "options", "completion"}
+MAY_IMPORT["benchmark"] = {*MAY_IMPORT, "options", "completion"} - {"stability"}
 MAY_IMPORT["cli"] = {*MAY_IMPORT, "pipeline", "console", "options", "completion"}
 COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}

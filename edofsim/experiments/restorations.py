@@ -91,6 +91,17 @@ class ByWiener:
 
 
 @dataclass(frozen=True)
+class AsItIs:
+    """The photo, left as it is."""
+
+    name: str = "photo"
+    digest: str = "photo"
+
+    def __call__(self, photo: Tensor, known: Known) -> Tensor:
+        return photo.clone()
+
+
+@dataclass(frozen=True)
 class ByWienerOfDepth:
     """Wiener deconvolution of each pixel for its true distance, which no photo tells."""
 
@@ -158,12 +169,14 @@ class ByFunction:
         return self.function(photo, psfs, info)
 
 
-WITHOUT_WEIGHTS: Mapping[str, Restoration] = {each.name: each for each in (ByWiener(), ByWienerOfDepth())}
+WITHOUT_WEIGHTS: Mapping[str, Restoration] = {
+    each.name: each for each in (ByWiener(), ByWienerOfDepth(), AsItIs())
+}
 
 
 def restoration(source: str) -> Restoration:
-    """`wiener`, `wiener-depth`, a checkpoint (file or shipped name), or a function, `module:function` or
-    `file.py:function`. Raises InputError for anything else."""
+    """`wiener`, `wiener-depth`, `photo` (which leaves it as it is), a checkpoint (file or shipped name), or a
+    function, `module:function` or `file.py:function`. Raises InputError for anything else."""
     if source in WITHOUT_WEIGHTS:
         return WITHOUT_WEIGHTS[source]
     if names_function(source):

@@ -26,6 +26,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.images import srgb_encode
 from ..errors import InputError
 
 DEPTH_EDGES_M = (0.0, 0.6, 0.85, 1.15, 1.6, 3.0, math.inf)
@@ -130,6 +131,21 @@ def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
     if min(image.shape[-2:]) < SSIM_WINDOW:
         return None
     return torch.from_numpy(_similarity(_moments(image, truth)))
+
+
+def flip_map(image: Tensor, truth: Tensor) -> Tensor | None:
+    """Difference that the eye sees when the two images alternate, [y, x] from 0 to 1 (Andersson et al., Proc.
+    ACM Comput. Graph. Interact. Tech. 3, 2020, at 67 pixels a degree): both within full scale and encoded as
+    sRGB. None where flip-evaluator, of the extra `benchmark`, is not installed."""
+    _same_shape(image, truth)
+    try:
+        from flip_evaluator import evaluate
+    except ImportError:
+        return None
+    encoded = (srgb_encode(within_scale(each.detach().cpu().float())) for each in (truth, image))
+    seen = (np.ascontiguousarray(each.numpy().transpose(1, 2, 0)) for each in encoded)
+    errors, _, _ = evaluate(*seen, "LDR", applyMagma=False, computeMeanError=False)
+    return torch.from_numpy(np.asarray(errors)[..., 0].copy())
 
 
 def ssim_without(image: Tensor, truth: Tensor, noise: Noise) -> tuple[Tensor, Tensor] | None:

@@ -1,0 +1,208 @@
+"""Rows of scores as tables: means with intervals, differences, a page, CSV and JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, fields
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..core.json_values import Json
+from ..core.sources import PACKAGE, code_of
+from ..record import write_csv
+from ..report.page import Cell, Column, Notes, Page, Section, Table, Text
+from ..report.plot import Plot, new_figure
+from .definition import Benchmark
+from .entries import Entry
+from .score import WHOLE, Row
+from .statistics import Interval, differences, interval
+
+MEASURES = ("psnr_db", "ssim", "flip")
+WORST = 5
+SAID = (
+    "Means over scenes, of each the mean over its photos; below each its 95 % interval by 2,000 resamples of "
+    "scenes and noise seeds. A failure is scored as a black image. PSNR and SSIM are without the noise of "
+    "the rendering, but for folders of images, from which it cannot be told; FLIP is with it."
+)
+
+
+class Results:
+    """All rows, by entry and region."""
+
+    def __init__(self, entries: Sequence[Entry], rows: Sequence[Row]) -> None:
+        self.entries, self.rows = entries, rows
+        self.scenes = sorted({row.scene for row in rows})
+        self.noises = sorted({row.noise for row in rows})
+        self.regions = list(dict.fromkeys(row.region for row in rows))
+        self.regions.sort(key=lambda name: (name.split()[0] != WHOLE, name.split()[0], _start(name)))
+
+    def values(
+        self, entry: str, region: str = WHOLE, measure: str = "psnr_db", family: str = ""
+    ) -> np.ndarray:
+        """[scene, noise seed], NaN where there is none."""
+        found = np.full((len(self.scenes), len(self.noises)), np.nan)
+        for row in self.rows:
+            if (row.entry, row.region) == (entry, region) and family in ("", row.family):
+                value = getattr(row, measure)
+                place = self.scenes.index(row.scene), self.noises.index(row.noise)
+                found[place] = value if np.isfinite(value) else np.nan
+        return found
+
+    def failures(self, entry: str) -> list[str]:
+        """A sentence for each photo that an entry failed."""
+        mine = [row for row in self.rows if row.entry == entry and row.region == WHOLE and row.failure]
+        return [f"{entry}, {row.scene}, noise {row.noise}: {row.failure}" for row in mine]
+
+    def figures(self) -> dict[str, float]:
+        """{psnr_db,ssim,flip}.ENTRY.REGION with .low and .high, by_family.FAMILY.ENTRY,
+        difference_db.ENTRY.ENTRY with .low and .high, and of each entry failures, seconds, gmacs,
+        parameters."""
+        found: dict[str, float] = {"scenes": len(self.scenes), "photos": len(self.scenes) * len(self.noises)}
+        for entry in self.entries:
+            for region in self.regions:
+                for measure in MEASURES:
+                    name = f"{measure}.{entry.name}.{region.replace(' ', '_')}"
+                    found |= _ends(name, interval(self.values(entry.name, region, measure)))
+            for family in sorted({row.family for row in self.rows}):
+                mean = interval(self.values(entry.name, family=family)).mean
+                found[f"psnr_db.{entry.name}.family.{family}"] = mean
+            mine = [row for row in self.rows if row.entry == entry.name and row.region == WHOLE]
+            found[f"failures.{entry.name}"] = len(self.failures(entry.name))
+            found[f"seconds.{entry.name}"] = median(row.seconds for row in mine)
+            found[f"gmacs.{entry.name}"] = median(row.gmacs for row in mine)
+            if entry.parameters is not None:
+                found[f"parameters.{entry.name}"] = entry.parameters
+        for (one, other), each in self.paired().items():
+            found |= _ends(f"difference_db.{one}.{other}", each)
+        return found
+
+    def paired(self) -> dict[tuple[str, str], Interval]:
+        """How much each entry is above each other that restored the same scenes, PSNR in dB."""
+        return differences({entry.name: self.values(entry.name) for entry in self.entries})
+
+    def table(self) -> Table:
+        """Best first."""
+        columns = [
+            Column("Entry"),
+            Column("Track"),
+            Column("PSNR", "dB", 2, "largest"),
+            Column("SSIM", "", 3, "largest"),
+        ]
+        columns += [Column("FLIP", "", 3, "smallest"), Column("Failures", "", 0), Column("Time", "s", 2)]
+        columns += [Column("Parameters", "", 0), Column("GMACs", "", 2), Column("Told")]
+        figures = self.figures()
+        rows: list[tuple[Cell, ...]] = []
+        for entry in sorted(
+            self.entries, key=lambda e: -np.nan_to_num(figures[f"psnr_db.{e.name}.{WHOLE}"], nan=-99)
+        ):
+            ends = [figures[f"psnr_db.{entry.name}.{WHOLE}.{end}"] for end in ("low", "high")]
+            name = f"{entry.name}\n{ends[0]:.2f} to {ends[1]:.2f} dB"
+            scores = [figures[f"{measure}.{entry.name}.{WHOLE}"] for measure in MEASURES]
+            more = [figures[f"{each}.{entry.name}"] for each in ("failures", "seconds")]
+            told = ", ".join(entry.told) or "nothing"
+            rows.append(
+                (name, entry.track, *scores, *more, entry.parameters, figures[f"gmacs.{entry.name}"], told)
+            )
+        return Table(tuple(columns), tuple(rows))
+
+    def where(self) -> Table:
+        """By region and family."""
+        families = sorted({row.family for row in self.rows})
+        columns = (Column("PSNR / dB"), *(Column(e.name, "", 2, "") for e in self.entries))
+        rows = [(r, *(interval(self.values(e.name, r)).mean for e in self.entries)) for r in self.regions]
+        rows += [(f, *(interval(self.values(e.name, family=f)).mean for e in self.entries)) for f in families]
+        return Table(columns, tuple(rows))
+
+    def differences_table(self) -> Table:
+        columns = (
+            Column("Entry"),
+            Column("above"),
+            Column("by", "dB", 2),
+            Column("95 %", "dB"),
+            Column("Sure"),
+        )
+        rows = [
+            (one, other, each.mean, f"{each.low:.2f} to {each.high:.2f}", each.low > 0 or each.high < 0)
+            for (one, other), each in self.paired().items()
+        ]
+        return Table(columns, tuple(rows))
+
+    def worst(self) -> Table:
+        """The photos that each entry did worst on."""
+        columns = (
+            Column("Entry"),
+            Column("Scene"),
+            Column("Noise", "", 0),
+            Column("PSNR", "dB", 2),
+            Column("Failure"),
+        )
+        rows: list[tuple[Cell, ...]] = []
+        for entry in self.entries:
+            mine = [row for row in self.rows if row.entry == entry.name and row.region == WHOLE]
+            mine.sort(key=lambda row: np.nan_to_num(row.psnr_db, nan=-99))
+            rows += [(entry.name, r.scene, r.noise, r.psnr_db, r.failure) for r in mine[:WORST]]
+        return Table(columns, tuple(rows))
+
+    def scatter(self) -> Plot:
+        """Quality against time."""
+        figures = self.figures()
+
+        def paint() -> Figure:
+            figure = new_figure(6.4, 3.6)
+            axes = figure.subplots()
+            for entry in self.entries:
+                x, y = figures[f"seconds.{entry.name}"], figures[f"psnr_db.{entry.name}.{WHOLE}"]
+                axes.plot(x, y, "o", color="C0")
+                axes.annotate(entry.name, (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points")
+            axes.set_xscale("log")
+            axes.set_xlabel("seconds of the processor a photo")
+            axes.set_ylabel("PSNR / dB")
+            return figure
+
+        return Plot(paint, "PSNR of each entry against its seconds a photo.", "Quality against time.")
+
+
+def page_of(results: Results, benchmark: Benchmark) -> Page:
+    """The page of all entries."""
+    failed = [line for entry in results.entries for line in results.failures(entry.name)]
+    sections = (
+        Section("Entries", (results.table(), Text(SAID), results.scatter())),
+        Section("Where", (results.where(),)),
+        Section(
+            "Differences",
+            (results.differences_table(), Text("Photo by photo; sure: the interval leaves 0 out.")),
+        ),
+        Section("Worst photos", (results.worst(),)),
+    )
+    head = (Notes(tuple(failed)),) if failed else ()
+    facts = {
+        "Scenes": str(len(results.scenes)),
+        "Photos a scene": str(len(results.noises)),
+        **benchmark.identity,
+    }
+    return Page(f"Benchmark {benchmark.recipe.name}", benchmark.recipe.purpose, sections, head, facts)
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> Path:
+    """Every row as CSV."""
+    return write_csv(path, [each.name for each in fields(Row)], [astuple(row) for row in rows])
+
+
+def submission(results: Results, benchmark: Benchmark) -> Json:
+    """What says on what, and by which code, the figures were taken."""
+    said: list[Mapping[str, object]] = [
+        {"name": e.name, "track": e.track, "told": e.told, "trained_on": e.trained_on, "digest": e.digest}
+        for e in results.entries
+    ]
+    return {"benchmark": benchmark.identity, "code": code_of(PACKAGE), "entries": said}
+
+
+def _ends(name: str, found: Interval) -> dict[str, float]:
+    return {name: found.mean, f"{name}.low": found.low, f"{name}.high": found.high}
+
+
+def _start(region: str) -> float:
+    return float(region.split()[1].split("-")[0]) if " " in region else 0.0

@@ -1,0 +1,130 @@
+"""`edofsim benchmark`."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..core.files import write_text
+from ..core.progress import part
+from ..errors import EdofsimError, InputError
+from ..options import (
+    ClusterOption,
+    Device,
+    DeviceOption,
+    JobsOption,
+    JsonOption,
+    OutOption,
+    QuietOption,
+    ShardOption,
+)
+from ..record import writable_folder
+from . import dataset
+from .many import seen_by, spread_of, work_on
+from .shared import Done, begun, finish
+
+benchmark_app = typer.Typer(help="Photos that everybody restores, and what others made of them.")
+
+
+@benchmark_app.command()
+def make(
+    size: Annotated[
+        str,
+        typer.Argument(metavar="SIZE", help="tiny, small, full, or a dataset recipe whose views are kept."),
+    ],
+    jobs: JobsOption = 1,
+    cluster: ClusterOption = None,
+    shard: ShardOption = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    device: DeviceOption = Device.auto,
+    quiet: QuietOption = False,
+) -> Done:
+    """Views, photos and truths of a benchmark, with checksums: that of `edofsim dataset make`, which see.
+
+    Figures: as of `edofsim dataset make`.
+    """
+    how = {"jobs": jobs, "cluster": cluster, "shard": shard, "json": json, "device": device, "quiet": quiet}
+    return dataset.make(size, out=out or Path("out") / f"benchmark-{Path(size).stem}", **how)
+
+
+@benchmark_app.command()
+def enter(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the entry; NAME.py is written.")],
+) -> Done:
+    """The skeleton of an entry: a Python function that restores photos."""
+    path = Path(f"{name}.py")
+    if not path.stem.isidentifier() or path.name != f"{name}.py":
+        raise InputError(f"{name}: give letters, digits and _, beginning with a letter")
+    if path.exists():
+        raise InputError(f"{path}: is there already; choose another name, or remove it")
+    from ..benchmark.entries import SKELETON
+
+    return Done(outputs={"entry": write_text(path, SKELETON.replace("{file}", path.name))})
+
+
+@benchmark_app.command()
+def score(
+    entries: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[ENTRY]...",
+            help="FILE.py with a function restore, a folder of images KEY.exr or KEY.png, a system as of "
+            "`edofsim evaluate --system`, `photo`, or optics:CAMERA; default: the entries that ship.",
+        ),
+    ] = None,
+    data: Annotated[Path, typer.Option("--data", metavar="DIR", help="The benchmark's folder.")] = Path(
+        "out/benchmark-tiny"
+    ),
+    jobs: JobsOption = 1,
+    cluster: ClusterOption = None,
+    out: OutOption = None,
+    json: JsonOption = None,
+    quiet: QuietOption = False,
+) -> Done:
+    """Entries on the photos of a benchmark: scores with intervals, by depth, by distance from depth edges and
+    by family; paired differences. Interrupt it at any time: what is finished is kept in --out. Failures of an
+    entry are named at the end (status 1), and scored as black images.
+
+    Figures: {psnr_db,ssim,flip}.ENTRY.REGION, also .low and .high (95 %); psnr_db.ENTRY.family.FAMILY;
+    difference_db.ENTRY.ENTRY, also .low and .high; {failures,seconds,gmacs,parameters}.ENTRY; scenes, photos.
+    """
+    how = spread_of(jobs, cluster, None)
+    with begun("benchmark score", json, quiet=quiet) as progress:
+        from ..benchmark.definition import Benchmark
+        from ..benchmark.entries import entries_of
+        from ..benchmark.results import Results, page_of, submission, write_rows
+        from ..benchmark.score import check_entries, score_scene
+        from ..report import write_page
+
+        benchmark = Benchmark(data)
+        benchmark.check()
+        chosen = entries_of(tuple(entries or ()))
+        check_entries(benchmark, chosen)
+        folder = writable_folder(out or Path("out") / f"score-{benchmark.recipe.name}")
+        scenes = list(benchmark.scenes)
+        there = {"benchmark": Benchmark(seen_by(how, data)), "folder": seen_by(how, folder)}
+        work = partial(score_scene, entries=chosen, **there)
+        found, problems, failures = work_on(scenes, scenes, work, how, part(progress, 0.0, 0.95))
+        results = Results(chosen, [row for rows in found if rows is not None for row in rows])
+        figures = results.figures()
+        outputs = {
+            "page": write_page(folder / "benchmark.html", page_of(results, benchmark)),
+            "scores": write_rows(folder / "scores.csv", results.rows),
+        }
+        done = finish(
+            "benchmark score",
+            [results.table()],
+            figures,
+            outputs,
+            json or folder / "benchmark.json",
+            inputs={"data": str(data), "entries": [entry.name for entry in chosen]},
+            rest=submission(results, benchmark),
+        )
+        failed = [line for entry in chosen for line in results.failures(entry.name)]
+        if problems or failures:
+            raise EdofsimError("\n".join([*problems, *failures]))
+        return Done(done.printed, done.outputs, failures=failed)

@@ -1,0 +1,231 @@
+"""The benchmark: what entries are given, how they are scored, and what is said of those that fail."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from edofsim.benchmark.definition import Benchmark
+from edofsim.benchmark.score import regions_of
+from edofsim.benchmark.statistics import differences, interval
+from edofsim.capture.files import write_image
+from edofsim.recipe.load import load_dataset, shipped_folder
+from edofsim.restore.scores import psnr, within_scale
+
+Run = Callable[..., tuple[int, str]]
+SCENE = """
+name = "room"
+[bands]
+count = 4
+[frame]
+margin_px = 32
+[render]
+samples = 8
+[[objects]]
+kind = "wall"
+depth_m = 3.0
+[objects.surface]
+kind = "matt"
+texture = { kind = "checker", first = "#222222", second = "#dddddd", columns = 40, rows = 40 }
+[[objects]]
+kind = "panel"
+name = "card"
+depth_m = 0.8
+width_mm = 3
+height_mm = 3
+[[lights]]
+kind = "sky"
+[[family.vary]]
+key = "objects.card.depth_m"
+uniform = [0.6, 1.0]
+"""
+CAMERA = 'name = "NAME"\n[mask]\nMASK\n[sensor]\nread_noise = 0.01\n[psf]\nwindow_px = 32\n'
+RECIPE = """
+name = "test-1"
+cameras = ["cubic.toml"]
+[[scenes]]
+recipe = "room.toml"
+members = 3
+split = "test"
+[frame]
+width_px = 48
+height_px = 40
+[photos]
+noise_seeds = 2
+saturation = true
+rendering_noise = true
+fidelity = { layers = 3, band_groups = 1, group_wavelengths = 1 }
+[store]
+precision = "float"
+keep_views = true
+"""
+CLEAR, CUBIC = 'kind = "clear"', 'kind = "cubic"\nalpha_rad = 20'
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small benchmark, made by its command."""
+    from edofsim import console
+    from edofsim.cli import invoke
+
+    folder = tmp_path_factory.mktemp("benchmark")
+    (folder / "room.toml").write_text(SCENE)
+    for name, mask in (("clear", CLEAR), ("cubic", CUBIC)):
+        (folder / f"{name}.toml").write_text(CAMERA.replace("NAME", name).replace("MASK", mask))
+    (folder / "test.toml").write_text(RECIPE)
+    command = ["benchmark", "make", str(folder / "test.toml"), "--out", str(folder / "data"), "--quiet"]
+    assert console.exit_status(lambda: invoke(command)) == 0
+    return folder
+
+
+def figures(path: Path) -> dict[str, float]:
+    return json.loads(path.read_text())["figures"]
+
+
+def test_entries_of_each_kind_are_scored_by_the_same_figures(
+    edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """The photo as it is: once as a system, once as a folder of its files; and the skeleton of the page."""
+    monkeypatch.chdir(tmp_path)
+    benchmark = Benchmark(place / "data")
+    images = tmp_path / "images"
+    for metas in benchmark.scenes.values():
+        for meta in metas:
+            write_image(images / f"{meta['key']}.exr", benchmark.shot(meta).photo)
+    assert edofsim("benchmark", "enter", "mine")[0] == 0
+    assert edofsim("benchmark", "enter", "mine")[0] == 2
+    command = ["benchmark", "score", "photo", "wiener", images, "mine.py", f"{place / 'clear.toml'}+photo"]
+    command += ["--data", place / "data", "--out", tmp_path / "out", "--quiet"]
+    assert edofsim(*command)[0] == 0
+    found = figures(tmp_path / "out" / "benchmark.json")
+    assert found["scenes"] == 3 and found["photos"] == 6
+    assert all(
+        found[f"failures.{name}"] == 0 for name in ("photo", "wiener", "images", "mine", "clear+photo")
+    )
+    # of the same images: FLIP is the same; the folder's PSNR has the noise of 8 samples a pixel
+    assert found["flip.images.whole"] == found["flip.photo.whole"]
+    expected = np.mean([level(shot.photo, shot.ideal) for shot in shots(benchmark)])
+    assert found["psnr_db.images.whole"] == pytest.approx(expected, abs=1e-9)
+    assert expected < found["psnr_db.photo.whole"] < expected + 1
+    assert found["psnr_db.wiener.whole"] > found["psnr_db.photo.whole"] + 1
+    assert found["psnr_db.clear+photo.whole"] != found["psnr_db.photo.whole"]
+    assert (
+        found["psnr_db.photo.whole.low"] <= found["psnr_db.photo.whole"] <= found["psnr_db.photo.whole.high"]
+    )
+    assert found["difference_db.photo.wiener.high"] < 0
+    assert {name for name in found if name.startswith("psnr_db.mine.depth")}
+    assert {name for name in found if name.startswith("psnr_db.mine.edge")}
+    assert (tmp_path / "out" / "benchmark.html").is_file()
+    rows = (tmp_path / "out" / "scores.csv").read_text().splitlines()
+    assert len(rows) > 1 + 5 * 6
+    said = json.loads((tmp_path / "out" / "benchmark.json").read_text())
+    assert said["benchmark"] == benchmark.identity and len(said["benchmark"]["data"]) == 64
+    assert {each["name"]: each["track"] for each in said["entries"]}["clear+photo"] == "joint"
+    # again: nothing is done anew, and the figures are those of before, seconds too
+    assert edofsim(*command)[0] == 0
+    assert figures(tmp_path / "out" / "benchmark.json") == found
+
+
+def level(image: torch.Tensor, truth: torch.Tensor) -> float:
+    """PSNR within full scale, rendering noise and all."""
+    return psnr(within_scale(image), within_scale(truth))
+
+
+def shots(benchmark: Benchmark) -> list:
+    return [benchmark.shot(meta) for metas in benchmark.scenes.values() for meta in metas]
+
+
+def test_regions_cover_the_frame_once(place: Path):
+    shot = shots(Benchmark(place / "data"))[0]
+    regions = regions_of(shot)
+    for kind in ("depth", "edge"):
+        masks = [mask for name, mask in regions.items() if name.startswith(kind)]
+        assert len(masks) > 1 and bool((torch.stack(masks).sum(0) == 1).all())
+
+
+def test_failures_are_named_and_scored_as_black_images(
+    edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    benchmark = Benchmark(place / "data")
+    images = tmp_path / "broken"
+    _, small, missing = shots(benchmark)[:3]
+    for shot in shots(benchmark):
+        write_image(images / f"{shot.key}.exr", shot.photo)
+    write_image(images / f"{small.key}.exr", small.photo[:, :-1])
+    (images / f"{missing.key}.exr").unlink()
+    (tmp_path / "nan.py").write_text(
+        "def restore(photo, psfs, info):\n    return photo * info.inverse_depth\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    command = ["benchmark", "score", images, "nan.py", "--data", place / "data", "--out", tmp_path / "out"]
+    status, said = edofsim(*command, "--quiet")
+    assert status == 1
+    said = " ".join(said.split())
+    assert "48 x 39 pixels" in said and f"{missing.key}.exr or .png is missing" in said and "NaN" in said
+    found = figures(tmp_path / "out" / "benchmark.json")
+    assert found["failures.broken"] == 2
+    assert found["failures.nan"] == 6  # the true distances are not told to who did not declare them
+    levels = [level(shot.photo, shot.ideal) for shot in shots(benchmark)]
+    levels[1:3] = [level(torch.zeros_like(shot.ideal), shot.ideal) for shot in (small, missing)]
+    assert found["psnr_db.broken.whole"] == pytest.approx(float(np.mean(levels)), abs=0.1)
+    (tmp_path / "nan.py").write_text((tmp_path / "nan.py").read_text() + 'TOLD = ("depth",)\n')
+    (tmp_path / "wrong.py").write_text('TOLD = ("time",)\ndef restore(photo, psfs, info): return photo\n')
+    again = ["benchmark", "score", "nan.py", "--data", place / "data", "--out", tmp_path / "again", "--quiet"]
+    assert edofsim(*again)[0] == 0
+    status, said = edofsim(*again[:2], "wrong.py", *again[3:])
+    assert status == 2 and "TOLD has 'time'" in said
+    (images / "more.exr").write_bytes(b"")
+    status, said = edofsim(*command, "--quiet")
+    assert status == 2 and "more.exr" in said
+
+
+def test_a_benchmark_that_is_not_whole_is_refused(edofsim: Run, place: Path, tmp_path: Path):
+    copy = tmp_path / "copy"
+    shutil.copytree(place / "data", copy)
+    view = next((copy / "views").glob("*.exr"))
+    view.write_bytes(view.read_bytes()[:-1])
+    status, said = edofsim(
+        "benchmark", "score", "photo", "--data", copy, "--out", tmp_path / "out", "--quiet"
+    )
+    assert status == 2 and "damaged" in said
+    status, said = edofsim("benchmark", "score", "photo", "--data", tmp_path / "none", "--quiet")
+    assert status == 2 and "no data set" in said
+
+
+def test_intervals_are_those_of_closed_forms():
+    """Of normal values the interval of a mean is 1.96 standard errors to each side; what all entries share
+    cancels in their difference."""
+    rng = np.random.default_rng(0)
+    scenes = rng.normal(30, 3, (400, 1))
+    values = scenes + rng.normal(0, 1, (400, 2))
+    found = interval(values)
+    error = np.sqrt(3**2 / 400 + 2 * 1**2 / 2 / 400)  # noise seeds are drawn again, beside the scenes
+    assert found.mean == pytest.approx(values.mean(), abs=1e-12) and found.scenes == 400
+    assert (found.high - found.low) / 2 == pytest.approx(1.96 * error, rel=0.1)
+    apart = differences({"a": values, "b": values - 0.1})["a", "b"]
+    assert (apart.low, apart.mean, apart.high) == pytest.approx((0.1, 0.1, 0.1), abs=1e-9)
+    holes = values.copy()
+    holes[:3] = np.nan
+    assert interval(holes).scenes == 397
+    assert np.isnan(interval(values[:1]).low) and interval(values[:1] * np.nan).scenes == 0
+
+
+@pytest.mark.parametrize("size", ["tiny", "small", "full"])
+def test_shipped_definitions_are_what_they_say(size: str):
+    from edofsim.data.parts import parts_of
+
+    recipe = load_dataset(size).recipe
+    parts = parts_of(load_dataset(size))
+    families = {part.family for part in parts}
+    assert len(families) == len(list((shipped_folder("scenes") / "families").glob("*.toml"))) >= 8
+    photos = len(parts) * recipe.photos.noise_seeds * len(recipe.cameras)
+    assert photos == {"tiny": 20, "small": 100, "full": 1000}[size]
+    assert {part.split for part in parts} == {"test"} and recipe.store.keep_views
+    # trainings draw their members from the families' own seeds on, a few thousand at most
+    assert min(part.scene.recipe.seed for part in parts) > 600_000
