@@ -48,7 +48,7 @@ def trace(
     if samples.layer > 0:
         ray, exists, _ = behind(stage, ray, rays.limits, dr.opaque(mi.Float, gap))
     else:
-        ray.o = dr.zeros(mi.Point3f, samples.size)
+        ray.o = ray.o + dr.zeros(mi.Point3f, samples.size)
     seed = combined(rays.seed, dr.opaque(mi.UInt32, samples.layer))
     # in memory, so that one kernel walks on from there, whatever the layer: its compilation takes longest
     dr.make_opaque(ray.o, ray.d, rays.index, seed, exists)

@@ -101,14 +101,14 @@ def camera_rays(lens: Lens, samples: Samples) -> CameraRays:
 
 def _chief_ray(rays: tuple[tuple[float, float, float], ...], squared: mi.Float) -> tuple[mi.Float, mi.Float]:
     """How much steeper than a pinhole's the chief rays are that land at squared tangents, and where [m] they
-    cross the axis: between the nearest two, and beyond the last one as there."""
+    cross the axis, along z: between the nearest two, and beyond the last one as there."""
     place, ratio, crossing = np.array(rays, np.float32).T
     last = len(rays) - 1
     at = dr.minimum(squared * dr.opaque(mi.Float, last / float(place[-1]) ** 2), last * (1 - 1e-6))
     low = mi.UInt32(at)
     part = at - mi.Float(low)
     found = []
-    for values in (ratio, crossing * 1e-3):
+    for values in (ratio, -1e-3 * crossing):
         table = mi.Float(np.ascontiguousarray(values))
         found.append(dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), part))
     return found[0], found[1]
