@@ -105,3 +105,47 @@ def test_importing_edofsim_and_the_command_line_starts_no_engine():
     """`edofsim --help` and a wrong option must answer at once, on a machine without LLVM too."""
     code = "import sys, edofsim.cli; assert not {'mitsuba', 'drjit', 'torch'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+SHARED_BY_TRUTHS = {
+    # what is asked for, and refused alike
+    "capture.checks.check_pixel_angle": "refusals",
+    "capture.fidelity.Fidelity": "names how bands are gathered",
+    "optics.Camera": "the camera's numbers",
+    "optics.camera.focus_distance": "the thin lens's one number",
+    "optics.masks.clear.ClearMask": "refusals",
+    # the light that is compared
+    "capture.crop.crop": "the part of the view",
+    "capture.band_groups.gathered_view": "the same groups of bands in truth and photo",
+    "capture.imaging.gathering_of": "the same",
+    "capture.photograph.axes_of": "the same",
+    "capture.prepare.channel_weights": "the sensor's response",
+    # the pupil: held against integrals that are written out in `stability.written_out`
+    "optics.defocus": "pupil",
+    "optics.plan_sampling": "pupil",
+    "optics.psf_bank": "PSFs of what nothing hides",
+    "optics.grid.PupilGrid": "pupil",
+    "optics.grid.bicubic_matrix": "pupil",
+    "optics.pupil.Aperture": "pupil",
+    "optics.pupil.aperture": "pupil",
+    "optics.pupil.bent": "pupil",
+    "optics.pupil.pupil_function": "pupil",
+    "optics.transform.SensorWindow": "what a pixel integrates",
+    "optics.transform.pixel_weights": "what a pixel integrates",
+}
+"""All that the slow truths take from the rooms that they judge, and why: nothing of it blurs light,
+composites or finds what is hidden."""
+
+
+def test_truths_share_with_what_they_judge_what_is_listed_and_no_more():
+    found = set()
+    for path in sorted((PACKAGE / "reference").glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 2:
+                names = {".".join(filter(None, (node.module, alias.name))) for alias in node.names}
+                found |= {name for name in names if name.split(".")[0] in ("capture", "optics")}
+    assert found == set(SHARED_BY_TRUTHS)
+
+
+def test_the_integrals_that_are_written_out_share_nothing():
+    assert not {name for name in imported(PACKAGE / "stability" / "written_out.py") if "edofsim" in name}

@@ -1,4 +1,4 @@
-"""The slow truths that `expose` is judged by: a thin lens and clipped pupils, both by tracing rays."""
+"""The slow truths that `capture` is judged by: a thin lens and clipped pupils, both by tracing rays."""
 
 from .clipped_pupil import check_crop, clipped_pupil, clipped_pupils
 from .photograph import REFERENCES, check_reference, crop_of, reference_photo

@@ -5,6 +5,9 @@ of the point in the pupil: the shadow of what stands in the way, as rays draw it
 edges. Without that, light would bend at edges in the pupil instead of where they are, and a white room would
 not look white. The photo of a scene is the sum over points, which are incoherent. Any mask; slow: one
 transform for each fragment and band that is seen in part.
+
+Of what it judges it takes the pupil and the PSFs of points that the whole pupil sees, and nothing that blurs
+light or says what is hidden.
 """
 
 from __future__ import annotations
@@ -19,13 +22,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..capture.blurring import Blurring
 from ..capture.checks import check_pixel_angle
 from ..capture.crop import crop as cropped
 from ..capture.prepare import channel_weights
 from ..core.progress import Progress, silent
 from ..errors import InputError
-from ..optics import Camera, PsfField, defocus, plan_sampling, psf_bank
+from ..optics import Camera, defocus, plan_sampling, psf_bank
 from ..optics.pupil import aperture, bent, pupil_function
 from ..render.engine import use_engine
 from ..render.view import View
@@ -73,7 +75,7 @@ def clipped_pupil(
     view: of the scene `model`, through a pinhole; where: small, for each fragment within a PSF's reach that
     is seen in part costs a transform a band. response: of the channels to the view's bands [channel, band];
     None for the camera's. rays: across a square of twice the pupil's diameter. The light
-    is the view's own: its noise is in this image too, and what differs in `expose` is blur and occlusion.
+    is the view's own: its noise is in this image too, and what differs in a photo is blur and occlusion.
     Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
     """
     settings = dict(window_px=window_px, rays=rays, cache=cache, device=device, progress=progress)
@@ -246,9 +248,23 @@ def _unclipped(
     per_dioptre = math.pi / float(part.wavelengths.min()) * camera.aperture_radius**2
     count = 2 + math.floor((high - low) * per_dioptre / DEFOCUS_STEP) if high > low else 1
     nodes = torch.linspace(low, high, count, dtype=torch.float64)
-    bank = psf_bank(camera, part.wavelengths, nodes, window_px=window, cache=cache)
-    kernels = PsfField(bank.values.double(), nodes, part.wavelengths)
-    return Blurring(kernels, weights).light(part, which)
+    psfs = psf_bank(camera, part.wavelengths, nodes, window_px=window, cache=cache).values
+    rows, columns = part.padded_shape
+    size = (rows + window - 1, columns + window - 1)
+    place = (depth - low) / max(high - low, 1e-12) * (count - 1)
+    total = torch.zeros(len(weights), size[0], size[1] // 2 + 1, dtype=torch.complex128)
+    for node in range(count):
+        share = (1 - (place - node).abs()).clamp_min(0)
+        some = torch.nonzero(share).squeeze(1)
+        if not some.numel():
+            continue
+        light = torch.zeros(part.bands, rows * columns, dtype=torch.float64)
+        light.index_add_(1, part.pixel[which[some]], part.radiance[:, which[some]] * share[some])
+        through = torch.fft.rfft2(psfs[node].double(), s=size)
+        through *= torch.fft.rfft2(light.reshape(-1, rows, columns), s=size)
+        total += torch.einsum("cb,byx->cyx", weights.to(total), through)
+    centre = window // 2
+    return torch.fft.irfft2(total, s=size)[:, centre : centre + rows, centre : centre + columns]
 
 
 def _clipped(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +12,12 @@ import torch
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture
+from edofsim.capture import field as captured
 from edofsim.capture.crop import crop
 from edofsim.capture.resample import resampled
 from edofsim.errors import InputError
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
+from edofsim.optics import field as optics_field
 from edofsim.optics.field import Frame, places, psfs_on_sensor, relative_light, step_for
 from edofsim.plan import decibels, overall, parse_target, plan_photo
 from edofsim.recipe import CameraRecipe
@@ -59,7 +60,7 @@ def random_light(height: int, width: int, seed: int = 0) -> Tensor:
     return noise.repeat_interleave(3, 1).repeat_interleave(3, 2)[:, :height, :width]
 
 
-def by_sources(view: View, seen_by: Camera, y: int, x: int, turn: Callable = lambda f: f) -> Tensor:
+def by_sources(view: View, seen_by: Camera, y: int, x: int) -> Tensor:
     """The light of a pixel: the sum over all sources near by, each by the PSF of its own place."""
     rows, columns = view.padded_shape
     light, half = view.radiance.double().reshape(3, rows, columns), WINDOW // 2
@@ -70,7 +71,7 @@ def by_sources(view: View, seen_by: Camera, y: int, x: int, turn: Callable = lam
             row, column = half - dy, half - dx  # of the PSF, by which the source reaches this pixel
             if 0 <= row < WINDOW and 0 <= column < WINDOW:
                 right, up = (x + dx + 0.5 - axis[1]), (axis[0] - y - dy - 0.5)
-                there = seen_by.at_field(turn((right * view.pixel_angle, up * view.pixel_angle)))
+                there = seen_by.at_field((right * view.pixel_angle, up * view.pixel_angle))
                 psf = psf_bank(there, PAPER_COLOURS, [DEPTH]).values[0, :, row, column].double()
                 total += psf * light[:, y + dy + view.margin, x + dx + view.margin] * relative_light(there)
     return total
@@ -98,17 +99,49 @@ def no_glare(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "glare_of", lambda *of: tuple(0 * each for each in with_glare(*of)))
 
 
+@pytest.fixture(scope="module")
+def truth(corner: tuple[View, Camera]) -> Tensor:
+    """[place, channel], source by source."""
+    return torch.stack([by_sources(*corner, y, x) for y, x in PLACES])
+
+
+def psnr_of_places(corner: tuple[View, Camera], truth: Tensor) -> float:
+    photo = capture(*corner, Fidelity(field_step_px=16))
+    return db(torch.stack([photo.clean[:, y, x] for y, x in PLACES]).double() - truth)
+
+
 @pytest.mark.usefixtures("no_glare")
-def test_a_photo_is_the_sum_over_its_sources(corner: tuple[View, Camera]):
-    view, seen_by = corner
-    photo = capture(view, seen_by, Fidelity(field_step_px=16))
-    truth = torch.stack([by_sources(view, seen_by, y, x) for y, x in PLACES])
-    found = torch.stack([photo.clean[:, y, x] for y, x in PLACES]).double()
-    print(f"{db(found - truth):.1f} dB")
-    assert db(found - truth) > 70
-    flipped = by_sources(view, seen_by, *PLACES[0], lambda f: (f[0], -f[1]))
-    turned = by_sources(view, seen_by, *PLACES[0], lambda f: (f[1], f[0]))
-    assert max(db(found[0] - flipped), db(found[0] - turned)) < 40  # a mirrored or transposed field is seen
+def test_a_photo_is_the_sum_over_its_sources(corner: tuple[View, Camera], truth: Tensor):
+    assert psnr_of_places(corner, truth) > 70
+
+
+def _right_is_left(frame: Frame, y: float, x: float) -> tuple[float, float]:
+    return (frame.axis[1] - x) * frame.pixel_angle, (frame.axis[0] - y) * frame.pixel_angle
+
+
+def _right_is_up(frame: Frame, y: float, x: float) -> tuple[float, float]:
+    return (frame.axis[0] - y) * frame.pixel_angle, (x - frame.axis[1]) * frame.pixel_angle
+
+
+BROKEN = {
+    "mirrored field": (Frame, "field", _right_is_left),
+    "transposed field": (Frame, "field", _right_is_up),
+    "axis forgotten": (View, "axis_px", property(lambda view: (view.height / 2, view.width / 2))),
+    "weights after the blur": (optics_field, "psfs_on_sensor", lambda camera, step, psfs: psfs(camera)),
+    "light of vignetting twice": (captured, "relative_light", lambda here: relative_light(here) ** 2),
+}
+
+
+@pytest.mark.usefixtures("no_glare")
+@pytest.mark.parametrize("broken", BROKEN.values(), ids=BROKEN)
+def test_a_photo_with_a_fault_is_another(
+    corner: tuple[View, Camera], truth: Tensor, broken: tuple, monkeypatch: pytest.MonkeyPatch
+):
+    """Each fault on purpose, by the measure of the test above."""
+    monkeypatch.setattr(*broken)
+    psnr = psnr_of_places(corner, truth)
+    print(f"{psnr:.1f} dB")
+    assert psnr < 60
 
 
 @pytest.mark.usefixtures("no_glare")
