@@ -243,6 +243,8 @@ def sub_apertures_told_apart(camera: Camera, view: View) -> int:
     w times that distance: sub-apertures are no narrower than sqrt(wavelength / D). Two along an axis are no
     better than one, as their windows overlap by half of the pupil.
     """
+    if camera.lens.measured:  # of its pupil nothing is known
+        return 1
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     wavelength = camera.recipe.focus.wavelength_nm * 1e-9
     across = math.floor(2 * camera.aperture_radius * math.sqrt((high - low) / wavelength))

@@ -20,6 +20,7 @@ from .dataset import dataset_app
 from .evaluate import evaluate_app
 from .expose import expose
 from .fabricate import fabricate
+from .lens import lens_app
 from .lists import list_
 from .look import look
 from .new import new
@@ -51,6 +52,7 @@ app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(benchmark_app, name="benchmark")
 app.add_typer(dataset_app, name="dataset")
 app.add_typer(cache_app, name="cache")
+app.add_typer(lens_app, name="lens")
 app.command("list")(list_)
 for command in (new, doctor, schema):
     app.command()(command)

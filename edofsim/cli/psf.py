@@ -46,6 +46,14 @@ def psf(
             help="Of MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
         ),
     ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            "--save",
+            metavar="FILE",
+            help="Also these PSFs as .exr or .npz, and FILE.toml, the recipe of a camera that has them.",
+        ),
+    ] = None,
     masks: Annotated[bool, typer.Option("--masks", help="Instead, a picture of every kind of mask.")] = False,
     out: OutOption = None,
     json: JsonOption = None,
@@ -56,7 +64,8 @@ def psf(
 
     Figures: truncated_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
     focus_m.paraxial and focus_m.best (what is sharp to rays near the axis, and to the whole aperture without
-    its mask; the recipe's focus.plane chooses), transmission_percent (light that the mask lets through).
+    its mask; the recipe's focus.plane chooses), transmission_percent (light that the mask lets through). Of
+    measured PSFs, mixing_percent.{depth,wavelength,field}: light that is in the wrong place between two.
 
     Of a lens that varies over the field, tables and pictures over field and depth as well. Figures, by angle
     (10deg): illumination_percent, mtf.tangential and mtf.sagittal (in focus, at --frequency, without the
@@ -74,6 +83,8 @@ def psf(
         raise InputError(f"--fields {fields}: give degrees from 0 to 90, for instance 0,5,10")
     if frequency is not None and not 0 < frequency < math.inf:
         raise InputError(f"--frequency {frequency:g}: give cycles/mm above 0, for instance 40")
+    if save is not None and save.suffix.lower() not in (".exr", ".npz"):
+        raise InputError(f"--save {save}: PSFs are written as .exr or .npz; name such a file")
     from ..recipe import load_camera
 
     loaded = None if masks else load_camera(camera)
@@ -82,6 +93,7 @@ def psf(
         from ..capture.device import torch_device
         from ..experiments import field_figure, psf_figure
         from ..optics import Camera
+        from ..optics.measured.saving import save_bank
 
         compute = torch_device(device.value)
         if loaded is None:
@@ -105,5 +117,7 @@ def psf(
             )
             figures |= over_field[0]
             outputs |= over_field[1]
+        if save is not None:
+            outputs |= save_bank(optics, save, fields_deg=angles or field_figure.usual_fields(optics), **what)
         inputs = {"camera": camera, "depths_m": depths, "wavelengths_nm": wavelengths}
         return finish("psf", [figures_table(figures)], figures, outputs, json, inputs=inputs)

@@ -217,10 +217,9 @@ def _rays(
     held, distance = lens.held(), asked.camera.recipe.focus.distance_m / MM
     tangents = torch.tensor([_tangent(each) for each in degrees], dtype=torch.float64)
     wavelengths = torch.tensor(asked.wavelengths_nm, dtype=torch.float64) * 1e-9
-    moved = _moved(asked.camera, lens)
-    curved = [1e3 * (each - moved) for each in foci(held, tangents, asked.middle, distance)]
+    curved = [1e3 * each for each in foci(held, tangents, asked.middle, distance)]
     distortion = 100 * torch.nan_to_num(lens.landing(tangents) / tangents - 1)
-    landed = heights(held, tangents, wavelengths, distance, moved)
+    landed = heights(held, tangents, wavelengths, distance)
     colour = 1e3 * (landed - landed[:, [len(wavelengths) // 2]])
     columns = [distortion, *curved, *colour.T]
     header = ["field_deg", "distortion_percent", "focus_tangential_um", "focus_sagittal_um"]
@@ -249,19 +248,13 @@ def _rays(
     ]
 
 
-def _moved(camera: Camera, lens: PrescriptionLens) -> float:
-    """How far [mm] behind the plane of rays near the axis the sensor is."""
-    scale = lens.held().scale
-    return scale**2 * (1 / scale - MM / camera.sensor_distance)
-
-
 def _spots(
     asked: Asked, lens: PrescriptionLens, out: Path, outputs: dict[str, Path], figures: dict[str, float]
 ) -> None:
-    held, moved = lens.held(), _moved(asked.camera, lens)
+    held = lens.held()
     wavelengths = torch.tensor(asked.wavelengths_nm, dtype=torch.float64) * 1e-9
     seen = {
-        (degrees, depth): spots(held, _tangent(degrees), wavelengths, depth / MM, moved)
+        (degrees, depth): spots(held, _tangent(degrees), wavelengths, depth / MM)
         for degrees in asked.fields_deg
         for depth in asked.depths_m
     }
@@ -274,7 +267,7 @@ def _spots(
     at = torch.tensor([asked.middle], dtype=torch.float64)
     for degrees in asked.fields_deg:
         focus = asked.camera.recipe.focus.distance_m / MM
-        figures[f"spot_um.{degrees:g}deg"] = spots(held, _tangent(degrees), at, focus, moved)[0].rms * 1e3
+        figures[f"spot_um.{degrees:g}deg"] = spots(held, _tangent(degrees), at, focus)[0].rms * 1e3
     half = asked.camera.recipe.psf.window_px * asked.camera.pixel / MM / 2
 
     def paint() -> Figure:

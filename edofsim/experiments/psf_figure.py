@@ -17,7 +17,9 @@ from ..core.images import write_exr
 from ..core.progress import Progress, silent
 from ..optics import Camera, PsfField, best_focus_distance, focus_distance, psf_bank
 from ..optics.grid import PupilGrid
+from ..optics.lenses.measured import MeasuredLens
 from ..optics.masks import Mask, catalogue, mask_amplitude
+from ..optics.measured.bank import left_by_mixing
 from ..optics.mtf import mtf, strehl
 from ..optics.pupil import aperture, transmission
 from ..recipe.camera import CameraRecipe
@@ -58,8 +60,9 @@ def run(
     columns = []
     for number, wavelength in enumerate(wavelengths):
         progress(0.3 + 0.3 * number / len(wavelengths), "Strehl ratios")
-        columns.append(strehl(camera, wavelength[None], inverse_depths))
-    ratios = torch.cat(columns, 1)
+        if not camera.lens.measured:
+            columns.append(strehl(camera, wavelength[None], inverse_depths))
+    ratios = torch.cat(columns, 1) if columns else torch.full_like(bank.truncated, math.nan)
     names = [[f"{metres_name(depth)}.{nm:g}nm" for nm in wavelengths_nm] for depth in depths_m]
     transfer = torch.fft.fftshift(torch.fft.fft2(bank.values).abs(), dim=(-2, -1))
     rows = [
@@ -75,8 +78,11 @@ def run(
         "picture": psfs_plot(camera, bank, list(wavelengths_nm), list(depths_m)).save(out / "psf.png"),
     }
     figures = {f"truncated_percent.{name}": truncated * 100 for name, truncated, _, _ in rows}
-    figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows}
+    figures |= {f"strehl.{name}": ratio for name, _, ratio, _ in rows if not math.isnan(ratio)}
     at = camera.recipe.focus.wavelength_nm * 1e-9
+    if isinstance(camera.lens, MeasuredLens):
+        figures |= {f"mixing_percent.{axis}": off for axis, off in left_by_mixing(camera.lens.bank()).items()}
+        return figures, outputs
     sharp = {"paraxial": float(focus_distance(camera, at)), "best": best_focus_distance(camera, at)}
     figures |= {f"focus_m.{plane}": metres for plane, metres in sharp.items() if 0 < metres < math.inf}
     return figures | {"transmission_percent": transmission(camera) * 100}, outputs
@@ -141,7 +147,8 @@ def psfs_plot(camera: Camera, bank: PsfField, wavelengths_nm: list[float], depth
                 if d == 0:
                     axis.set_ylabel(f"{nm:g} nm", fontsize=9)
                 axis.set_xlabel(f"{float(bank.truncated[d, b]) * 100:.2g} % outside", fontsize=6)
-        draw_mask(axes[0][0], camera, camera.mask)
+        if not camera.lens.measured:
+            draw_mask(axes[0][0], camera, camera.mask)
         axes[0][0].axis("on")
         axes[0][0].set_title(f"{camera.recipe.name}: mask", fontsize=8)
         if len(wavelengths_nm) > 1:

@@ -60,6 +60,7 @@ class Camera:
         """
         lens = recipe.lens
         assert isinstance(lens, Lens)  # what the registry holds
+        lens = lens.in_folder(Path.cwd() if base is None else Path(base))
         lens = lens.focused_at(recipe.focus.distance_m, recipe.focus.wavelength_nm * 1e-9)
         problems = lens.problems()
         distance = math.nan if problems else _sensor_distance(recipe, lens, problems)
@@ -67,6 +68,10 @@ class Camera:
             lens, distance = lens.at_sensor(1 / distance)
         relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
         mask_material = _material("mask.material", relief, problems)
+        if lens.measured and not (isinstance(recipe.mask, ClearMask) and recipe.fabrication is None):
+            problems.append(
+                "mask: measured PSFs hold what stood in the pupil; leave out mask and fabrication"
+            )
         across = 2e6 * lens.aperture_radius
         if isinstance(recipe.mask, HeightMapMask) and recipe.mask.pitch_um > across:
             problems.append(

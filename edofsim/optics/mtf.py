@@ -53,7 +53,9 @@ def otf(
     counter-clockwise from the right. The Fourier transform of the whole PSF (Goodman, Introduction to Fourier
     Optics, section 6.3: the autocorrelation of the pupil function), sampled at the rate of the pupil's own
     bandwidth, so that it is free of the sensor's aliasing. with_pixel: times the transform of a square pixel.
-    seed: as in `psf_bank`. Raises InputError as `psf_bank` does.
+    seed: as in `psf_bank`. Of a measured lens, the pixel is in it in any case.
+
+    Raises InputError as `psf_bank` does.
     """
     return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel, seed)[0]
 
@@ -72,6 +74,8 @@ def _otfs(
     frequencies = torch.as_tensor(frequencies, dtype=torch.float64).flatten()
     radians = [math.radians(angle) for angle in angles_deg]
     ways = [(frequencies * math.cos(angle), frequencies * math.sin(angle)) for angle in radians]
+    if camera.lens.measured:
+        return torch.stack([_of_measured(camera, wavelength, inverse_depths, *way) for way in ways])
     transform = torch.zeros(len(angles_deg), len(inverse_depths), len(frequencies), dtype=torch.complex128)
     for depth, (plane, place) in enumerate(_focal_planes(camera, wavelength, inverse_depths, seed)):
         for side, ((across, up), angle) in enumerate(zip(ways, angles_deg, strict=True)):
@@ -82,6 +86,19 @@ def _otfs(
         pixel = [torch.sinc(across * camera.pixel) * torch.sinc(up * camera.pixel) for across, up in ways]
         transform = transform * torch.stack(pixel)[:, None]
     return transform
+
+
+def _of_measured(
+    camera: Camera, wavelength: float, inverse_depths: Tensor, across: Tensor, up: Tensor
+) -> Tensor:
+    """Transfer functions [depth, frequency] of PSFs that were measured: their pixels are in them."""
+    side = camera.recipe.psf.window_px
+    at = torch.tensor([wavelength], dtype=torch.float64)
+    psf = camera.lens.psfs(camera.field, at, inverse_depths, camera.pixel, side)[:, 0].to(torch.complex128)
+    places = (torch.arange(side, dtype=torch.float64) - side // 2) * camera.pixel
+    in_x, in_y = _wave(-places[:, None] * across), _wave(places[:, None] * up)
+    found = torch.einsum("dyx,yf,xf->df", psf, in_y, in_x)
+    return found / psf.sum((-1, -2))[:, None]
 
 
 def mtf(

@@ -76,6 +76,13 @@ def psf_bank(
             return PsfField(known.to(device), inverse_depths, wavelengths)
     shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
     _check_size(shape, dtype)
+    if camera.lens.measured:
+        if camera.height_map is not None:
+            raise InputError("measured PSFs hold what stood in the pupil: no height map can be added")
+        found = camera.lens.psfs(camera.field, wavelengths, inverse_depths, camera.pixel, pixels).to(dtype)
+        assert key is not None  # nothing is learned of it
+        bank_cache.keep(key, found, cache)
+        return PsfField(found.to(device), inverse_depths, wavelengths)
     opening = aperture(camera, plan_sampling(camera, wavelengths, inverse_depths, pixels).grid, seed)
     where = torch.device(device)
 

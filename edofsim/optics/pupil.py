@@ -47,7 +47,14 @@ class Aperture:
 
 def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Aperture:
     """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`.
-    Raises InputError for a mask that lets no light through."""
+
+    Raises InputError for a mask that lets no light through, and for a lens that is known by its PSFs alone.
+    """
+    if camera.lens.measured:
+        raise InputError(
+            f"the lens of {camera.recipe.name} is known by measured PSFs: nothing is known of its pupil, so"
+            " that this cannot be computed (sub-apertures, Strehl ratios, reference by its pupil)"
+        )
     mask = camera.mask
     amplitude, light = mask_amplitude(mask, grid)
     regions: list[tuple[Tensor, Tensor | float | None]] = []

@@ -76,7 +76,9 @@ def plan_sampling(
     window = window_px * camera.pixel
     reach = float(wavelengths.min()) * camera.sensor_distance
     fixed = camera.recipe.psf.pupil_sampling_um
-    if fixed == "auto":
+    if camera.lens.measured:
+        samples, pitch = FEWEST_SAMPLES, 2 * camera.aperture_radius / FEWEST_SAMPLES
+    elif fixed == "auto":
         samples, pitch = _automatic(camera, wavelengths, psi, window, bound if by_bound else math.inf)
     else:
         pitch = fixed * 1e-6
@@ -143,6 +145,8 @@ def sampled_alike(
     wavelengths [band] too: those farthest out of focus need the finest, by which the PSFs of all would take
     long. Those that do with a pitch `OWN_GRID` times as coarse have one of their own, and so on. None is
     coarser than both the finest and a height map's own, whose samples scatter light into the window."""
+    if camera.lens.measured:
+        return [(torch.arange(len(inverse_depths)), 2 * camera.aperture_radius / FEWEST_SAMPLES)]
     low, high = (float(end) for end in wavelengths.double().aminmax())
     between = torch.linspace(low, high, 32, dtype=torch.float64)
     enough = torch.tensor(coarsest_pitches(camera, between, inverse_depths, window_px))

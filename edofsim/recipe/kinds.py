@@ -50,6 +50,7 @@ LENSES: Registry[type[KindModel]] = Registry(
         "ideal": "edofsim.optics.lenses.ideal:IdealLens",
         "achromat": "edofsim.optics.lenses.achromat:AchromatLens",
         "prescription": "edofsim.optics.lenses.prescription:PrescriptionLens",
+        "measured": "edofsim.optics.lenses.measured:MeasuredLens",
     },
 )
 OBJECTS: Registry[type[KindModel]] = Registry(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import torch
@@ -90,6 +91,22 @@ class Lens(KindModel):
         """Fraction of the light from `field` that the lens lets through there, 0 to 1, shaped likewise: grey
         where an edge crosses a cell."""
         return torch.ones(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
+
+    @property
+    def measured(self) -> bool:
+        """Whether it is known by `psfs`: then nothing is known of its pupil."""
+        return False
+
+    def psfs(
+        self, field: Field, wavelengths: Tensor, inverse_depths: Tensor, pixel: float, window: int
+    ) -> Tensor:
+        """Of a `measured` lens: PSFs [depth, band, y, x] from `field` at wavelengths [m] and inverse depths
+        [1/m], on a window of pixels [m] with the chief ray's at n // 2; fractions of the light, upright."""
+        raise NotImplementedError
+
+    def in_folder(self, base: Path) -> Lens:
+        """The same lens, whose files are relative to a folder."""
+        return self
 
     def illumination(self, field: Field) -> float:
         """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""

@@ -33,6 +33,8 @@ def absent(facts: Facts) -> str:
         return "there are no depth edges: nothing stops light in one sub-aperture alone"
     if not facts.hidden:
         return "no surface hides another, so nothing is there to be seen past edges"
+    if facts.camera.lens.measured:
+        return "PSFs are measured: nothing is known of the parts of the pupil"
     if facts.full.sub_apertures == 1:
         return "depths differ so little that diffraction hides what sub-apertures would tell"
     return ""
