@@ -166,6 +166,22 @@ def dictionary(draw: np.random.Generator, depth: int) -> dict[str, object]:
     return found
 
 
+@pytest.mark.parametrize("pose", [[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]], [], 3])
+def test_a_place_that_is_no_matrix_is_refused(tmp_path: Path, pose: object):
+    scene = {"type": "scene", "camera": {"type": "perspective", "to_world": pose}}
+    (tmp_path / "s.json").write_text(json.dumps(scene))
+    with pytest.raises(InputError, match=r"camera\.to_world: .*matrix"):
+        read(tmp_path / "s.json")
+
+
+@pytest.mark.parametrize("point", [[], [1, 2], [1, 2, 3, 4]])
+def test_a_point_of_another_count_of_numbers_is_refused(tmp_path: Path, point: list[float]):
+    ball = {"type": "sphere", "center": point}
+    (tmp_path / "s.json").write_text(json.dumps({"type": "scene", "ball": ball}))
+    with pytest.raises(InputError, match="center: a point needs 3 numbers"):
+        read(tmp_path / "s.json")
+
+
 @pytest.mark.parametrize("suffix", ["xml", "json"])
 def test_no_scene_of_random_parts_ends_in_a_traceback(tmp_path: Path, suffix: str):
     (tmp_path / "dir").mkdir()

@@ -121,11 +121,17 @@ def _sphere(node: Node) -> TriangleMesh:
     u = np.linspace(0, 1, columns)[None]
     uv = np.stack(np.broadcast_arrays(u, 1 - theta / np.pi), axis=-1).reshape(-1, 2)
     normals = out.reshape(-1, 3)
-    vertices = normals * float(node.values.get("radius", 1.0)) + np.asarray(
-        node.values.get("center", np.zeros(3))
-    )
+    vertices = normals * float(node.values.get("radius", 1.0)) + _point(node, "center", (0, 0, 0))
     faces = solids.grid_faces(rows, columns)[:, ::-1]
     return solids.mesh(vertices, solids.without_degenerate(vertices, faces), uv, normals)
+
+
+def _point(node: Node, key: str, default: tuple[float, float, float]) -> np.ndarray:
+    """A point [3] of a shape. Raises InputError for another count of numbers."""
+    point = np.asarray(node.values.get(key, default), float)
+    if point.shape != (3,):
+        raise InputError(f"{node.type}.{key}: a point needs 3 numbers, not {point.size}")
+    return point
 
 
 def _disk(node: Node) -> TriangleMesh:
@@ -136,10 +142,8 @@ def _disk(node: Node) -> TriangleMesh:
 
 def _cylinder(node: Node) -> TriangleMesh:
     """Mitsuba's cylinder is open at both ends."""
-    ends = [
-        np.asarray(node.values.get(key, end), float) for key, end in (("p0", (0, 0, 0)), ("p1", (0, 0, 1)))
-    ]
-    tube = solids.tube(np.stack(ends), float(node.values.get("radius", 1.0)), 96)
+    ends = np.stack([_point(node, "p0", (0, 0, 0)), _point(node, "p1", (0, 0, 1))])
+    tube = solids.tube(ends, float(node.values.get("radius", 1.0)), 96)
     side = (tube.faces < 2 * 97).all(axis=1)
     assert tube.normals is not None
     return solids.mesh(tube.vertices[:194], tube.faces[side], None, tube.normals[:194])

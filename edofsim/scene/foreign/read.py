@@ -29,6 +29,7 @@ KINDS = {
     "scene": "scene",
 }
 """Types of Mitsuba's plugins by their kinds, which dictionaries do not tell."""
+TRANSFORMS = "to_world", "to_uv"
 KIND_OF = {kind_of: kind for kind, names in KINDS.items() for kind_of in names.split()}
 
 
@@ -99,7 +100,10 @@ class _Dictionary:
                 parts.append((snake(key), self.referred(identity, place) if own else self.node(value, key)))
             elif isinstance(value, list):
                 flat = _flat(value, place)
-                values[snake(key)] = square(flat, place) if len(flat) in (9, 16) else np.array(flat)
+                matrix = len(flat) in (9, 16) or snake(key) in TRANSFORMS
+                values[snake(key)] = square(flat, place) if matrix else np.array(flat)
+            elif snake(key) in TRANSFORMS:
+                raise InputError(f"{place}: {value!r} is no matrix; give 4 x 4 numbers")
             else:
                 if value is None or (isinstance(value, str) and "\0" in value):
                     raise InputError(f"{place}: {value!r} is not understood")
