@@ -76,7 +76,7 @@ class Benchmark:
     @cached_property
     def ends(self) -> Tensor:
         """Least and largest inverse depth of all its photos in 1/m, float64 [2]: the range that entries are
-        told."""
+        given."""
         every = [end for meta in self.pairs.metas for end in meta["inverse_depths"]]
         return torch.tensor([min(every), max(every)], dtype=torch.float64)
 

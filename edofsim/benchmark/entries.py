@@ -24,15 +24,15 @@ SHIPPED = (
     "paper-dcnn", "paper-bank", "photo", "wiener", ANY_CAMERA, f"{OPTICS}paper-clear", f"{OPTICS}paper-cubic",
 )  # fmt: skip
 """What is scored where nothing else is named."""
-TOLD = ("psf", "depth range", "noise")
-"""What a restoration is told where it does not declare it."""
-KNOWN = (*TOLD, "depth")
+USES = ("psf", "depth range", "noise")
+"""What a restoration is given where it does not declare it."""
+KNOWN = (*USES, "depth")
 
 SKELETON = '''"""An entry of the benchmark of edofsim: edofsim benchmark score {file} --data DIR"""
 
 import torch
 
-TOLD = ("psf", "depth range", "noise")  # what it uses of psfs and info; with "depth", the true distances too
+USES = ("psf", "depth range", "noise")  # what it uses of psfs and info; with "depth", the true distances too
 TRAINED_ON = "nothing"  # families, photographs, ...
 
 
@@ -41,7 +41,7 @@ def restore(photo: torch.Tensor, psfs: torch.Tensor, info) -> torch.Tensor:
     little.
 
     psfs: [depth, channel, y, x], what the sensor sees of white points at info.inverse_depths [depth] in 1/m.
-    info: camera, wavelengths, inverse_depths, noise, glare; inverse_depth [y, x] is NaN unless TOLD has
+    info: camera, wavelengths, inverse_depths, noise, glare; inverse_depth [y, x] is NaN unless USES has
     "depth".
     """
     mean = torch.nn.functional.avg_pool2d(photo[None], 3, 1, 1, count_include_pad=False)[0]
@@ -51,12 +51,12 @@ def restore(photo: torch.Tensor, psfs: torch.Tensor, info) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class Entry:
-    """Who enters. name: in figures; told: what it knows besides the photo; source: what restores, and its
+    """Who enters. name: in figures; uses: what it knows besides the photo; source: what restores, and its
     camera if it has one; folder: of restored images, in its place."""
 
     name: str
     track: Track
-    told: tuple[str, ...]
+    uses: tuple[str, ...]
     trained_on: str
     digest: str
     source: Source | None = None
@@ -84,7 +84,7 @@ class Entry:
         if self.folder is not None:
             return self._from_folder(key, photo)
         assert self.source is not None
-        if "depth" not in self.told:
+        if "depth" not in self.uses:
             known = replace(known, inverse_depth=known.inverse_depth * float("nan"))
         image = self.source.restoration(photo, known)
         if image.shape != photo.shape:
@@ -125,7 +125,7 @@ def entries_of(texts: tuple[str, ...]) -> list[Entry]:
 def entry_of(text: str) -> list[Entry]:
     """What one text names: a system (see `experiments.sources.system_of`); FILE.py, whose function `restore`
     restores; `optics:CAMERA`, restored by the network for any camera and by Wiener deconvolution; a folder of
-    images KEY.exr or KEY.png, with what was told in entry.json. Raises InputError."""
+    images KEY.exr or KEY.png, with what it used in entry.json. Raises InputError."""
     path = Path(text)
     if path.is_dir():
         return [_folder(path)]
@@ -139,21 +139,21 @@ def entry_of(text: str) -> list[Entry]:
 def _system(text: str) -> Entry:
     source = system_of(text)
     by = source.restoration
-    told: tuple[str, ...] = (*TOLD, "depth") if by.name == "wiener-depth" else TOLD
+    uses: tuple[str, ...] = (*USES, "depth") if by.name == "wiener-depth" else USES
     trained = "" if source.training is None else "see its checkpoint"
     name = source.name
     if isinstance(by, ByFunction):
         module = getattr(by.function.call, "__globals__", {})
-        declared = module.get("TOLD", TOLD)
+        declared = module.get("USES", USES)
         if wrong := [each for each in declared if each not in KNOWN]:
-            raise InputError(f"{text}: TOLD has {wrong[0]!r}; there are {', '.join(KNOWN)}")
-        told, trained = tuple(declared), str(module.get("TRAINED_ON", "not declared"))
+            raise InputError(f"{text}: USES has {wrong[0]!r}; there are {', '.join(KNOWN)}")
+        uses, trained = tuple(declared), str(module.get("TRAINED_ON", "not declared"))
         place = Path(text.rpartition("+")[2].rpartition(":")[0])
         name = name if name != "restore" else place.stem
     track: Track = "joint" if source.names_camera else "restoration"
     if by.name == "photo":
-        told = ()
-    return Entry(name, track, told, trained, by.digest, source)
+        uses = ()
+    return Entry(name, track, uses, trained, by.digest, source)
 
 
 def _folder(path: Path) -> Entry:
@@ -163,12 +163,12 @@ def _folder(path: Path) -> Entry:
             said = dict(json.loads((path / "entry.json").read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{path / 'entry.json'}: cannot be read ({error})") from None
-    told = said.get("told", list(TOLD))
-    if not isinstance(told, list) or any(each not in KNOWN for each in told):
-        raise InputError(f"{path / 'entry.json'}: told is a list of {', '.join(KNOWN)}")
+    uses = said.get("uses", list(USES))
+    if not isinstance(uses, list) or any(each not in KNOWN for each in uses):
+        raise InputError(f"{path / 'entry.json'}: uses is a list of {', '.join(KNOWN)}")
     trained = str(said.get("trained_on", "not declared"))
     name = str(said.get("name", path.resolve().name))
-    return Entry(name, "restoration", tuple(map(str, told)), trained, "", None, path)
+    return Entry(name, "restoration", tuple(map(str, uses)), trained, "", None, path)
 
 
 def extra_files(entry: Entry, keys: set[str]) -> list[str]:

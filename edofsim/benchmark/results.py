@@ -25,7 +25,7 @@ WORST = 5
 SAID = (
     "Means over scenes, of each the mean over its photos; below each its 95 % interval by 2,000 resamples of "
     "scenes and noise seeds. A failure is scored as a black image. PSNR and SSIM are without the noise of "
-    "the rendering, but for folders of images, from which it cannot be told; FLIP is with it."
+    "the rendering, but for folders of images, from which it cannot be separated; FLIP is with it."
 )
 
 
@@ -102,9 +102,9 @@ class Results:
             name = f"{entry.name}\n{ends[0]:.2f} to {ends[1]:.2f} dB"
             scores = [figures[f"{measure}.{entry.name}.{WHOLE}"] for measure in MEASURES]
             more = [figures[f"{each}.{entry.name}"] for each in ("failures", "seconds")]
-            told = ", ".join(entry.told) or "nothing"
+            uses = ", ".join(entry.uses) or "nothing"
             rows.append(
-                (name, entry.track, *scores, *more, entry.parameters, figures[f"gmacs.{entry.name}"], told)
+                (name, entry.track, *scores, *more, entry.parameters, figures[f"gmacs.{entry.name}"], uses)
             )
         return Table(tuple(columns), tuple(rows))
 
@@ -194,7 +194,7 @@ def write_rows(path: Path, rows: Sequence[Row]) -> Path:
 def submission(results: Results, benchmark: Benchmark) -> Json:
     """What says on what, and by which code, the figures were taken."""
     said: list[Mapping[str, object]] = [
-        {"name": e.name, "track": e.track, "told": e.told, "trained_on": e.trained_on, "digest": e.digest}
+        {"name": e.name, "track": e.track, "uses": e.uses, "trained_on": e.trained_on, "digest": e.digest}
         for e in results.entries
     ]
     return {"benchmark": benchmark.identity, "code": code_of(PACKAGE), "entries": said}

@@ -91,7 +91,7 @@ def _key(benchmark: Benchmark, entry: Entry, metas: Sequence[Json]) -> str:
     return key_of(
         data=benchmark.identity,
         scene=metas[0]["scene"],
-        entry=[entry.digest, entry.told, files],
+        entry=[entry.digest, entry.uses, files],
         camera=None if camera is None else camera_digest(camera),
     )
 

@@ -191,7 +191,7 @@ class _Tar:
         offset, size = _members(self.path)[f"{self.key}.{plain(name)}.npy"]
         with self.path.open("rb") as file:
             file.seek(offset)
-            return np.load(io.BytesIO(file.read(size)))
+            return np.load(io.BytesIO(file.read(size)), allow_pickle=False)
 
 
 @lru_cache(maxsize=256)

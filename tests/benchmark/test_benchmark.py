@@ -170,16 +170,16 @@ def test_failures_are_named_and_scored_as_black_images(
     assert "48 x 39 pixels" in said and f"{missing.key}.exr or .png is missing" in said and "NaN" in said
     found = figures(tmp_path / "out" / "benchmark.json")
     assert found["failures.broken"] == 2
-    assert found["failures.nan"] == 6  # the true distances are not told to who did not declare them
+    assert found["failures.nan"] == 6  # the true distances are not uses to who did not declare them
     levels = [level(shot.photo, shot.ideal) for shot in shots(benchmark)]
     levels[1:3] = [level(torch.zeros_like(shot.ideal), shot.ideal) for shot in (small, missing)]
     assert found["psnr_db.broken.whole"] == pytest.approx(float(np.mean(levels)), abs=0.1)
-    (tmp_path / "nan.py").write_text((tmp_path / "nan.py").read_text() + 'TOLD = ("depth",)\n')
-    (tmp_path / "wrong.py").write_text('TOLD = ("time",)\ndef restore(photo, psfs, info): return photo\n')
+    (tmp_path / "nan.py").write_text((tmp_path / "nan.py").read_text() + 'USES = ("depth",)\n')
+    (tmp_path / "wrong.py").write_text('USES = ("time",)\ndef restore(photo, psfs, info): return photo\n')
     again = ["benchmark", "score", "nan.py", "--data", place / "data", "--out", tmp_path / "again", "--quiet"]
     assert edofsim(*again)[0] == 0
     status, said = edofsim(*again[:2], "wrong.py", *again[3:])
-    assert status == 2 and "TOLD has 'time'" in said
+    assert status == 2 and "USES has 'time'" in said
     (images / "more.exr").write_bytes(b"")
     status, said = edofsim(*command, "--quiet")
     assert status == 2 and "more.exr" in said

@@ -165,11 +165,11 @@ def test_what_parts_change_is_what_compositing_each_by_itself_changes(bench, mon
     response /= response.sum(1, keepdim=True)
     pupil = [kernels_for(bench, depths, [2, 1, -1], partial(in_part, 2, part)) for part in range(4)]
     little = torch.tensor([0.01, 1.0, 1.0], dtype=torch.float64)[:, None, None, None]
-    pupil[0] = replace(pupil[0], values=pupil[0].values * little)  # its light has left the window
+    pupil[0] = replace(pupil[0], source=pupil[0].values * little)  # its light has left the window
     how = (kernels_for(bench, depths, [2, 1, -1]), response)
     alone = Blurring(*how, gap=0.05)
     instead = torch.cat([how[0].values[:1], pupil[0].values[1:]])  # there the whole pupil stands in
-    blocking = [replace(pupil[0], values=instead), *pupil[1:]]
+    blocking = [replace(pupil[0], source=instead), *pupil[1:]]
     apart = [
         _Apart(Blurring(light, *how[1:], gap=0.05), Blurring(cover, *how[1:], gap=0.05))
         for light, cover in zip(pupil, blocking, strict=True)
@@ -450,7 +450,7 @@ def test_gradients_pass_sub_apertures(bench):
 
     def weighed(light, scale):
         seen = replace(view, radiance=light)
-        psfs = [replace(each, values=each.values * scale) for each in through]
+        psfs = [replace(each, source=each.values * scale) for each in through]
         change = change_by_sub_apertures(seen, Blurring(whole, response, gap=0.05), psfs)
         return (change * pattern).sum()
 

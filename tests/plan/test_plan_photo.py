@@ -384,7 +384,8 @@ def test_a_plan_is_remembered_and_damage_is_not_believed(monkeypatch: pytest.Mon
 
 def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]:
     """Calls that a photo makes: PSFs computed, convolutions, coverages blurred."""
-    from edofsim.capture import blurring, layers, prepare
+    from edofsim.capture import blurring, layers
+    from edofsim.optics import field
 
     calls = {"psfs": 0, "convolutions": 0, "coverages": 0}
 
@@ -401,9 +402,9 @@ def counted(monkeypatch: pytest.MonkeyPatch, view: View, plan) -> dict[str, int]
         calls["coverages"] += 1
         return blocked(self, *rest)
 
-    psf_bank, add_convolved = prepare.psf_bank, layers.add_convolved
+    psf_bank, add_convolved = field.psf_bank, layers.add_convolved
     blocked = blurring.Blurring.coverage
-    monkeypatch.setattr(prepare, "psf_bank", bank)
+    monkeypatch.setattr(field, "psf_bank", bank)
     monkeypatch.setattr(layers, "add_convolved", convolved)
     monkeypatch.setattr(blurring.Blurring, "coverage", coverage)
     capture(view, CAMERA, plan.fidelity)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from edofsim.capture import blurring, capture, full_fidelity, layers, prepare
+from edofsim.capture import blurring, capture, full_fidelity, layers
 from edofsim.capture.photo import Photo
 from edofsim.cli.shared import plan_lines
 from edofsim.experiments.predictions import camera_of, small_version
-from edofsim.optics import Camera
+from edofsim.optics import Camera, field
 from edofsim.pipeline import Stopwatch, planned_view
 from edofsim.plan import Fidelity, Plan, look, parse_target, plan_figures, plan_photo, plan_scene, remember
 from edofsim.plan.coarse import Coarse
@@ -68,7 +68,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter:
 
     spy(rendering, "survey_layers", lambda found, *_: {"views": 1, "hidden layers": len(found[0]) - 1})
     spy(paths, "refracted", lambda *_: {"bands apart": 1})
-    spy(prepare, "psf_bank", psfs)
+    spy(field, "psf_bank", psfs)
     spy(layers, "add_convolved", lambda found, total, light, *_: {"convolutions": len(light)})
     spy(blurring.Blurring, "coverage", lambda *_: {"coverages": 1})
     return counts

@@ -96,6 +96,7 @@ def broad(folder: Path) -> Result:
     optics = Chromatic(
         *(BANDS_M, some(3, bands), some(17, bands), some(17, bands), torch.linspace(0, 2, 17)),
         *(torch.linspace(1, -0.2, bands), some(3, bands, 2), some(3, bands, 2)),
+        some(3, 2),
     )
     db = (30.0, 29.0, 31.0, 30.0)
     found = [

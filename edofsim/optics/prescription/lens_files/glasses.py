@@ -1,4 +1,4 @@
-"""Glass by name: known here, from catalogues of makers (.agf), by the code in its name, or as it is told."""
+"""Glass by name: known here, from catalogues of makers (.agf), by the code in its name, or as given."""
 
 from __future__ import annotations
 
