@@ -13,6 +13,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -208,9 +209,11 @@ def quiet_tifffile() -> ModuleType:
 
 
 def check_tiff_page(page: TiffPage, path: Path, what: str) -> None:
-    """Raises InputError for a page with more numbers than can be computed with, or with more parts than its
-    file has bytes, which would be looked for one by one."""
+    """Raises InputError for a page with more numbers than can be computed with, without any, or with more
+    parts than its file has bytes, which would be looked for one by one."""
     check_numbers(page.shape, path, what)
+    if not page.dataoffsets or 0 in (*page.shape, *page.chunks):
+        raise InputError(f"{what}: {str(path)!r} is damaged: it has a page without a picture")
     parts, size = math.prod(page.chunked), path.stat().st_size
     if parts > size:
         raise InputError(f"{what}: {str(path)!r} is damaged: {parts} parts of a picture in {size} bytes")
@@ -221,11 +224,11 @@ def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
     ways to compress that need more than tifffile has."""
     tifffile = quiet_tifffile()
     with tifffile.TiffFile(path) as file:
-        pages = [page for page in file.pages if not _is_thumbnail(page)]
+        pages = list(islice((page for page in file.pages if not _is_thumbnail(page)), 2))
         page = (pages[0] if pages else file.pages[0]).aspage()
         check_tiff_page(page, path, what)
         if len(pages) > 1:
-            raise InputError(f"{what}: {str(path)!r} holds {len(pages)} pages; save the one that you mean")
+            raise InputError(f"{what}: {str(path)!r} holds several pages; save the one that you mean")
         profile = page.tags.get(34675)
         eight = page.dtype is not None and page.dtype.itemsize == 1
         if page.photometric not in PHOTOMETRIC_PLAIN or (profile is not None and eight and not measured):
