@@ -173,3 +173,9 @@ def test_tiffs_of_more_parts_than_bytes_are_refused_at_once(tmp_path: Path, read
             stored_cube(CubeFile(path="a.tif", start_nm=400, step_nm=10), tmp_path)
         else:
             read_picture(path, "picture")
+
+
+def test_a_tiff_whose_page_holds_nothing_is_refused(tmp_path: Path):
+    (tmp_path / "a.tif").write_bytes(b"II*\0" + bytes([8, 0, 0, 0]) + bytes(6))
+    with pytest.raises(InputError, match="a page without a picture"):
+        read_picture(tmp_path / "a.tif", "picture")
