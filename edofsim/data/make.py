@@ -152,7 +152,8 @@ def write_camera(path: Path, camera: Camera, wavelengths: Tensor, ends: Sequence
     tensors = {"psfs": psfs.float(), "inverse_depths": depths, "wavelengths": wavelengths}
     if camera.height_map is not None:
         tensors["height_map"] = camera.height_map.detach().double()
-    said = {"recipe": camera.recipe.model_dump_json(), "name": camera.recipe.name}
+    # one entry: safetensors writes several in a random order, and the same camera must have the same bytes
+    said = {"recipe": camera.recipe.model_dump_json()}
     with whole(path) as temporary:
         save_file({name: value.contiguous() for name, value in tensors.items()}, temporary, said)
     return path

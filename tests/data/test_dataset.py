@@ -17,8 +17,10 @@ import pytest
 import torch
 from torch.utils.data import DataLoader
 
+import edofsim as edof
 from edofsim.data import Pairs, PairStream
 from edofsim.data.kept import SUMS
+from edofsim.data.make import write_camera
 from edofsim.data.pairs import turned
 from edofsim.errors import InputError
 
@@ -94,6 +96,17 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = ["dataset", "make", str(recipe(place)), "--out", str(place / "data"), "--quiet"]
     assert console.exit_status(lambda: invoke(command)) == 0
     return place / "data"
+
+
+def test_a_camera_has_the_same_bytes_each_time_it_is_written(tmp_path: Path):
+    recipe(tmp_path)
+    camera = edof.camera(tmp_path / "small.toml")
+    wavelengths = torch.linspace(420e-9, 720e-9, 4).double()
+    written = {
+        write_camera(tmp_path / f"{number}.safetensors", camera, wavelengths, [0.3, 1.7]).read_bytes()
+        for number in range(8)
+    }
+    assert len(written) == 1
 
 
 def sums(folder: Path) -> dict[str, list[object]]:
