@@ -32,6 +32,9 @@ BEYOND = 0.25
 BRIGHTEST = 100.0
 """Times full scale: a transform would spread the rounding of a brighter pixel over all of the photo."""
 
+TILE = 120
+"""Pixels across of what a filter is applied to at a time, or four times its support where that is more."""
+
 # how much a block's own likelihood counts, and the mean of its neighbours': blocks overlap, and photographs
 # are no Gaussian processes
 BELIEF = (0.01, 0.05)
@@ -73,6 +76,7 @@ class FilterBank(DistanceTold):
         # it counts
         images, given = (6, 3) if self.dcnn is None else (9, 4)
         self.trunk = Trunk(images, given, width, blocks, kernel, side=groups)
+        self._tile = max(TILE, 4 * support)
         self.border = max(support // 2, 0 if self.dcnn is None else self.dcnn.reach)
         self.multiple = max(self.trunk.multiple, STEP)
         seen = 0 if self.dcnn is None else self.dcnn.radius or 0
@@ -185,27 +189,33 @@ class FilterBank(DistanceTold):
         return photo.clamp(-BRIGHTEST, BRIGHTEST)
 
     def filtered(self, photo: Tensor) -> Tensor:
-        """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it."""
-        reach, (rows, columns) = self.support // 2, photo.shape[-2:]
-        padded = functional.pad(photo, (reach,) * 4, mode="replicate")
-        tall, wide = (-(-n // 16) * 16 for n in padded.shape[-2:])  # quick to transform
-        transfer = self._filters_transfer(tall, wide)
-        seen = torch.fft.rfft2(padded.contiguous(), s=(tall, wide))[:, None, None]
-        spectrum = seen[:, :, :, 0] * transfer[:, :, 0]
-        for colour in (1, 2):
-            spectrum.addcmul_(seen[:, :, :, colour], transfer[:, :, colour])
-        return torch.fft.irfft(torch.fft.ifft(spectrum, dim=-2)[..., :rows, :], n=wide)[..., :columns]
+        """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it.
 
-    def _filters_transfer(self, tall: int, wide: int) -> Tensor:
-        """Of the filters, [group, 3 out, 3 in, tall, wide // 2 + 1]; kept in training, whose patches are all
-        of one size."""
-        kept = self._transferred
-        if kept is not None and kept[0] is self.filters and kept[1].shape[-2:] == (tall, wide // 2 + 1):
-            return kept[1]
-        # a convolution of torch does not turn its kernel round: neither does the conjugate
-        transfer = torch.fft.rfft2(self.filters, s=(tall, wide)).conj().resolve_conj().unflatten(0, (-1, 3))
-        self._transferred = (self.filters, transfer) if self.training else None
-        return transfer
+        Overlap-save, in tiles whose transforms stay in a processor's cache."""
+        reach, tile = self.support // 2, self._tile
+        step = tile - self.support + 1
+        rows, columns = photo.shape[-2:]
+        down, across = -(-rows // step), -(-columns // step)
+        beyond = (reach, reach + across * step - columns, reach, reach + down * step - rows)
+        tiles = functional.pad(photo, beyond, mode="replicate").unfold(-2, tile, step).unfold(-2, tile, step)
+        seen = torch.fft.rfft2(tiles)[:, :, None]  # [batch, colour, 1, down, across, y, x]
+        found = []
+        for transfer in self._filters_transfer():
+            spectrum = seen[:, 0] * transfer[:, 0, None, None]
+            for colour in (1, 2):
+                spectrum.addcmul_(seen[:, colour], transfer[:, colour, None, None])
+            inside = torch.fft.ifft(spectrum, dim=-2)[..., :step, :]
+            inside = torch.fft.irfft(inside, n=tile)[..., :step].transpose(-3, -2)
+            found.append(inside.flatten(-4, -3).flatten(-2)[..., :rows, :columns])
+        return torch.stack(found, 1)
+
+    def _filters_transfer(self) -> Tensor:
+        """Of the filters for one tile, [group, 3 out, 3 in, y, x]."""
+        if self._transferred is None or self._transferred[0] is not self.filters:
+            # a convolution of torch does not turn its kernel round: neither does the conjugate
+            transfer = torch.fft.rfft2(self.filters, s=(self._tile, self._tile)).conj().resolve_conj()
+            self._transferred = self.filters, transfer.unflatten(0, (-1, 3))
+        return self._transferred[1]
 
     def weights(self, photo: Tensor) -> Tensor:
         """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
