@@ -32,15 +32,14 @@ def psnr(image) -> float:
 
 
 # %%
-# ``paper-dcnn`` is the network that learned together with this mask; ``paper-bank`` restores photos through
-# the same mask, and tells how far each place is, as ``told-dcnn`` does; Wiener deconvolution knows the PSFs
-# alone.
+# ``paper-bank`` restores by default: it finds how far each place is, as ``told-dcnn`` does. ``paper-dcnn`` is
+# the paper's own network, which learned together with this mask. Wiener deconvolution knows the PSFs alone.
 
 far = (0.6, 1.5)
 images = {
     "photo": photo.image,
-    "paper-dcnn": edofsim.restored(photo, camera),
-    "paper-bank": edofsim.restored(photo, camera, network="paper-bank"),
+    "paper-dcnn": edofsim.restored(photo, camera, network="paper-dcnn"),
+    "paper-bank": edofsim.restored(photo, camera),
     "Wiener": edofsim.restored(photo, camera, network="wiener", depths=far),
 }
 figure, axes = pyplot.subplots(2, 2, figsize=(8, 6.8), layout="constrained")

@@ -133,7 +133,7 @@ def test_every_kind_of_system_by_its_camera(
 def test_cameras_are_those_that_are_asked_for() -> None:
     clear, learned = asked_for(["paper-clear", "paper-learned"])
     assert clear.name == "paper-clear" and clear.own is None and clear.camera.mask.kind == "clear"
-    assert learned.own is not None and learned.own.name == "paper-dcnn"
+    assert learned.own is not None and learned.own.name == "paper-bank"
     failures = Failures()
     (only,) = asked_for(["nobody.toml", "paper-clear"], failures)
     assert only.name == "paper-clear" and list(failures.found) == ["nobody.toml"]

@@ -159,7 +159,7 @@ def test_what_a_system_is(tmp_path: Path) -> None:
         text: system_of(text).name for text in ("paper-clear", "paper-dcnn", "wiener", "paper-dcnn+wiener")
     }
     assert list(names.values()) == ["paper-clear+wiener", "paper-dcnn", "wiener", "paper-dcnn+wiener"]
-    assert system_of("paper-learned").name == "paper-learned+paper-dcnn"
+    assert system_of("paper-learned").name == "paper-learned+paper-bank"
     assert system_of("paper-rings+wiener-depth").restoration.name == "wiener-depth"
     with pytest.raises(InputError, match="no such file"):
         system_of(str(tmp_path / "none.toml"))

@@ -324,7 +324,7 @@ def test_it_restores_for_cameras_without_a_network_of_their_own(
     assert found is not None and found.name == "any" and camera.mask.kind == "rings"
     assert choose_network("wiener", load_camera("paper-rings"))[0] is None
     own = usual_network(load_camera("paper-learned"))
-    assert own is not None and own.name == "paper-dcnn"
+    assert own is not None and own.name == "paper-bank"
 
 
 def test_without_that_checkpoint_there_is_wiener_deconvolution(monkeypatch: pytest.MonkeyPatch) -> None:
