@@ -10,6 +10,9 @@ import typer
 
 from ..core.progress import Progress
 from ..errors import InputError
+from ..optics import Camera
+from ..options import CameraOption
+from ..recipe import load_camera
 from ..report import Column, Key, Keys, Page, Section, Table, Text
 from ..report.words import significant
 from ..stability import catalogue
@@ -24,15 +27,20 @@ def run(
         list[str] | None,
         typer.Argument(metavar="[CASE...]", help="Cases or groups of cases; default all."),
     ] = None,
+    camera: CameraOption = None,
     mutants: Annotated[bool, typer.Option("--mutants", hidden=True)] = False,
 ) -> Findings:
-    """The catalogue of hard cases: error against a truth of every method, mask and precision.
+    """The catalogue of hard cases: error against a truth of every method, camera and precision.
+
+    A camera of one's own goes through all of it in place of small ones.
 
     Figures: cases, findings, against_truth, against_itself, beyond_bound, failed, single_precision, seconds.
     """
     if mutants:
         raise InputError("--mutants: broken simulators are tests now; in a checkout, type: make test-all")
-    results = catalogue.run(names or (), progress)
+    loaded = None if camera is None else load_camera(camera)
+    own = None if loaded is None else Camera.from_recipe(loaded.recipe, loaded.base)
+    results = catalogue.run(names or (), progress, own)
     numbers = catalogue.figures(results)
     summary = (
         f"{numbers['cases']:.0f} cases, {numbers['findings']:.0f} findings in {numbers['seconds']:.0f} s: "

@@ -1,16 +1,45 @@
-"""Hard cases: a named catalogue that runs every method, mask and precision against a truth."""
+"""Hard cases: a named catalogue of views, PSFs and noise that runs through any camera, against a truth."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from ..optics import Camera
+from . import camera_cases, white_wall
 from .case import Case, Finding
-from .depth_cases import CASES as DEPTH
-from .light_cases import CASES as LIGHT
-from .occlusion_cases import CASES as OCCLUSION
-from .psf_cases import CASES as PSFS
-from .pupils import CASES as PUPILS
-from .sensor_cases import CASES as SENSOR
-from .white_wall import CASES as WHITE
+from .depth_views import COVERAGE, DEPTH
+from .light_views import IMAGE, RADIANCE, SPECTRUM
+from .photos import photo_cases
+from .true_photos import OWN, Source
+from .views import small_cameras, with_small_window
 
-CASES: tuple[Case, ...] = (*DEPTH, *OCCLUSION, *WHITE, *LIGHT, *PUPILS, *PSFS, *SENSOR)
+EXPECTED = {
+    "depth": ("each fragment's own PSF, added up", DEPTH),
+    "coverage": ("as much light as there is, finite derivatives", COVERAGE),
+    "radiance": ("linear in the light", RADIANCE),
+    "spectrum": ("the response-weighted sum over bands", SPECTRUM),
+    "image": ("the same as in a larger frame", IMAGE),
+}
+"""Groups of photos: what is right, and their views."""
 
-__all__ = ["CASES", "Case", "Finding"]
+
+def photo_cases_of(cameras: Mapping[str, Camera], source: Source = OWN) -> tuple[Case, ...]:
+    """All hard views through these cameras, whose PSF's window is `views.WINDOW`."""
+    return tuple(
+        case
+        for group, (expected, rows) in EXPECTED.items()
+        for case in photo_cases(group, expected, rows, cameras, source)
+    )
+
+
+def cases_of(camera: Camera | None = None) -> tuple[Case, ...]:
+    """The whole catalogue: for the small cameras and the shipped ones, or for a camera of one's own."""
+    if camera is None:
+        small, shipped = small_cameras(), {name: make() for name, make in white_wall.CAMERAS.items()}
+    else:
+        shipped = {camera.recipe.name: camera}
+        small = {camera.recipe.name: with_small_window(camera)}
+    return (*photo_cases_of(small), *white_wall.cases_of(shipped), *camera_cases.cases_of(small))
+
+
+__all__ = ["EXPECTED", "Case", "Finding", "cases_of", "photo_cases_of", "small_cameras"]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
+from ..optics import Camera
 from ..record import write_csv
-from . import CASES, Case, Finding
+from . import Case, Finding, cases_of
 
 PHOTOS = ("depth", "coverage", "radiance", "spectrum", "image")
 """Groups of photos."""
@@ -39,21 +40,24 @@ class CaseResult:
         return max(self.findings, key=use, default=None)
 
 
-def choose(names: Sequence[str] = ()) -> tuple[Case, ...]:
+def choose(names: Sequence[str] = (), camera: Camera | None = None) -> tuple[Case, ...]:
     """Cases by name or group, all of them for no name. Raises InputError for a name that is neither."""
-    groups = sorted({case.group for case in CASES})
-    known = {case.name for case in CASES} | set(groups)
+    cases = cases_of(camera)
+    groups = sorted({case.group for case in cases})
+    known = {case.name for case in cases} | set(groups)
     unknown = [name for name in names if name not in known]
     if unknown:
         raise InputError(
             f"no hard case or group {unknown[0]!r}; groups: {', '.join(groups)}; leave the name out for all"
         )
-    return tuple(case for case in CASES if not names or case.name in names or case.group in names)
+    return tuple(case for case in cases if not names or case.name in names or case.group in names)
 
 
-def run(names: Sequence[str] = (), progress: Progress | None = None) -> tuple[CaseResult, ...]:
+def run(
+    names: Sequence[str] = (), progress: Progress | None = None, camera: Camera | None = None
+) -> tuple[CaseResult, ...]:
     """Run the cases of these names or groups. A case that ends with an error is a result too."""
-    cases = choose(names)
+    cases = choose(names, camera)
     results = []
     for number, case in enumerate(cases):
         if progress:

@@ -1,4 +1,4 @@
-"""Photos of hard views, through every mask and precision, against photos that are written out
+"""Photos of hard views, through every camera and precision, against photos that are written out
 (`true_photos`), in float32 as in float64.
 
 Errors are relative to the local value, or to the sensor's noise where that is more (`measures`): a pixel
@@ -20,7 +20,8 @@ from ..render.view import View
 from . import true_photos
 from .case import Case, Finding, timed
 from .measures import distance, typical, worst
-from .views import MASKS, camera_with, uniform, with_free_height
+from .true_photos import Source
+from .views import uniform
 
 SUB_APERTURES = 3
 """Along each axis of the pupil, where something is hidden."""
@@ -49,7 +50,7 @@ FEW = 3
 
 @dataclass(frozen=True)
 class HardView:
-    """view: through `camera_with(mask)`; exact, layered: bounds in place of EXACT and LAYERED; options:
+    """view: in the pixels of any camera; exact, layered: bounds in place of EXACT and LAYERED; options:
     fields of `Fidelity`; cut: inverse depth [1/m] between a surface and what it
     hides, None where nothing is hidden."""
 
@@ -74,16 +75,20 @@ class HardView:
         return len(torch.unique(self.view.inverse_depth)) <= FEW
 
 
-def findings(hard: HardView, masks: Iterable[str] = tuple(MASKS)) -> Iterator[Finding]:
-    """Every mask, precision and kind of occlusion against the truth, and the derivatives."""
-    for name in masks:
-        camera = with_free_height(camera_with(MASKS[name]))
-        truth = true_photos.linear(hard.view, camera)
-        yield from _layered(hard, camera, truth, name)
-        yield from _occlusions(hard, camera, truth, name)
-        if camera.height_map is not None:
-            yield timed(f"slope by height, {name}", SLOPE, lambda c=camera: _slope(hard, c), alike=True)
-        yield timed(f"gradient, {name}", SINGLE, lambda c=camera: _gradient(hard, c), alike=True)
+def findings(hard: HardView, cameras: Mapping[str, Camera], source: Source) -> Iterator[Finding]:
+    """Every camera, precision and kind of occlusion against the truth, and the derivatives."""
+    for name, camera in cameras.items():
+        seen = replace(hard, view=replace(hard.view, pixel_angle=camera.pixel_angle))
+        yield from _of_camera(seen, camera, name, source)
+
+
+def _of_camera(hard: HardView, camera: Camera, name: str, source: Source) -> Iterator[Finding]:
+    truth = true_photos.linear(hard.view, camera, source)
+    yield from _layered(hard, camera, truth, name)
+    yield from _occlusions(hard, camera, truth, name, source)
+    if camera.height_map is not None:
+        yield timed(f"slope by height, {name}", SLOPE, lambda c=camera: _slope(hard, c), alike=True)
+    yield timed(f"gradient, {name}", SINGLE, lambda c=camera: _gradient(hard, c), alike=True)
 
 
 def _photo(
@@ -143,10 +148,12 @@ def _layered(hard: HardView, camera: Camera, truth: Tensor, mask: str) -> Iterat
     yield timed(f"{way}, gradient, float64", SLOPE, adjoint, alike=True)
 
 
-def _occlusions(hard: HardView, camera: Camera, linear: Tensor, mask: str) -> Iterator[Finding]:
+def _occlusions(
+    hard: HardView, camera: Camera, linear: Tensor, mask: str, source: Source
+) -> Iterator[Finding]:
     nodes = hard.nodes
     for occlusion, written in (("over", true_photos.over), ("normalised", true_photos.normalised)):
-        truth = written(hard.view, camera, nodes.tolist())
+        truth = written(hard.view, camera, nodes.tolist(), source)
         how: dict[str, object] = {"occlusion": occlusion}
         yield from _judged(
             f"{occlusion}, {mask}",
@@ -154,7 +161,7 @@ def _occlusions(hard: HardView, camera: Camera, linear: Tensor, mask: str) -> It
             lambda dtype, how=how: _photo(hard, camera, dtype, how, nodes),
             truth,
         )
-    uncovered = linear if hard.cut is None else true_photos.uncovered(hard.view, camera, hard.cut)
+    uncovered = linear if hard.cut is None else true_photos.uncovered(hard.view, camera, hard.cut, source)
     bound, measure = (hard.exact, worst) if hard.few else (hard.layered, typical)
     yield from _judged(
         f"hidden, {mask}",
@@ -217,15 +224,16 @@ def _slope(hard: HardView, camera: Camera) -> float:
     return abs(difference - float((slope * step).sum())) / most if most > 0 else abs(difference)
 
 
-def photo_case(
-    name: str, group: str, physics: str, risk: str, expected: str, make: Callable[[], HardView]
-) -> Case:
-    """A case whose check is `findings` of what `make` makes."""
-    return Case(name, group, physics, risk, expected, lambda: findings(make()))
+Row = tuple[str, str, str, Callable[[Camera], HardView]]
+"""Name, physics, risk and view of a case. The view may go by the camera's focus."""
 
 
 def photo_cases(
-    group: str, expected: str, rows: Iterable[tuple[str, str, str, Callable[[], HardView]]]
+    group: str, expected: str, rows: Iterable[Row], cameras: Mapping[str, Camera], source: Source
 ) -> tuple[Case, ...]:
-    """Cases of a group from rows of (name, physics, risk, view)."""
-    return tuple(photo_case(name, group, physics, risk, expected, make) for name, physics, risk, make in rows)
+    """Cases of a group whose check is `findings`."""
+    first = next(iter(cameras.values()))
+    return tuple(
+        Case(name, group, physics, risk, expected, lambda m=make: findings(m(first), cameras, source))
+        for name, physics, risk, make in rows
+    )

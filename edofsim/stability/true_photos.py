@@ -1,6 +1,6 @@
-"""Photos written out once more, as the truth of hard photos: each fragment's own PSF (`written_out`), sums of
-plain convolutions in float64, depth by depth and band by band. No layers, transforms, tiles or batches, and
-no code of `optics` or `capture`.
+"""Photos written out once more, as the truth of hard photos: each fragment's own PSF, sums of plain
+convolutions in float64, depth by depth and band by band. No layers, transforms, tiles or batches, and no code
+of `capture`. PSFs and response are those of the camera (`OWN`), or come from elsewhere (`Source`).
 
 All photos are [channel, y, x] of the frame, unexposed. What leaves a PSF's window is veiling glare: its mean
 over the padded frame. Fragments block as if their PSFs held all light.
@@ -8,9 +8,8 @@ over the padded frame. Fragments block as if their PSFs held all light.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from functools import lru_cache
-from hashlib import sha256
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -18,84 +17,70 @@ from numpy.typing import NDArray
 from scipy.signal import convolve2d
 from torch import Tensor
 
-from ..optics import Camera
-from ..optics.levin import PATTERN
-from ..optics.masks.coded import CodedMask
-from ..optics.masks.cubic import CubicMask
-from ..recipe.camera import CameraRecipe
+from ..optics import Camera, psf_bank, response
 from ..render.view import View
-from .written_out import Array, Psfs, Pupil, coded, cubic, relief, sensor_response
 
+Array = NDArray[np.float64]
 Layer = tuple[Array, Array]
 """Blurred light and coverage, [channel, y, x] each of the padded frame."""
 ENOUGH = 1e-3
 """Coverage behind a hole below which nothing is there to fill it with."""
-_pupils: dict[str, Pupil] = {}
-
-
-def pupil_of(recipe: CameraRecipe, height: Tensor | None = None) -> Pupil:
-    """The pupil of a recipe with the paper's lens and one of the masks of `views.MASKS`; height: the free
-    map."""
-    mask = recipe.mask
-    named = f"{recipe.lens.model_dump_json()} {mask.model_dump_json()}"
-    if height is not None:
-        named += sha256(height.detach().double().numpy().tobytes()).hexdigest()
-    if named not in _pupils:
-        lens = recipe.lens.model_dump()
-        radius = lens["aperture_radius_mm"] * 1e-3
-        if height is not None:
-            _pupils[named] = relief(radius, height.detach().double().numpy(), 2 * radius / len(height))
-        elif isinstance(mask, CubicMask):
-            _pupils[named] = cubic(radius, mask.alpha_rad)
-        elif isinstance(mask, CodedMask):
-            _pupils[named] = coded(radius, PATTERN)
-        else:
-            _pupils[named] = Pupil(radius, spherical=lens["surface_profile"] == "spherical")
-    return _pupils[named]
-
-
-@lru_cache(maxsize=12)
-def _psfs(pupil: Pupil, nanometres: float, window: int) -> Psfs:
-    points = 3 if pupil.radius < 1e-3 else 6
-    return Psfs(pupil, nanometres * 1e-9, window, points)
-
-
-_known: dict[tuple[Pupil, float, int, float], Array] = {}
-"""PSFs by pupil, wavelength, window and inverse depth."""
 AT_ONCE = 16
+"""Depths whose PSFs are asked for together."""
 
 
-def _prepare(pupil: Pupil, nanometres: float, window: int, inverse_depths: Sequence[float]) -> None:
-    """Compute the PSFs that are not known yet."""
-    new = [each for each in inverse_depths if (pupil, nanometres, window, each) not in _known]
-    for start in range(0, len(new), AT_ONCE):
-        some = new[start : start + AT_ONCE]
-        for each, psf in zip(some, _psfs(pupil, nanometres, window).at(some), strict=True):
-            _known[pupil, nanometres, window, each] = psf
+@dataclass(frozen=True)
+class Source:
+    """Where a photo that is written out has its numbers from. psfs: of a camera at a wavelength in nm,
+    a window and inverse depths [1/m], a PSF [y, x] each; response: [channel, band] for wavelengths in nm."""
+
+    psfs: Callable[[Camera, float, int, Sequence[float]], Sequence[Array]]
+    response: Callable[[Camera, Sequence[float]], Array]
+
+
+def _psfs(camera: Camera, nanometres: float, window: int, inverse_depths: Sequence[float]) -> list[Array]:
+    made = psf_bank(camera, [nanometres * 1e-9], list(inverse_depths), window_px=window, dtype=torch.float64)
+    return list(made.values[:, 0].detach().numpy())
+
+
+def _response(camera: Camera, nanometres: Sequence[float]) -> Array:
+    found: Array = response(camera, torch.tensor(nanometres, dtype=torch.float64) * 1e-9).numpy()
+    return found
+
+
+OWN = Source(_psfs, _response)
+"""The camera's own PSFs, one for each depth in float64, and its response."""
 
 
 class Scene:
     """A view as numbers, and the camera that sees it."""
 
-    def __init__(self, view: View, camera: Camera, window: int | None = None) -> None:
-        self.view = view
+    def __init__(self, view: View, camera: Camera, window: int | None = None, source: Source = OWN) -> None:
+        self.view, self.camera, self.source = view, camera, source
         self.shape = view.padded_shape
         self.window = window or camera.recipe.psf.window_px
-        self.pupil = pupil_of(camera.recipe, camera.height_map)
         self.nanometres = [round(float(each) * 1e9, 6) for each in view.wavelengths]
-        self.response = sensor_response(self.nanometres)
+        self.response = source.response(camera, self.nanometres)
         self.pixel = view.pixel.numpy()
         self.depth: Array = view.inverse_depth.double().numpy()
         self.coverage: Array = view.coverage.double().numpy()
         self.radiance: Array = view.radiance.detach().double().numpy()
         self.seen: NDArray[np.bool_] = ~view.hidden.numpy()
-        for nanometres in self.nanometres:
-            _prepare(self.pupil, nanometres, self.window, np.unique(self.depth).tolist())
+        self._known: dict[tuple[int, float], Array] = {}
+        for band in range(len(self.nanometres)):
+            self._prepare(band, np.unique(self.depth).tolist())
+
+    def _prepare(self, band: int, inverse_depths: Sequence[float]) -> None:
+        """Compute the PSFs that are not known yet."""
+        new = [each for each in inverse_depths if (band, each) not in self._known]
+        for start in range(0, len(new), AT_ONCE):
+            some = new[start : start + AT_ONCE]
+            found = self.source.psfs(self.camera, self.nanometres[band], self.window, some)
+            self._known |= {(band, each): psf for each, psf in zip(some, found, strict=True)}
 
     def psf(self, band: int, inverse_depth: float) -> Array:
-        at = float(inverse_depth)
-        _prepare(self.pupil, self.nanometres[band], self.window, [at])
-        return _known[self.pupil, self.nanometres[band], self.window, at]
+        self._prepare(band, [float(inverse_depth)])
+        return self._known[band, float(inverse_depth)]
 
     def light(self, which: NDArray[np.bool_], depth: Array | None = None) -> Array:
         """Blurred light of fragments, [channel, y, x] of the padded frame. depth: in place of their own."""
@@ -153,9 +138,9 @@ class Scene:
         return found
 
 
-def linear(view: View, camera: Camera) -> Tensor:
+def linear(view: View, camera: Camera, source: Source = OWN) -> Tensor:
     """Nothing hides anything: the sum of all that is seen."""
-    scene = Scene(view, camera)
+    scene = Scene(view, camera, source=source)
     return scene.frame(scene.light(scene.seen) + scene.glare())
 
 
@@ -169,10 +154,10 @@ def _snapped(scene: Scene, nodes: Sequence[float]) -> Iterator[Layer]:
             yield scene.layer(which, nearest)
 
 
-def over(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
+def over(view: View, camera: Camera, nodes: Sequence[float], source: Source = OWN) -> Tensor:
     """Layers at the nodes [1/m], each dimmed by the blurred coverage of those in front: Porter and Duff's
     operator (Computer Graphics 18, 253, 1984)."""
-    scene = Scene(view, camera)
+    scene = Scene(view, camera, source=source)
     photo, clear = np.zeros((3, *scene.shape)), np.ones((3, *scene.shape))
     for light, blocked in _snapped(scene, nodes):
         photo += clear * light
@@ -180,10 +165,10 @@ def over(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
     return scene.frame(photo + _glare_at(scene, nodes))
 
 
-def normalised(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
+def normalised(view: View, camera: Camera, nodes: Sequence[float], source: Source = OWN) -> Tensor:
     """The same with light and coverage divided by the blurred coverage of the layer and all behind it: Ikoma
     et al. 2021, Eq. 4."""
-    scene = Scene(view, camera)
+    scene = Scene(view, camera, source=source)
     layers = list(_snapped(scene, nodes))
     photo, clear = np.zeros((3, *scene.shape)), np.ones((3, *scene.shape))
     for number, (light, blocked) in enumerate(layers):
@@ -194,12 +179,12 @@ def normalised(view: View, camera: Camera, nodes: Sequence[float]) -> Tensor:
     return scene.frame(photo + _glare_at(scene, nodes))
 
 
-def uncovered(view: View, camera: Camera, cut: float | None) -> Tensor:
+def uncovered(view: View, camera: Camera, cut: float | None, source: Source = OWN) -> Tensor:
     """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where
     its fragments do not have, light from beside fills them. cut: None for nothing that hides anything."""
     if cut is None:
-        return linear(view, camera)
-    scene = Scene(view, camera)
+        return linear(view, camera, source)
+    scene = Scene(view, camera, source=source)
     near = scene.depth > cut
     light, blocked = scene.layer(near)
     behind, there = scene.layer(~near)

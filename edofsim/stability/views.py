@@ -60,6 +60,17 @@ def with_free_height(camera: Camera) -> Camera:
     return camera.with_height(free_height(camera))
 
 
+def small_cameras() -> dict[str, Camera]:
+    """The small cameras, one for each of `MASKS`."""
+    return {name: with_free_height(camera_with(mask)) for name, mask in MASKS.items()}
+
+
+def with_small_window(camera: Camera) -> Camera:
+    """The camera with PSFs in the window of the hard views."""
+    psf = camera.recipe.psf.model_copy(update={"window_px": WINDOW})
+    return replace(camera, recipe=camera.recipe.model_copy(update={"psf": psf}))
+
+
 def flat(
     inverse_depth: Tensor | float,
     rows: int = ROWS,

@@ -8,6 +8,8 @@ import pytest
 from hard_cases import CASES, convergence
 
 from edofsim.errors import InputError
+from edofsim.optics import Camera
+from edofsim.recipe.camera import CameraRecipe
 from edofsim.stability import Case, Finding
 from edofsim.stability.catalogue import choose, figures, run_case, write_table
 
@@ -55,6 +57,7 @@ def test_what_does_not_hold_is_said(tmp_path):
 
 
 def test_unknown_names_are_refused():
+    assert choose(["pupil"], Camera.from_recipe(CameraRecipe(name="own")))
     assert choose(["depth"]) and {case.group for case in choose(["depth"])} == {"depth"}
     with pytest.raises(InputError, match="no hard case or group 'nothing'.*depth"):
         choose(["nothing"])

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import torch
+from hard_cases.pupils import bank
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,7 +23,6 @@ from edofsim.render import engine
 from edofsim.render.keys import view_key
 from edofsim.render.view import View
 from edofsim.stability.photos import SHIPPED, distance
-from edofsim.stability.pupils import bank
 from edofsim.stability.views import (
     MASKS,
     PADDED,

@@ -39,7 +39,7 @@ def command(tmp_path: Path) -> Callable[[str, Path], list[str | Path]]:
         if name == "restore":
             return ["restore", tmp_path / "photo.exr", "--camera", camera, *where]
         if name == "evaluate":
-            return ["evaluate", "stability", "black against white", *where, "--quiet"]
+            return ["evaluate", "stability", "one depth", *where, "--quiet"]
         photographed = [] if name == "render" else ["--camera", camera]
         return [name, scene, *photographed, *where, "--cache", kept, "--quiet"]
 

@@ -27,3 +27,7 @@ class SensorEffect(KindModel):
         """The signal after the effect. generator: of everything random, on the CPU, so that the same seed
         gives the same noise on every device; gradients pass where the effect lets them."""
         raise NotImplementedError
+
+    def variance(self, light: torch.Tensor) -> torch.Tensor:
+        """Of the noise that the effect adds to exposed light, in its shape; 0 where it adds none."""
+        return torch.zeros_like(light)

@@ -21,3 +21,6 @@ class Quantisation(SensorEffect):
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         image, steps = signal.image.clamp(0, 1), 2**self.bits - 1
         return Signal(image + ((image.detach() * steps).round() / steps - image.detach()), signal.seen)
+
+    def variance(self, light: torch.Tensor) -> torch.Tensor:
+        return torch.full_like(light, 1 / (2**self.bits - 1) ** 2 / 12)

@@ -22,3 +22,6 @@ class ReadNoise(SensorEffect):
         noise = torch.randn(image.shape, generator=generator, dtype=torch.float64) * self.deviation
         noise = noise.to(image)
         return Signal(image + (noise if seen is None else noise * seen), seen)
+
+    def variance(self, light: torch.Tensor) -> torch.Tensor:
+        return torch.full_like(light, self.deviation**2)

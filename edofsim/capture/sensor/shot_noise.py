@@ -23,3 +23,6 @@ class ShotNoise(SensorEffect):
         electrons = image.detach().double().cpu().clamp_min(0) * self.full_well_electrons
         counts = torch.poisson(electrons, generator=generator) / self.full_well_electrons
         return Signal(image + (counts.to(image) - image.detach()), signal.seen)
+
+    def variance(self, light: torch.Tensor) -> torch.Tensor:
+        return light.clamp_min(0) / self.full_well_electrons

@@ -7,6 +7,8 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import torch
+from hard_cases import light as light_cases
+from hard_cases import occlusion, sensor
 from torch import Tensor
 
 from edofsim.capture import Photo, blurring, imaging, light, photograph, prepare
@@ -14,7 +16,7 @@ from edofsim.capture.imaging import Imaging
 from edofsim.capture.light import Light
 from edofsim.optics import PsfField, field
 from edofsim.render.view import View
-from edofsim.stability import light_cases, occlusion_cases, photos, sensor_cases
+from edofsim.stability import photos
 
 from .mutant import Mutant, after, scaled, swapped, together
 
@@ -28,7 +30,7 @@ def _photos(change: Callable[[Tensor], Tensor]) -> Callable[[], AbstractContextM
     def changed(photo: Photo) -> Photo:
         return replace(photo, clean=change(photo.clean), image=change(photo.image))
 
-    rooms = (photos, light_cases, occlusion_cases, sensor_cases)
+    rooms = (photos, light_cases, occlusion, sensor)
     return lambda: together(*(after(room, "capture", changed) for room in rooms))
 
 

@@ -12,13 +12,14 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..optics import Camera, PsfField, psf_bank
-from ..optics.masks import catalogue
-from ..optics.masks.clear import ClearMask
-from ..optics.masks.cubic import CubicMask
+from edofsim.optics import Camera, PsfField, psf_bank
+from edofsim.optics.masks import catalogue
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import distance
+
 from . import written_out
-from .case import Case, Finding, timed
-from .measures import distance
 from .pupils import GREEN, PRECISIONS, SIDE, bank, camera_of, name_of, whole
 
 WRITTEN_OUT = 6e-3

@@ -13,18 +13,18 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from ..errors import InputError
-from ..optics import Camera, PsfField, defocus, plan_sampling, psf_bank
-from ..optics.lenses.plano_convex import PlanoConvexLens
-from ..optics.masks import Mask
-from ..optics.masks.clear import ClearMask
-from ..optics.masks.coded import CodedMask
-from ..optics.masks.cubic import CubicMask
-from ..optics.masks.height_map import HeightMapMask
-from ..recipe.camera import CameraRecipe, PsfSettings
-from .case import Case, Finding, timed
-from .measures import distance
-from .views import MASKS, camera_with, uniform, with_free_height
+from edofsim.errors import InputError
+from edofsim.optics import Camera, PsfField, defocus, plan_sampling, psf_bank
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
+from edofsim.optics.masks import Mask
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.optics.masks.coded import CodedMask
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.optics.masks.height_map import HeightMapMask
+from edofsim.recipe.camera import CameraRecipe, PsfSettings
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import distance
+from edofsim.stability.views import MASKS, camera_with, uniform, with_free_height
 
 GREEN = torch.tensor([543e-9], dtype=torch.float64)
 SIDE = 25

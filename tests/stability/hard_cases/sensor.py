@@ -12,17 +12,17 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from ..capture import capture
-from ..capture.sensor import SensorEffect, record
-from ..capture.sensor.mosaic import Mosaic
-from ..capture.sensor.quantisation import Quantisation
-from ..capture.sensor.read_noise import ReadNoise
-from ..capture.sensor.saturation import Saturation
-from ..capture.sensor.shot_noise import ShotNoise
-from ..optics.masks.clear import ClearMask
-from ..render.view import View
-from .case import Case, Finding, timed
-from .views import NANOMETRES, camera_with, flat, uniform
+from edofsim.capture import capture
+from edofsim.capture.sensor import SensorEffect, record
+from edofsim.capture.sensor.mosaic import Mosaic
+from edofsim.capture.sensor.quantisation import Quantisation
+from edofsim.capture.sensor.read_noise import ReadNoise
+from edofsim.capture.sensor.saturation import Saturation
+from edofsim.capture.sensor.shot_noise import ShotNoise
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.render.view import View
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.views import NANOMETRES, camera_with, flat, uniform
 
 SIGMAS = 5.0
 """Chance passes this once in two million."""

@@ -11,18 +11,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..capture import Fidelity, capture
-from ..capture.prepare import blur_per_dioptre
-from ..optics import Camera
-from ..optics.lenses.plano_convex import PlanoConvexLens
-from ..optics.masks.clear import ClearMask
-from ..optics.masks.cubic import CubicMask
-from ..recipe.camera import CameraRecipe, PsfSettings
-from ..render.view import View
-from .case import Case, Finding, timed
-from .measures import typical, worst
-from .true_photos import Scene
-from .views import (
+from edofsim.capture import Fidelity, capture
+from edofsim.capture.prepare import blur_per_dioptre
+from edofsim.optics import Camera
+from edofsim.optics.lenses.plano_convex import PlanoConvexLens
+from edofsim.optics.masks.clear import ClearMask
+from edofsim.optics.masks.cubic import CubicMask
+from edofsim.recipe.camera import CameraRecipe, PsfSettings
+from edofsim.render.view import View
+from edofsim.stability.case import Case, Finding, timed
+from edofsim.stability.measures import typical, worst
+from edofsim.stability.true_photos import Scene
+from edofsim.stability.views import (
     COLUMNS,
     MASKS,
     NANOMETRES,
@@ -34,6 +34,7 @@ from .views import (
     layered_view,
     with_free_height,
 )
+
 from .written_out import FOCUS, FOCUS_LINE, PIXEL, Array, sensor_distance
 
 NEAR, FAR = 1.2, 0.4

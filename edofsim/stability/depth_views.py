@@ -7,18 +7,16 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ..optics import focus_distance
-from ..optics.masks.clear import ClearMask
-from .case import Case
-from .photos import HardView, photo_cases
-from .views import PADDED, across, camera_with, flat, half, layered_view, uniform
+from ..optics import Camera, focus_distance
+from .photos import HardView, Row
+from .views import PADDED, across, flat, half, layered_view, uniform
 
 CUT = 0.8
 """Inverse depth between the front and the background of views in two layers."""
 
 
-def _in_focus() -> float:
-    return 1 / float(focus_distance(camera_with(ClearMask()), 550e-9))
+def _in_focus(camera: Camera) -> float:
+    return 1 / float(focus_distance(camera, 550e-9))
 
 
 def _one_outlier() -> Tensor:
@@ -35,14 +33,14 @@ def _single_pixels() -> Tensor:
     return depth
 
 
-def _edge_in_a_pixel() -> HardView:
+def _edge_in_a_pixel(_: Camera) -> HardView:
     """One column is covered by half: it shows both sides of the step."""
     covered = half(1.0, 0.0).clone()
     covered[:, PADDED[1] // 2] = 0.5
     return HardView(layered_view(covered, 2.0, 0.0, 1.0), cut=CUT)
 
 
-def _wires() -> HardView:
+def _wires(_: Camera) -> HardView:
     """A hundred wires a tenth of a pixel thick, at as many depths, in front of a wall."""
     base = flat(0.2)
     count = base.pixel.numel()
@@ -75,53 +73,53 @@ def _wires() -> HardView:
     )
 
 
-def _sum_above_one() -> HardView:
+def _sum_above_one(_: Camera) -> HardView:
     view = layered_view(half(0.5, 0.5), 1.2, 0.4)
     return HardView(replace(view, coverage=view.coverage * (1 + 1e-6)), cut=CUT)
 
 
-DEPTH = (
+DEPTH: tuple[Row, ...] = (
     (
         "infinity",
         "all light is parallel: 1/z = 0",
         "division by depth",
-        lambda: HardView(flat(0.0)),
+        lambda _: HardView(flat(0.0)),
     ),
     (
         "a million kilometres",
         "z = 1e9 m, next to infinity",
         "1/z lost in a sum",
-        lambda: HardView(flat(1e-9)),
+        lambda _: HardView(flat(1e-9)),
     ),
     (
         "in focus for one band",
         "550 nm is sharp: its geometric blur is 0, others are not",
         "a blur of width 0",
-        lambda: HardView(flat(_in_focus())),
+        lambda camera: HardView(flat(_in_focus(camera))),
     ),
     (
         "five centimetres",
         "20 dioptres: most light leaves the window",
         "phase beyond the sampling",
-        lambda: HardView(flat(20.0)),
+        lambda _: HardView(flat(20.0)),
     ),
     (
         "one depth",
         "nothing but a convolution is called for",
         "layers where none are",
-        lambda: HardView(flat(1.0)),
+        lambda _: HardView(flat(1.0)),
     ),
     (
         "one micrometre apart",
         "two surfaces whose 1/z differs by 1e-6",
         "division by the distance of two nodes",
-        lambda: HardView(flat(half(1.0, 1 / (1 + 1e-6)))),
+        lambda _: HardView(flat(half(1.0, 1 / (1 + 1e-6)))),
     ),
     (
         "half a metre to infinity",
         "the largest step that there is, from a pixel to the next",
         "ringing between nodes",
-        lambda: HardView(flat(half(2.0, 0.0))),
+        lambda _: HardView(flat(half(2.0, 0.0))),
     ),
     (
         "both in one pixel",
@@ -133,20 +131,20 @@ DEPTH = (
         "slanted through focus",
         "blur falls to nothing and grows again",
         "focus between two nodes",
-        lambda: HardView(flat(across(torch.linspace(0.2, 1.2, PADDED[1], dtype=torch.float64)))),
+        lambda _: HardView(flat(across(torch.linspace(0.2, 1.2, PADDED[1], dtype=torch.float64)))),
     ),
     (
         "empty layers",
         "two depths and nine layers",
         "0 / 0 in a layer without light",
-        lambda: HardView(flat(half(0.3, 1.5)), options={"layers": 9}),
+        lambda _: HardView(flat(half(0.3, 1.5)), options={"layers": 9}),
     ),
     (
         "layers of one column",
         "every column has its own depth",
         "layers that hold a single pixel",
         # white noise at 35 depths is as far from the natural images of the tolerance as a view can be
-        lambda: HardView(
+        lambda _: HardView(
             flat(across(torch.linspace(0.0, 2.0, PADDED[1], dtype=torch.float64))), layered=0.02
         ),
     ),
@@ -154,46 +152,48 @@ DEPTH = (
         "layers of one pixel",
         "81 pixels at as many depths among others at one",
         "layers that hold a single pixel",
-        lambda: HardView(flat(_single_pixels())),
+        lambda _: HardView(flat(_single_pixels())),
     ),
     (
         "one outlier",
         "one pixel at 0.1 m, all others at 2 m",
         "all layers spent on one pixel",
-        lambda: HardView(flat(_one_outlier())),
+        lambda _: HardView(flat(_one_outlier())),
     ),
     (
         "more layers than depths",
         "three depths and forty layers",
         "nodes that coincide",
-        lambda: HardView(flat(across((torch.arange(PADDED[1]) % 3).double() * 0.5)), options={"layers": 40}),
+        lambda _: HardView(
+            flat(across((torch.arange(PADDED[1]) % 3).double() * 0.5)), options={"layers": 40}
+        ),
     ),
 )
 
-COVERAGE = (
+COVERAGE: tuple[Row, ...] = (
     (
         "coverage 0",
         "fragments that cover nothing",
         "0 / 0 where light is divided by coverage",
-        lambda: HardView(layered_view(half(0.0, 0.0), 1.2, 0.4), cut=CUT),
+        lambda _: HardView(layered_view(half(0.0, 0.0), 1.2, 0.4), cut=CUT),
     ),
     (
         "coverage 1",
         "the front covers all: nothing of the back is seen",
         "1 / (1 - 1)",
-        lambda: HardView(layered_view(half(1.0, 1.0), 1.2, 0.4), cut=CUT),
+        lambda _: HardView(layered_view(half(1.0, 1.0), 1.2, 0.4), cut=CUT),
     ),
     (
         "coverage 1 and hidden light",
         "all that the blur uncovers is hidden",
         "1 / (1 - 1)",
-        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1.0), cut=CUT),
+        lambda _: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1.0), cut=CUT),
     ),
     (
         "coverage 1e-7",
         "a hair thinner than single precision",
         "cancellation in 1 - a",
-        lambda: HardView(layered_view(half(1e-7, 1 - 1e-7), 1.2, 0.4, 1.0), cut=CUT),
+        lambda _: HardView(layered_view(half(1e-7, 1 - 1e-7), 1.2, 0.4, 1.0), cut=CUT),
     ),
     ("coverage above 1", "fragments that sum to 1 + 1e-6", "negative light behind", _sum_above_one),
     ("a hundred wires", "thin things at a hundred depths", "products of a hundred factors", _wires),
@@ -201,23 +201,18 @@ COVERAGE = (
         "hidden nearer than the gap",
         "a hidden surface that lies 1 mm behind the visible one",
         "an edge where there is none",
-        lambda: HardView(layered_view(half(1.0, 0.0), 1.0, 0.999, 1.0)),
+        lambda _: HardView(layered_view(half(1.0, 0.0), 1.0, 0.999, 1.0)),
     ),
     (
         "hidden coverage 1e-7",
         "next to nothing is known of what is behind",
         "division by what was found",
-        lambda: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1e-7), cut=CUT),
+        lambda _: HardView(layered_view(half(1.0, 0.0), 1.2, 0.4, 1e-7), cut=CUT),
     ),
     (
         "half covered everywhere",
         "an edge in every pixel",
         "no pixel is far from an edge",
-        lambda: HardView(layered_view(half(0.5, 0.5), 1.2, 0.4, 0.5), cut=CUT),
+        lambda _: HardView(layered_view(half(0.5, 0.5), 1.2, 0.4, 0.5), cut=CUT),
     ),
-)
-
-CASES: tuple[Case, ...] = (
-    *photo_cases("depth", "each fragment's own PSF, added up", DEPTH),
-    *photo_cases("coverage", "as much light as there is, finite derivatives", COVERAGE),
 )
