@@ -17,10 +17,10 @@ from edofsim.capture.fidelity import Fidelity
 from edofsim.capture.occlusion.slabs import cuts, hides
 from edofsim.capture.photograph import capture, nodes_of
 from edofsim.capture.prepare import blur_per_dioptre
+from edofsim.core.threads import one_thread
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
 from edofsim.optics.masks.cubic import CubicMask
-from edofsim.optics.threads import one_thread
 from edofsim.plan.rates import PACE, Rates, paces
 from edofsim.plan.shape import shape_of
 from edofsim.plan.work import KINDS, STAGES, work_of

@@ -25,11 +25,11 @@ import torch
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture, full_fidelity
+from edofsim.core.threads import one_thread
 from edofsim.experiments.kept import Kept
 from edofsim.experiments.predictions import MASKS, SCENES, camera_of, small_version
 from edofsim.optics import Camera
 from edofsim.optics import cache as psf_memory
-from edofsim.optics.threads import one_thread
 from edofsim.plan import Planner, plan_photo, planner_of, remember
 from edofsim.recipe import load_scene
 from edofsim.render import render

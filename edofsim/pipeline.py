@@ -21,9 +21,9 @@ from .capture.framing import framed, seen_through
 from .capture.noise import PhotoNoise, photographed_noise
 from .capture.presets import PRESETS, preset
 from .core.progress import Progress
+from .core.threads import in_threads
 from .optics import Camera
 from .optics.nodes import nodes_between
-from .optics.threads import in_threads
 from .plan import (
     RESTORED,
     Facts,

@@ -105,7 +105,7 @@ def run(
         from .. import pipeline
         from ..capture import save_image, write_photo
         from ..capture.fidelity_file import values_of
-        from ..optics.threads import in_threads
+        from ..core.threads import in_threads
         from ..plan import RESTORED, parse_target
         from ..restore.choice import said_of
         from ..restore.gains import gains_in_words

@@ -20,9 +20,9 @@ import typer
 from .. import completion
 from ..capture import capture
 from ..core.progress import Progress
+from ..core.threads import one_thread
 from ..errors import InputError
 from ..optics import Camera
-from ..optics.threads import one_thread
 from ..options import CacheOption, MembersOption
 from ..plan import (
     Fidelity,

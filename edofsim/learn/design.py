@@ -36,20 +36,17 @@ def design(
     height_noise: float,
     truncated_energy: float,
     seed: int,
-    evenness: float = 0.0,
-    response: bool = False,
     progress: Progress | None = None,
 ) -> float:
     """Move a learning mask to where `error` is small over the depth range (inverse depths, 1/m).
 
     error: (PSFs [depth, channel, y, x], number of filters) to the mean square error of each, [depth,
-    channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth, and
-    `evenness` times the logarithm of its mean over depth, which the worst depths decide. groups: this many
-    filters restore, each for a part of the depth range; 1 for one filter for all. height_noise: standard
-    deviation of the mask's samples in metres; what such errors do to the PSFs is taken in its mean.
-    truncated_energy: weight of the light that leaves the PSFs' window. response: whether half of what counts
-    is light of all wavelengths through the sensor's response, beside the three colours. Returns the error's
-    PSNR in dB at the end, mean of depths. In place; deterministic for a seed.
+    channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth.
+    groups: this many filters restore, each for a part of the depth range; 1 for one filter for all.
+    height_noise: standard deviation of the mask's samples in metres; what such errors do to the PSFs is taken
+    in its mean.
+    truncated_energy: weight of the light that leaves the PSFs' window. Returns the error's PSNR in dB at the
+    end, mean of depths. In place; deterministic for a seed.
     """
     low, high = depth_range
     parameters = list(mask.parameters())
@@ -62,17 +59,11 @@ def design(
             group["lr"] = RATE_RAD * rate_factor(step / steps, "cosine", 0.0, 0.01)
         generator = generator_of(seed, DESIGN, step + 1, 0)
         depths, filters = _depths(low, high, groups, generator)
-        made = optics.with_height(mask())
-        psf = made.psfs(depths, height_noise=height_noise)
-        if response:
-            shift = float(torch.rand(1, generator=generator))
-            psf = torch.cat([psf, made.psfs(depths, True, height_noise, shift)])
-            filters *= 2
-        left = error(psf, filters).mean(1)
-        relative = left.log().mean()
+        psf = optics.with_height(mask()).psfs(depths, height_noise=height_noise)
+        relative = error(psf, filters).mean(1).log().mean()
         truncated = 1 - psf.sum((-1, -2)).mean()
         optimiser.zero_grad(set_to_none=True)
-        (relative + evenness * left.mean().log() + truncated_energy * truncated).backward()
+        (relative + truncated_energy * truncated).backward()
         optimiser.step()
         quality = -10 / math.log(10) * float(relative.detach())
         if progress and step % 10 == 0:

@@ -1,27 +1,23 @@
-"""What a training leaves behind while it runs: a JSON-lines log and pictures, TensorBoard if asked."""
+"""What a training leaves behind while it runs: a JSON-lines log and pictures."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from ..core.files import write_text
 from ..core.images import write_png
-from ..errors import EdofsimError, InputError
-
-if TYPE_CHECKING:
-    from torch.utils.tensorboard import SummaryWriter
+from ..errors import EdofsimError
 
 
 class Journal:
     """log.jsonl and pictures/ in a training's folder; `step` is the first step that is written anew."""
 
-    def __init__(self, folder: Path, step: int, *, tensorboard: bool = False) -> None:
+    def __init__(self, folder: Path, step: int) -> None:
         self.folder = folder
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -30,19 +26,14 @@ class Journal:
         except OSError as error:
             problem = f"{folder}: cannot be written ({error.strerror}); choose another --out"
             raise EdofsimError(problem) from None
-        self._board = _board(folder) if tensorboard else None
 
     def write(self, **entry: float) -> None:
-        """One line of the log: flat, JSON values; numbers also go to TensorBoard."""
+        """One line of the log: flat, JSON values."""
         try:
             self._file.write(json.dumps(entry) + "\n")
             self._file.flush()
         except OSError as error:
             raise EdofsimError(f"{self.folder}: the log cannot be written ({error.strerror})") from None
-        if self._board is not None:
-            for name, value in entry.items():
-                if isinstance(value, float):
-                    self._board.add_scalar(name, value, entry["step"])
 
     def before(self) -> dict[str, float]:
         """PSNR of the validation before the first step, as psnr_db.start[.SOURCE]; nothing where a training
@@ -71,8 +62,6 @@ class Journal:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
-        if self._board is not None:
-            self._board.close()
 
 
 def stretched(values: Tensor) -> Tensor:
@@ -94,11 +83,3 @@ def _step_of(line: str) -> float:
         return float(json.loads(line)["step"])
     except (ValueError, KeyError, TypeError):
         return float("inf")  # a line cut short by a crash
-
-
-def _board(folder: Path) -> SummaryWriter:
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        raise InputError("journal.tensorboard = true needs tensorboard: pip install tensorboard") from None
-    return SummaryWriter(str(folder / "tensorboard"))

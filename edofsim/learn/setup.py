@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -32,7 +31,6 @@ from .training_camera import TrainingCamera
 from .training_data import TrainingData, gather
 from .workers import Workers
 
-RUNNING = ".running_"
 MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 SAME_HEIGHT = 1e-10  # metres: learned heights are rounded when they are saved
 ROUNDING = 1e-3  # relative, of heights that were held within a limit
@@ -41,8 +39,8 @@ ROUNDING = 1e-3  # relative, of heights that were held within a limit
 @dataclass(frozen=True)
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    relief; history: of the checkpoint that the network starts from; beside: that of the one beside it; start:
-    weights that it starts from, where some of them are kept; pool: cameras in place of one."""
+    relief; history: of the checkpoint that the network starts from; beside: that of the one beside it; pool:
+    cameras in place of one."""
 
     recipe: TrainRecipe
     camera: CameraRecipe
@@ -52,7 +50,6 @@ class Setup:
     device: torch.device
     history: tuple[Json, ...] = ()
     beside: tuple[Json, ...] = ()
-    start: Mapping[str, Tensor] = field(default_factory=dict)
     pool: CameraPool | None = None
 
     def height(self) -> Tensor | None:
@@ -99,17 +96,8 @@ def prepare(
     system.to(workers.device)
     # pyrefly: ignore[no-matching-overload] - torch's stubs leave this one out
     system.network.to(memory_format=torch.channels_last)
-    start = {name: value.clone() for name, value in trained(network)} if recipe.network.start_share else {}
     pool = camera_pool(recipe, network, workers.device, progress)
-    return Setup(
-        recipe, camera, system, training_data, sampling, workers.device, history, beside, start, pool
-    )
-
-
-def trained(network: nn.Module) -> Iterator[tuple[str, Tensor]]:
-    """What a training changes of a network: its weights, and the running means of batch normalisation."""
-    yield from network.named_parameters()
-    yield from ((name, value) for name, value in network.named_buffers() if RUNNING in name)
+    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, beside, pool)
 
 
 def use_bfloat16(precision: str, device: torch.device) -> bool:

@@ -25,14 +25,13 @@ from ..restore.checkpoint import save_arrays, save_checkpoint
 from .design import design
 from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
-from .setup import Setup, prepare, trained
+from .setup import Setup, prepare
 from .state import Position, load_state, save_state
 from .system import Draw, JudgedPhotos
 from .workers import Workers, join_workers
 
 DRAWS, NOISE, VALIDATION = range(3)  # purposes of random numbers
 DESIGN_TRUNCATED_ENERGY = 0.5  # one part in 100 of the light against half a part in 100 of the linear error
-SHARES = (0.0, 0.2, 0.4, 0.6, 0.8)  # of the weights at the start, from which validation chooses
 NO_GRADIENT = 100  # updates on end after which a training is given up
 TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tests
 
@@ -124,8 +123,7 @@ def _train(
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)
     loop = _Loop(setup, wrapped, optimiser, position, workers, out, limit, before=position.seconds)
-    board = recipe.journal.tensorboard
-    opened = Journal(out, position.step, tensorboard=board) if workers.first else nullcontext()
+    opened = Journal(out, position.step) if workers.first else nullcontext()
     figures: dict[str, float] = {}
     path = out / f"{recipe.name}.safetensors"
     with opened as journal, _stoppable() as stop:
@@ -138,9 +136,8 @@ def _train(
         position.seconds = loop.seconds()
         if workers.first:
             _save(loop)  # first of all: who stops a training may not wait for more
-            share = _keep_start(setup)
             figures |= validate(setup, journal, position.step)
-            save_result(setup, path, position, figures, share)
+            save_result(setup, path, position, figures)
             figures |= journal.before() if journal is not None else {}
     figures |= {"steps": float(position.step), "seconds.training": position.seconds}
     pictures = tuple(sorted((out / "pictures").glob("*.png"))[-2:])
@@ -159,8 +156,6 @@ def _design(setup: Setup, progress: Progress | None) -> None:
         recipe.capture.inverse_depth_per_m,
         error=system.network.linear_error,
         groups=system.network.groups,
-        evenness=recipe.doe.design_evenness,
-        response=recipe.doe.design_response,
         height_noise=recipe.doe.height_noise_nm * 1e-9,
         truncated_energy=DESIGN_TRUNCATED_ENERGY,
         seed=recipe.seed,
@@ -268,28 +263,6 @@ def draw_batch(setup: Setup, step: int, workers: Workers, part: int = 0) -> Draw
 
 
 @torch.no_grad()
-def _keep_start(setup: Setup) -> float:
-    """Make the weights their mean with those of the start, as the recipe shares it, and return that share.
-    Linear in between: networks that were trained on from one another lie in one valley of the loss."""
-    wanted = setup.recipe.network.start_share
-    end = {name: value.clone() for name, value in trained(setup.system.network)}
-
-    def share_out(share: float) -> None:
-        for name, value in trained(setup.system.network) if share else ():
-            value.copy_(end[name].lerp(setup.start[name].to(value), share))
-
-    def loss(share: float) -> float:
-        share_out(share)
-        return validate(setup, None, 0)["validation_loss"]
-
-    share = min(SHARES, key=loss) if wanted == "validation" else wanted
-    for name, value in trained(setup.system.network):
-        value.copy_(end[name])
-    share_out(share)
-    return share
-
-
-@torch.no_grad()
 def validate(setup: Setup, journal: Journal | None, step: int) -> dict[str, float]:
     """PSNR and loss of the validation patches, the same photos and noise each time; PSNR by source too, see
     `TrainingData`."""
@@ -328,10 +301,8 @@ def _psnr(image: Tensor, ideal: Tensor) -> Tensor:
     return -10 * (image - ideal).square().mean((1, 2, 3)).log10()
 
 
-def save_result(
-    setup: Setup, path: Path, position: Position, figures: Mapping[str, float], share: float = 0.0
-) -> Path:
-    """The checkpoint with its card. share: of the weights at the start."""
+def save_result(setup: Setup, path: Path, position: Position, figures: Mapping[str, float]) -> Path:
+    """The checkpoint with its card."""
     card: Json = {
         "name": setup.recipe.name,
         "camera": setup.camera.model_dump(mode="json", exclude={"schema_"}),
@@ -343,10 +314,6 @@ def save_result(
         "hours": round(position.seconds / 3600, 1),
         "figures": dict(figures),
     }
-    if share:
-        card["weights"] = f"{1 - share:g} of this training's and {share:g} of those that it started from"
-        if setup.recipe.network.start_share == "validation":
-            card["weights"] += ", as the validation pictures chose"
     if setup.history:
         card["history"] = list(setup.history)
     if setup.beside:

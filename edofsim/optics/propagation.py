@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
-from .threads import in_threads
+from ..core.threads import in_threads
 from .transform import (
     Bases,
     across,

@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..core.threads import in_threads, threads_allowed
 from ..errors import InputError
 from . import cache as bank_cache
 from .band_limited import band_limited_nodes, band_limited_weights, fewest_nodes
@@ -24,7 +25,6 @@ from .psf_field import PsfField
 from .pupil import Aperture, aperture, chirp, pupil_function
 from .sampling import plan_sampling
 from .sensor import response
-from .threads import in_threads, threads_allowed
 from .transform import SensorWindow, make_bases
 
 BETWEEN = 3e-5

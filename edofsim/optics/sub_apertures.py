@@ -19,6 +19,7 @@ from functools import lru_cache, partial, reduce
 import torch
 from torch import Tensor
 
+from ..core.threads import in_threads
 from ..errors import InputError
 from .camera import Camera
 from .grid import PupilGrid
@@ -27,7 +28,6 @@ from .propagation import Part, Wave, propagate, shared_energies
 from .psf import axes_of, carries_gradients, wave_at
 from .pupil import aperture
 from .sampling import plan_sampling, sampled_alike
-from .threads import in_threads
 
 MOST_PARTS = 16
 """Along one axis. More have no more to tell than the diffraction at their borders lets them."""

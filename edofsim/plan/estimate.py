@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ..core.progress import Progress
-from ..optics.threads import in_threads
+from ..core.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 

@@ -22,9 +22,9 @@ from ..capture.photograph import all_in_focus, nodes_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.once import Once
+from ..core.threads import in_threads
 from ..optics import Camera
 from ..optics.field import STEPS, errors_by_step
-from ..optics.threads import in_threads
 from ..recipe import SceneRecipe
 from ..render.view import View
 from .coarse import Coarse, coarse_of

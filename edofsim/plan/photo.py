@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from ..capture.fidelity import Fidelity
 from ..core.progress import Progress
+from ..core.threads import one_thread_an_operation
 from ..optics import Camera
-from ..optics.threads import one_thread_an_operation
 from ..render.view import View
 from .choose import Chosen, Cost, cheapest, everything, fidelity_of, within
 from .costs import Costs, Rendering

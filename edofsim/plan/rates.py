@@ -17,7 +17,7 @@ from torch import Tensor
 
 from ..core.sources import code_of_rooms
 from ..core.store import found, keep, user_folder
-from ..optics.threads import all_threads, threads_allowed
+from ..core.threads import all_threads, threads_allowed
 from ..record import machine
 from .work import STAGES
 

@@ -97,6 +97,16 @@ def renamed(
     return table
 
 
+def without(data: object, *gone: str) -> object:
+    """A table as it was read, without keys that are gone and were off in it. Raises ValueError for one that
+    was on: what it asked for is not there any more."""
+    if not isinstance(data, Mapping):
+        return data
+    if asked := [key for key in gone if data.get(key)]:
+        raise ValueError(f"{asked[0]} is gone since version 0.3; remove the key")
+    return {key: value for key, value in data.items() if key not in gone}
+
+
 def in_new_names(model: type[BaseModel], table: Json) -> Json:
     """A whole recipe that an earlier version wrote into a file of its own, as this version writes it; what is
     no whole recipe is given back as it is."""

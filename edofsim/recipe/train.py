@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationInfo, model_validator
 
 from ..core.json_values import Json
-from .base import Fraction, NotNegative, Positive, RecipeModel, renamed
+from .base import Fraction, NotNegative, Positive, RecipeModel, renamed, without
 from .camera import PsfSettings
 from .kinds import LENSES, MASKS, NETWORKS, TRAINING_DATA, AnyMask, KindModel, NameOf, OfKind, named
 
@@ -17,12 +17,7 @@ Count = Annotated[int, Field(ge=1)]
 
 
 class NetworkTable(RecipeModel):
-    """The restorer.
-
-    A mean with the starting weights (`start_share`) keeps what was learned on the old kinds of photos where
-    new kinds are trained on (Wortsman et al., CVPR 2022); "validation" takes the share from 0 to 0.8, in
-    steps of 0.2, with the least validation loss.
-    """
+    """The restorer."""
 
     kind: Annotated[str, NameOf(NETWORKS)] = "dcnn"
     """which network"""
@@ -30,16 +25,13 @@ class NetworkTable(RecipeModel):
     """settings of the network, by its own keys"""
     start: str | None = None
     """checkpoint whose weights it starts from: a file or a shipped name"""
-    start_share: Annotated[float, Field(ge=0, lt=1)] | Literal["validation"] = 0.0
-    """share of the starting weights in the mean that is saved, 0 to below 1; "validation" chooses it"""
     beside: str | None = None
     """checkpoint of the same mask whose restoration this filter bank sees and saves with it; a D-CNN"""
 
-    @model_validator(mode="after")
-    def _startable(self) -> NetworkTable:
-        if self.start_share and self.start is None:
-            raise ValueError(f"start_share = {self.start_share} needs a start")
-        return self
+    @model_validator(mode="before")
+    @classmethod
+    def _as_once_written(cls, data: object) -> object:
+        return without(data, "start_share")
 
 
 class DoeTable(RecipeModel):
@@ -50,10 +42,6 @@ class DoeTable(RecipeModel):
     """whether the mask learns: height maps, Zernike and Fourier terms and rings can"""
     design_steps: Annotated[int, Field(ge=0)] = 0
     """steps on the mask alone before the training, towards the best linear restoration"""
-    design_response: bool = False
-    """whether half of what these steps judge is light of all wavelengths"""
-    design_evenness: NotNegative = 0.0
-    """weight of the mean error in these steps, which the worst depths decide"""
     start: str | None = None
     """checkpoint whose height map replaces the recipe's"""
     learning_rate_rad: NotNegative = 5e-3
@@ -62,6 +50,11 @@ class DoeTable(RecipeModel):
     """heights stay between 0 and this, um"""
     height_noise_nm: NotNegative = 40.0
     """standard deviation of the height error that is drawn in each step, nm"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_once_written(cls, data: object) -> object:
+        return without(data, "design_response", "design_evenness")
 
 
 class LossTable(RecipeModel):
@@ -201,8 +194,11 @@ class JournalTable(RecipeModel):
     """steps between checkpoints"""
     pictures_every: Count = 2000
     """steps between pictures"""
-    tensorboard: bool = False
-    """whether to write TensorBoard's files too"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_once_written(cls, data: object) -> object:
+        return without(data, "tensorboard")
 
 
 class TrainRecipe(RecipeModel):

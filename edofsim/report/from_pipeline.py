@@ -15,11 +15,11 @@ from ..capture import Fidelity, capture
 from ..capture.fidelity_file import values_of
 from ..capture.noise import NoiseState
 from ..core.shipped import typed_as
+from ..core.threads import in_threads
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import surface
-from ..optics.threads import in_threads
 from ..plan import Plan, overall
 from ..record import machine, versions
 from ..render.view import View

@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from ..core.images import developed
-from ..optics.threads import in_threads
+from ..core.threads import in_threads
 from ..restore.gains import gains, gains_in_words
 from ..restore.scores import Score, image_psnr
 from .crops import Detail, choose_crops, near_focus_far

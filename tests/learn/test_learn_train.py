@@ -138,26 +138,6 @@ def test_a_card_tells_the_trainings_before_its_own(tmp_path: Path) -> None:
     assert "history" not in load_checkpoint(first).card
 
 
-def test_weights_are_shared_with_those_at_the_start(tmp_path: Path) -> None:
-    """Of each weight a quarter is the start's; a training that goes on does not start from the mean."""
-    first = train(_recipe(tmp_path), tmp_path / "first").checkpoint
-    found = {}
-    for share in (0.0, 0.25):
-        loaded = _recipe(tmp_path, 2)
-        network = loaded.recipe.network.model_copy(update={"start": str(first), "start_share": share})
-        again = Loaded(loaded.recipe.model_copy(update={"network": network}), loaded.path, "")
-        found[share] = load_checkpoint(train(again, tmp_path / f"{share}").checkpoint)
-    start, plain, shared = (one.network.state_dict() for one in (load_checkpoint(first), *found.values()))
-    for name, value in shared.items():
-        if value.is_floating_point():
-            torch.testing.assert_close(value, 0.75 * plain[name] + 0.25 * start[name], rtol=1e-5, atol=1e-7)
-    assert any(not torch.equal(shared[name], plain[name]) for name in shared)
-    states = [load_arrays(tmp_path / f"{share}/state.safetensors", "state")[0] for share in found]
-    assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
-    assert found[0.25].card["weights"] == "0.75 of this training's and 0.25 of those that it started from"
-    assert "weights" not in found[0.0].card
-
-
 def test_sources_for_validation_are_never_drawn_and_scored_apart(tmp_path: Path) -> None:
     """A folder of grey pictures beside photographs: no step sees grey; its PSNR is told by itself, and of a
     training that starts from a checkpoint before the first step, too."""
@@ -210,9 +190,10 @@ def test_what_is_new_in_a_larger_network_follows_the_seed(tmp_path: Path) -> Non
     assert all(torch.equal(found[0][name], value) for name, value in found[1].items())
 
 
-def test_a_share_of_no_start_is_refused() -> None:
-    with pytest.raises(ValidationError, match="start_share = 0.5 needs a start"):
-        NetworkTable(start_share=0.5)
+def test_keys_that_are_gone_are_read_where_they_were_off_and_refused_where_they_were_on() -> None:
+    assert NetworkTable.model_validate({"start_share": 0.0}) == NetworkTable()
+    with pytest.raises(ValidationError, match="start_share is gone since version 0.3"):
+        NetworkTable.model_validate({"start_share": 0.5})
 
 
 def test_frozen_statistics_stay_while_the_weights_learn(tmp_path: Path) -> None:

@@ -9,14 +9,13 @@ from typing import Any
 import pytest
 import torch
 
-from edofsim.learn import train, trainer
+from edofsim.learn import train
 from edofsim.learn.setup import prepare
 from edofsim.learn.system import Draw, Planes
 from edofsim.learn.variation import Variation, evenly, varied
 from edofsim.learn.workers import Workers
 from edofsim.recipe.load import Loaded
 from edofsim.recipe.train import TrainRecipe
-from edofsim.restore.checkpoint import load_arrays, load_checkpoint
 from edofsim.restore.restorer import Restorer
 
 PATCH, WINDOW = 32, 16
@@ -130,35 +129,3 @@ class _Darker(Restorer):
 
     def forward(self, photo: torch.Tensor) -> torch.Tensor:
         return photo - 0.02
-
-
-def test_validation_chooses_how_much_of_the_start_is_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The share whose validation loss is least, among those that are tried; the card says so."""
-    first = train(_recipe(), tmp_path / "first").checkpoint
-    plain = train(_recipe(network={"start": str(first)}), tmp_path / "plain").checkpoint
-    tried: list[dict[str, torch.Tensor]] = []
-    losses = iter([0.5, 0.3, 0.2, 0.4, 0.6])
-    real = trainer.validate
-
-    def judged(setup: Any, journal: Any, step: int) -> dict[str, float]:
-        if journal is not None:
-            return real(setup, journal, step)
-        tried.append({name: value.clone() for name, value in setup.system.network.state_dict().items()})
-        return {"validation_loss": next(losses)}
-
-    monkeypatch.setattr(trainer, "validate", judged)
-    network = {"start": str(first), "start_share": "validation"}
-    chosen = train(_recipe(network=network), tmp_path / "chosen").checkpoint
-    assert len(tried) == len(trainer.SHARES)
-    assert load_checkpoint(chosen).card["weights"] == (
-        "0.6 of this training's and 0.4 of those that it started from, as the validation pictures chose"
-    )
-    start, end, mean = (load_arrays(path, "checkpoint")[0] for path in (first, plain, chosen))
-    weights = [
-        name for name, value in end.items() if name.startswith("network.") and value.is_floating_point()
-    ]
-    for name in weights:
-        torch.testing.assert_close(mean[name], 0.6 * end[name] + 0.4 * start[name], rtol=1e-5, atol=1e-7)
-    torch.testing.assert_close(tried[0], {name: end[f"network.{name}"] for name in tried[0]})

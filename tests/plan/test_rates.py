@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from edofsim.optics.threads import one_thread_an_operation
+from edofsim.core.threads import one_thread_an_operation
 from edofsim.plan import rates
 from edofsim.plan.work import KINDS, STAGES
 

@@ -18,8 +18,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 from torch.utils.checkpoint import checkpoint
 
+from ...core.threads import in_threads, threads_allowed
 from ...optics import PsfField
-from ...optics.threads import in_threads, threads_allowed
 from ...render.view import View
 from ..blurring import Blurring
 from ..coarse import CoarsePixels

@@ -7,7 +7,7 @@ import threading
 import pytest
 import torch
 
-from edofsim.optics.threads import in_threads, one_thread_an_operation
+from edofsim.core.threads import in_threads, one_thread_an_operation
 
 CPU = torch.device("cpu")
 
