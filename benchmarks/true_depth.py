@@ -1,10 +1,10 @@
 """How much of what a deep scene costs a restoration is its depth: a ceiling for the networks that go by PSFs.
 
 `python -m benchmarks.true_depth [--json FILE]` photographs the middles of the shipped scenes as `evaluate
-scene3d --quick` does (all bands, sub-apertures) and restores them by `told-dcnn` and `paper-bank`, told the
-distances by the photo's own blur, as in use, and `told-dcnn` as they truly are. Beside them the same pictures
-as planes at the mean inverse distance of each scene, told by their blur: without depth edges.
-Figures: `psnr_db.{SCENE,mean}.NETWORK.{blur,plane}`, `psnr_db.{SCENE,mean}.told-dcnn.true`.
+scene3d --quick` does (all bands, sub-apertures). `depth-dcnn` and `paper-bank` restore them, given depths by
+the photo's own blur, as in use, and `depth-dcnn` also given the true ones. The same pictures are planes, too,
+at the mean inverse depth of their scenes: without depth edges.
+Figures: `psnr_db.{SCENE,mean}.NETWORK.{blur,plane}`, `psnr_db.{SCENE,mean}.depth-dcnn.true`.
 """
 
 from __future__ import annotations
@@ -82,7 +82,9 @@ def restored() -> dict[str, float]:
     for path in shipped(shipped_folder("scenes")).values():
         scene = load_scene(path)
         view = render(scored_version(scene.recipe, quick=True), scene.base)
-        told, bank = systems_of(load_camera(scene.recipe.camera, scene.base), ["told-dcnn", "paper-bank"])[1:]
+        told, bank = systems_of(load_camera(scene.recipe.camera, scene.base), ["depth-dcnn", "paper-bank"])[
+            1:
+        ]
         plane = as_plane(view)
         own = {f"{each.name}.blur": score(view, each) for each in (told, bank)}
         own |= {f"{each.name}.plane": score(plane, each) for each in (told, bank)}

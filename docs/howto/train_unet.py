@@ -32,8 +32,9 @@ class UNet(nn.Module):
 
 
 folder, epochs = sys.argv[1], int(sys.argv[2])
+torch.manual_seed(0)
 network = UNet()
-pairs = Pairs(folder, "train", crop=32, augment=True)
+pairs = Pairs(folder, "train", crop=32, augment=True, turns=False)
 optimiser = torch.optim.Adam(network.parameters(), 1e-3)
 for pairs.epoch in range(epochs):
     for pair in DataLoader(pairs, batch_size=4, shuffle=True, num_workers=2):

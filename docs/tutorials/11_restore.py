@@ -32,7 +32,7 @@ def psnr(image) -> float:
 
 
 # %%
-# ``paper-bank`` restores by default: it finds how far each place is, as ``told-dcnn`` does. ``paper-dcnn`` is
+# ``paper-bank`` restores by default: it finds how far each place is, as ``depth-dcnn`` does. ``paper-dcnn`` is
 # the paper's own network, which learned together with this mask. Wiener deconvolution knows the PSFs alone.
 
 far = (0.6, 1.5)
@@ -47,10 +47,10 @@ for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
     edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax, photo.colours)
 
 # %%
-# For cameras that no network was trained for there is ``any-bank``, which knows a camera by its PSFs. A
+# For cameras that no network was trained for there is ``universal``, which knows a camera by its PSFs. A
 # network for a camera of your own is trained by ``edofsim train``.
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")
 sharp = edofsim.restored(of_own, own, depths=far)
-axes = edofsim.show(sharp, "the cubic mask, any-bank", colours=of_own.colours)
+axes = edofsim.show(sharp, "the cubic mask, universal", colours=of_own.colours)

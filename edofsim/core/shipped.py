@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from importlib.util import find_spec
 from pathlib import Path
+
+LOG = logging.getLogger(__name__)
+RENAMED = {"any-bank": "universal", "told-dcnn": "depth-dcnn"}
+"""Earlier names of networks and their trainings."""
+
+
+def today(name: str) -> str:
+    """The name of a shipped network or training, given that or an earlier one, which a line says."""
+    if name in RENAMED:
+        LOG.warning("%s is called %s now", name, RENAMED[name])
+    return RENAMED.get(name, name)
 
 
 def shipped_folder(name: str) -> Path:

@@ -37,6 +37,7 @@ class Pairs(Dataset[Pair]):
         the nearest depth edge in pixels; `edges` [y, x], 1 where that is below 1.
     crop: side in pixels of a square part, at random where `augment`, else the middle; None: all of it.
     augment: whether parts are mirrored and turned, PSFs with them.
+    turns: False: augmented parts are only moved. A network that is not given PSFs learns one camera so.
     psfs: whether pairs hold the camera's `psfs` [depth, channel, y, x] at `psf_depths` [depth] in 1/m.
     seed: of parts and turns; together with `epoch` it decides all of them, however many workers there are.
 
@@ -52,11 +53,13 @@ class Pairs(Dataset[Pair]):
         planes: Sequence[str] = USUAL,
         crop: int | None = None,
         augment: bool = False,
+        turns: bool = True,
         psfs: bool = False,
         seed: int = 0,
     ) -> None:
         self.folder, self.split, self.planes = Path(folder), split, tuple(planes)
-        self.crop, self.augment, self.psfs, self.seed, self.epoch = crop, augment, psfs, seed, 0
+        self.crop, self.augment, self.turns = crop, augment, turns
+        self.psfs, self.seed, self.epoch = psfs, seed, 0
         said = about(self.folder)
         self.recipe: Json = said["recipe"]
         self.metas: list[Json] = []
@@ -115,7 +118,7 @@ class Pairs(Dataset[Pair]):
         rng = np.random.default_rng([self.seed, self.epoch, number])
         down, right = rng.random(2) if self.augment else (0.5, 0.5)
         square = self.crop is not None or height == width
-        turn = int(rng.integers(8 if square else 4)) if self.augment else 0
+        turn = int(rng.integers(8 if square else 4)) if self.augment and self.turns else 0
         if self.crop is None:
             return slice(None), slice(None), turn
         top, left = (int(p * (some - self.crop + 1)) for p, some in ((down, height), (right, width)))

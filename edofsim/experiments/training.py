@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..core.json_values import Json
+from ..core.shipped import RENAMED
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,8 @@ class Training:
 def training_of(card: Json) -> Training:
     """By a checkpoint's card (see `restore.checkpoint`)."""
     every = [*card.get("history", ()), card]
-    own = [entry for entry in every if entry.get("name") == card.get("name")]
+    names = [RENAMED.get(name, name) for name in (entry.get("name") for entry in every)]
+    own = [entry for entry, name in zip(every, names, strict=True) if name == names[-1]]
     steps = sum(int(entry.get("step", 0)) for entry in own)
     hours = sum(entry["hours"] for entry in own) if all("hours" in entry for entry in own) else None
     return Training(steps, sum(int(entry.get("step", 0)) for entry in every) - steps, hours)

@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 
 from pydantic import BaseModel
 
-from ..core.shipped import shipped, shipped_folder
+from ..core.shipped import shipped, shipped_folder, today
 from ..errors import InputError
 from .camera import CameraRecipe
 from .dataset import DatasetRecipe
@@ -64,7 +64,14 @@ def camera_file(source: str | Path, base: Path | None = None) -> Path:
 
 def load_train(source: str | Path) -> Loaded[TrainRecipe]:
     """A training recipe from its file, or a shipped one by name. Raises InputError."""
-    return _read(TrainRecipe, _file(source, shipped_folder("train"), "training recipe"))
+    return _read(
+        TrainRecipe,
+        _file(
+            source if Path(source).exists() else today(str(source)),
+            shipped_folder("train"),
+            "training recipe",
+        ),
+    )
 
 
 def load_dataset(source: str | Path) -> Loaded[DatasetRecipe]:

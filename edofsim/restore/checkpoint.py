@@ -28,6 +28,7 @@ from torch import Tensor
 
 from ..core.files import write_bytes
 from ..core.json_values import Json
+from ..core.shipped import RENAMED, today
 from ..errors import InputError, first_line
 from ..optics import PAPER_COLOURS, Camera
 from ..optics.fabrication import unscattered_fraction
@@ -43,7 +44,7 @@ from .restorer import Restorer
 FORMAT = 1
 SUFFIX = ".safetensors"
 MAX_BYTES = 1 << 30
-ANY_CAMERA = "any-bank"
+ANY_CAMERA = "universal"
 """The shipped checkpoint for cameras that no network was trained with."""
 # what the optics of a photo depend on; noise, exposure and the window of the PSFs may differ
 CAMERA_FIELDS = ("lens", "focus", "sensor.pixel_um")
@@ -65,7 +66,8 @@ class Checkpoint:
 
     @property
     def name(self) -> str:
-        return str(self.card.get("name", "network"))
+        name = str(self.card.get("name", "network"))
+        return RENAMED.get(name, name)
 
 
 def shipped_checkpoints() -> dict[str, Path]:
@@ -105,8 +107,8 @@ def find_checkpoint(source: str | Path) -> Path:
     if path.is_file():
         return path
     known = shipped_checkpoints() | any_camera_checkpoints() | comparison_checkpoints()
-    if str(source) in known:
-        return known[str(source)]
+    if (name := today(str(source))) in known:
+        return known[name]
     names = ", ".join(known) or "none"
     raise InputError(f"{source}: no such checkpoint file, and none shipped of that name; shipped: {names}")
 

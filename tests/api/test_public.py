@@ -212,7 +212,7 @@ def test_a_camera_with_a_mask_of_its_own_is_restored_by_the_network_for_any_not_
     bands = [482e-9, 543e-9, 611e-9]
     any_camera, wiener, anothers = (
         edofsim.restored(photo, own, network=network, wavelengths=bands)
-        for network in ("any-bank", "wiener", "paper-dcnn")
+        for network in ("universal", "wiener", "paper-dcnn")
     )
     found = edofsim.restored(photo, own, wavelengths=bands)
     assert torch.equal(found, any_camera)

@@ -60,7 +60,7 @@ def test_code_says_the_same_words():
 
 
 def test_the_ban_catches_its_words():
-    said = "A net that is told, so many of before, lacks it; `told` and told-dcnn are names, told: a field."
+    said = "A net that is told, so many of before, lacks it; `told` and depth-dcnn are names, told: a field."
     assert len(found(said, EVERYWHERE)) == 4
 
 

@@ -75,7 +75,7 @@ def test_there_are_six_cameras_and_the_training_drew_none_of_them() -> None:
     kinds = [taker.camera.mask.kind for taker in every]
     assert kinds == ["clear", "clear", "cubic", "rings", "height-map", "height-map"]
     assert len({taker.name for taker in every}) == 6
-    recipe = load_train("any-bank").recipe
+    recipe = load_train("universal").recipe
     assert recipe.cameras is not None
     for number in range(recipe.cameras.count):
         drawn = random_camera(recipe.cameras, recipe.seed, number, 0, recipe.capture.read_noise).camera

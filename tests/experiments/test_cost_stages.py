@@ -60,7 +60,7 @@ def test_restoring_is_measured_once_and_the_default_is_marked(
     monkeypatch.setattr(cost_stages, "restore", lambda *a, **k: taken.append(a) or whole(*a, **k))
     points = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
     assert len(taken) == 2 * len(points) and len({point.name for point in points}) == len(points)
-    assert [point.name for point in points if point.chosen] == ["any-bank"]
+    assert [point.name for point in points if point.chosen] == ["universal"]
     assert all(point.seconds > 0 and math.isfinite(point.value) for point in points)
     again = cost_stages.restore_points(view, camera("paper-clear"), tmp_path, repeats=2)
     assert again == points and len(taken) == 2 * len(points)

@@ -286,5 +286,5 @@ def test_network_and_table_go_together() -> None:
 
 
 def test_the_shipped_recipe_draws_cameras_of_many_kinds() -> None:
-    table = load_train("any-bank").recipe.cameras
+    table = load_train("universal").recipe.cameras
     assert table is not None and len(set(table.masks)) >= 10

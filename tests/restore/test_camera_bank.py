@@ -319,7 +319,7 @@ def test_it_restores_for_cameras_without_a_network_of_their_own(
     monkeypatch: pytest.MonkeyPatch, checkpoint: Checkpoint
 ) -> None:
     assert checkpoint.path is not None
-    monkeypatch.setattr(choice, "any_camera_checkpoints", lambda: {"any-bank": checkpoint.path})
+    monkeypatch.setattr(choice, "any_camera_checkpoints", lambda: {"universal": checkpoint.path})
     found, camera = choose_network(None, load_camera("paper-rings"))
     assert found is not None and found.name == "any" and camera.mask.kind == "rings"
     assert choose_network("wiener", load_camera("paper-rings"))[0] is None

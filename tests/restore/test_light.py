@@ -36,7 +36,7 @@ def _camera() -> Camera:
 
 
 @pytest.mark.parametrize("level", LEVELS)
-@pytest.mark.parametrize("name", ["paper-dcnn", "told-dcnn", "paper-bank"])
+@pytest.mark.parametrize("name", ["paper-dcnn", "depth-dcnn", "paper-bank"])
 def test_flat_colours_come_back_as_they_were(name: str, level: float) -> None:
     """PSFs sum to one with the glare beyond their windows, so that the photo of a flat colour is that colour
     at every distance: 2 % of each channel, in six hues."""
@@ -84,7 +84,7 @@ def test_a_flat_colour_looks_the_same_at_every_distance(distance: float) -> None
     torch.testing.assert_close(photo, colour[:, None, None].expand(photo.shape), rtol=1e-4, atol=0)
 
 
-@pytest.mark.parametrize("name", ["paper-dcnn", "told-dcnn", "paper-bank"])
+@pytest.mark.parametrize("name", ["paper-dcnn", "depth-dcnn", "paper-bank"])
 def test_a_dark_photo_is_not_darker_after_restoration(name: str) -> None:
     """A slope of light from 0.01 to 0.2, in another direction in each channel: any place's mean stays."""
     ramp = torch.linspace(0.01, 0.2, SIDE)
@@ -136,13 +136,13 @@ def test_a_network_sees_the_veil_of_its_training() -> None:
 def test_the_veil_of_a_training_follows_from_its_errors_of_fabrication() -> None:
     """Of networks that were told the PSFs of such masks; exp(-s^2) of the light keeps its way, s the error of
     the phase."""
-    for name in ("told-dcnn", "paper-bank"):
+    for name in ("depth-dcnn", "paper-bank"):
         checkpoint = load_checkpoint(name)
         relief = Camera.from_recipe(trained_camera(checkpoint)).mask_material
         error = checkpoint.card["recipe"]["doe"]["height_noise_nm"] * 1e-9
         phase = 2 * math.pi * error * (relief.index(PAPER_COLOURS) - 1) / PAPER_COLOURS
         assert checkpoint.network.glare == pytest.approx((1 - (-phase.square()).exp()).tolist())
-    assert [load_checkpoint(name).network.glare for name in ("paper-dcnn", "any-bank")] == [None, None]
+    assert [load_checkpoint(name).network.glare for name in ("paper-dcnn", "universal")] == [None, None]
 
 
 def test_a_level_that_is_wrong_is_mended_and_detail_is_left() -> None:

@@ -99,7 +99,7 @@ def test_commands_of_one_photo_agree(
     loaded = load_camera(str(folder / f"{camera}.toml"))
     points = cost_stages.figures(cost_stages.restore_points(view, loaded, folder, repeats=1))
     assert points["psnr_db.restore.Wiener"] == pytest.approx(run["psnr_db.wiener"], abs=SAME)
-    assert points["psnr_db.restore.any-bank"] == pytest.approx(run["psnr_db.restored"], abs=SAME)
+    assert points["psnr_db.restore.universal"] == pytest.approx(run["psnr_db.restored"], abs=SAME)
 
 
 def test_experiments_on_deep_scenes_agree_with_run(edofsim: Command, folder: Path):
