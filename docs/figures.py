@@ -9,6 +9,9 @@ is of no file says what it is: `<!-- quoted -->` what others measured, `<!-- giv
 `<!-- of c774ccd -->` what code of that commit printed, which the page says too. The command that wrote a
 figure stands on its page.
 
+Tables and plots between `<!-- made: NAME -->` and `<!-- end -->` are made whole (`docs/tables.py`); a
+paragraph of the results pages has at most two figures.
+
     python docs/figures.py                     # what does not agree, status 1 if anything
     python docs/figures.py --write             # the pages get the figures of the files
     python docs/figures.py --keep FILE NAME [FIGURE...]
@@ -22,7 +25,6 @@ import argparse
 import json
 import re
 import shlex
-import statistics
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -30,8 +32,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parent))
+from tables import ONE_OF, PLACE, RESULTS, block, is_drawn, plot, record
+
 ROOT = Path(__file__).parents[1]
-RESULTS = Path("docs/results/json")
 RUNS = "docs/results/runs.md"
 """The page that lists the files; all of it is made of them."""
 RESULTS_PAGES = ("paper", "photos", "planning", "restoration", "stability")
@@ -43,11 +47,10 @@ COVERED = (
 AWAITED: tuple[str, ...] = ()
 """Files that pages name and that are yet to be brought in: their figures are given, and fail no test."""
 KEPT = ("command", "typed", "date", "commit", "versions", "machine", "seed", "figures")
+FIGURES_IN_A_PARAGRAPH = 2
 PLACES = {"--out", "--json", "--cache", "--quiet", "--jobs", "--cluster", "--shard", "--device"}
 """Options that change no figure."""
 FLAGS = {"--quiet"}
-ONE_OF = {"median": statistics.median, "least": min, "most": max}
-"""Of figures that a name fits, by what stands before it."""
 NUMBER = r"-?\d+(?:\.\d+)?"
 MARK = re.compile(rf"<!-- (?!of )(\S+) (\S+?)(?: x(\S+))? -->({NUMBER})(?: to ({NUMBER}))?")
 OTHER = re.compile(rf"<!-- (?:quoted|given|of ([0-9a-f]{{7}})) -->{NUMBER}(?: to {NUMBER})?")
@@ -85,7 +88,7 @@ def check(root: Path = ROOT, passed_over: tuple[str, ...] = ()) -> list[Wrong]:
 
 
 def write(root: Path = ROOT) -> None:
-    """The pages with the figures of the files, as far as these have them."""
+    """The pages with the figures and tables of the files, as far as these have them."""
     for page in pages(root):
         text = page.read_text(encoding="utf-8")
 
@@ -96,7 +99,7 @@ def write(root: Path = ROOT) -> None:
             head = mark[0][: mark.start(4) - mark.start()]
             return head + " to ".join(_said(value, mark[4 + k]) for k, value in enumerate(found))
 
-        new = MARK.sub(figure, text)
+        new = PLACE.sub(lambda place: _made(place[1], root), MARK.sub(figure, text))
         if new != text:
             page.write_text(new, encoding="utf-8")
     (root / RUNS).write_text(runs_page(root), encoding="utf-8")
@@ -106,7 +109,7 @@ def runs_page(root: Path = ROOT) -> str:
     """The page that lists the files: the command of each, its commit, day and machine."""
     rows = []
     for path in sorted((root / RESULTS).glob("*.json")):
-        run = _record(root, path.stem)
+        run = record(root, path.stem)
         machine = run["machine"]
         cores = machine.get("cores", 1)
         on = f"{machine.get('processor', 'unknown')}, {cores} core{'s' * (cores > 1)}"
@@ -165,8 +168,41 @@ def _is_before_head(commit: str, root: Path) -> bool:
     return subprocess.run(asked, capture_output=True, check=False).returncode == 0
 
 
+def _made(name: str, root: Path) -> str:
+    """A table's place, filled in, with its plot drawn."""
+    plot(name, root)
+    return block(name, root)
+
+
+def _of_tables(text: str, name: str, root: Path) -> Iterator[Wrong]:
+    """What is wrong with tables and plots that are made, and paragraphs that should be tables."""
+    for place in PLACE.finditer(text):
+        line = text.count("\n", 0, place.start()) + 1
+        try:
+            if place[0] != block(place[1], root) or not is_drawn(place[1], root):
+                yield Wrong(
+                    name, line, f"{place[1]} is not what the files say; python docs/figures.py --write"
+                )
+        except (ValueError, OSError) as error:
+            yield Wrong(name, line, str(error))
+    if Path(name).parent == Path(RUNS).parent:
+        for part in re.finditer(r"(?:^(?![|#]).+\n)+", _without(text, PLACE, CODE), re.MULTILINE):
+            count = len(MARK.findall(part[0])) + len(OTHER.findall(part[0]))
+            if count > FIGURES_IN_A_PARAGRAPH:
+                line = text.count("\n", 0, part.start()) + 1
+                yield Wrong(name, line, f"a paragraph of {count} figures; make a table of them")
+
+
+def _without(text: str, *known: re.Pattern[str]) -> str:
+    """A text with what is known blotted out, in as many letters and lines."""
+    for each in known:
+        text = each.sub(lambda match: re.sub(r"[^\n]", "~", match[0]), text)
+    return text
+
+
 def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[Wrong]:
     text, name = page.read_text(encoding="utf-8"), str(page.relative_to(root))
+    yield from _of_tables(text, name, root)
     commands = [_words(code.strip("`$ \n")) for code in TYPED.findall(text)]
     for mark in MARK.finditer(text):
         if mark[1] in passed_over and not (root / RESULTS / f"{mark[1]}.json").is_file():
@@ -179,31 +215,25 @@ def _of_page(page: Path, root: Path, passed_over: tuple[str, ...]) -> Iterator[W
         said = " to ".join(_said(value, mark[4 + k]) for k, value in enumerate(found))
         if said != shown:
             yield Wrong(name, line, f"{mark[1]}.json has {said} for {mark[2]}, the page {shown}")
-        typed = _record(root, mark[1])["typed"]
+        typed = record(root, mark[1])["typed"]
         if _words(typed) not in commands:
             yield Wrong(name, line, f"{shown} is of `{typed}`, which does not stand on the page")
     if name in COVERED:
-        plain = text
         for other in OTHER.finditer(text):
             line = text.count("\n", 0, other.start()) + 1
             if other[1] and other[1] not in re.sub(r"<!--.*?-->", "", text):
                 yield Wrong(name, line, f"{other[0]}: the page does not say that it is of commit {other[1]}")
-        for known in (MARK, OTHER, CODE):
-            plain = known.sub(lambda match: re.sub(r"[^\n]", "~", match[0]), plain)
+        plain = _without(text, PLACE, MARK, OTHER, CODE)
         for bare in BARE.finditer(plain):
             line = plain.count("\n", 0, bare.start()) + 1
             yield Wrong(name, line, f"{bare[0]!r} names no file of {RESULTS} that it is from")
-
-
-def _record(root: Path, name: str) -> dict:
-    return json.loads((root / RESULTS / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def _values(root: Path, mark: re.Match[str]) -> list[float] | str:
     """The value of a mark, or the least and the most; or why there is none."""
     name, key, factor = mark[1], mark[2], float(mark[3] or 1)
     try:
-        figures = _record(root, name)["figures"]
+        figures = record(root, name)["figures"]
     except OSError:
         return f"there is no {RESULTS / name}.json"
     which, _, plain = key.rpartition(":")

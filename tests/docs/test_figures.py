@@ -129,3 +129,84 @@ def test_figures_are_written_to_the_pages(checkout: Path):
     page.write_text(PAGE.replace("30.46", "10.00").replace("6.0 to 23", "1.0 to 2").replace("85.2", "0.0"))
     figures.write(checkout)
     assert page.read_text() == PAGE
+
+
+PLACE = """# Results
+
+What it shows.
+
+<!-- made: all -->
+<!-- end -->
+"""
+SPEC = """
+[all]
+head = "PSNR / dB"
+files = ["table"]
+rows = "times.{}"
+columns = [
+  ["times", "times.{}", ".1f"],
+  ["least", "table least:times.*"],
+  ["all", "times.*", ".0f"],
+  ["no", "psnr_db.{}"],
+]
+plot = "times"
+plotted = ["times"]
+"""
+
+
+@pytest.fixture
+def with_table(checkout: Path) -> Path:
+    page = checkout / "docs" / "results" / "page.md"
+    page.write_text(PLACE)
+    (page.parent / "tables.toml").write_text(SPEC)
+    figures.write(checkout)
+    return page
+
+
+def test_tables_are_made_of_the_files_with_their_command_below(with_table: Path, checkout: Path):
+    assert "| PSNR / dB | times | least | all | no |\n" in (text := with_table.read_text())
+    assert "| `x` | 22.6 | 6.04 | 6 to 23 |  |\n| `y` | 6.0 | 6.04 | 6 to 23 |  |\n" in text
+    assert "Printed by `edofsim evaluate table --data kodak` (2026-01-01, abc1234).\n<!-- end -->" in text
+    drawn = checkout / "docs" / "_static" / "results" / "all.svg"
+    assert figures.check(checkout) == [] and drawn.is_file()
+    before = drawn.read_bytes()
+    figures.write(checkout)
+    assert drawn.read_bytes() == before and with_table.read_text() == text
+
+
+def test_tables_and_plots_of_other_figures_are_named_and_made_anew(with_table: Path, checkout: Path):
+    def said() -> str:
+        return " ".join(map(str, figures.check(checkout)))
+
+    record = checkout / figures.RESULTS / "table.json"
+    drawn = checkout / "docs" / "_static" / "results" / "all.svg"
+    before = drawn.read_text()
+    record.write_text(record.read_text().replace("22.6", "22.7"))
+    assert "page.md:5: all is not what the files say" in said()
+    figures.write(checkout)
+    assert "| `x` | 22.7 |" in with_table.read_text() and drawn.read_text() != before
+    drawn.write_text(before)
+    assert "page.md:5: all is not what the files say" in said()
+    with_table.write_text(with_table.read_text().replace("made: all", "made: none"))
+    assert "page.md:5: docs/results/tables.toml has no table 'none'" in said()
+    (with_table.parent / "tables.toml").write_text(
+        SPEC.replace('"times.{}"\n', '[["z", "z"]]\n').replace("*", "q")
+    )
+    with_table.write_text(PLACE)
+    assert "all: no file has a figure of z" in said()
+
+
+def test_a_paragraph_of_many_figures_is_to_be_a_table(checkout: Path):
+    page = checkout / "docs" / "results" / "page.md"
+    page.write_text(
+        "Text of <!-- given -->1 dB,\n<!-- given -->2 dB and <!-- given -->3 dB.\n\n| <!-- given -->1 |\n"
+    )
+    assert [str(each) for each in figures.check(checkout)] == [
+        "docs/results/page.md:1: a paragraph of 3 figures; make a table of them"
+    ]
+
+
+def test_networks_have_the_names_of_today(checkout: Path):
+    record = checkout / figures.RESULTS / "table.json"
+    record.write_text(record.read_text().replace("psnr_db.a", "psnr_db.told-dcnn"))
+    assert "psnr_db.depth-dcnn" in figures.record(checkout, "table")["figures"]
