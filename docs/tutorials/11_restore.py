@@ -32,8 +32,9 @@ def psnr(image) -> float:
 
 
 # %%
-# ``paper-bank`` restores by default: it finds how far each place is, as ``depth-dcnn`` does. ``paper-dcnn`` is
-# the paper's own network, which learned together with this mask. Wiener deconvolution knows the PSFs alone.
+# ``paper-bank`` restores by default: it finds how far each place is, as ``depth-dcnn`` does. ``paper-dcnn``
+# is the paper's own network, which learned together with this mask. Wiener deconvolution knows the PSFs
+# alone.
 
 far = (0.6, 1.5)
 images = {
