@@ -22,7 +22,7 @@ class Training:
 def training_of(card: Json) -> Training:
     """By a checkpoint's card (see `restore.checkpoint`)."""
     every = [*card.get("history", ()), card]
-    names = [RENAMED.get(name, name) for name in (entry.get("name") for entry in every)]
+    names = [RENAMED.get(name, name) for name in (str(entry.get("name")) for entry in every)]
     own = [entry for entry, name in zip(every, names, strict=True) if name == names[-1]]
     steps = sum(int(entry.get("step", 0)) for entry in own)
     hours = sum(entry["hours"] for entry in own) if all("hours" in entry for entry in own) else None
