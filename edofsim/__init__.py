@@ -1,7 +1,7 @@
 """edofsim: a physically based 3D scene simulator for extended-depth-of-field cameras.
 
 The names in `__all__` are the public ones; each is imported when it is first used, so that `import edofsim`
-takes no time. Everything else is private and may change.
+takes no time. Everything else but `edofsim.plugins` is private and may change.
 """
 
 from __future__ import annotations

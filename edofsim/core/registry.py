@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import os
+import sys
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cached_property
@@ -12,31 +14,69 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_args
 
 from ..errors import InputError
 
 T = TypeVar("T")
+TRIED = "EDOFSIM_PLUGINS"
+
+
+def _imported(place: str) -> Any:  # pyrefly: ignore[explicit-any] - whatever stands at `module:attribute`
+    module, _, attribute = place.partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def _names(thing: object) -> tuple[str, ...]:
+    """What a class or an effect of a plan is called in recipes: its `kind`, or its `name`."""
+    field = getattr(thing, "model_fields", {}).get("kind")
+    if field is not None:
+        return get_args(field.annotation)
+    name = getattr(thing, "kind", None) or getattr(thing, "name", None)
+    return (name,) if isinstance(name, str) else ()
 
 
 class Registry(Mapping[str, T], Generic[T]):
     """Things of one kind by name, in the order they were added; imported when they are first asked for.
 
     group: of the entry points that other packages add, such as `edofsim.masks`; kind: what one of them is
-    called in messages; own: this package's, name to `module:attribute`. A name of this package cannot be
-    taken by another one.
+    called in messages; own: this package's, name to `module:attribute`; base: where the class is that each of
+    them derives from, or is an instance of, likewise. A name of this package cannot be taken by another one.
+
+    Modules that the environment variable EDOFSIM_PLUGINS names, with commas between them, are looked through
+    for such classes too, in the working directory first: to try one without installing it.
     """
 
-    def __init__(self, group: str, kind: str, own: Mapping[str, str]) -> None:
+    def __init__(self, group: str, kind: str, own: Mapping[str, str], base: str) -> None:
         self.group = group
         self.kind = kind
+        self.base = base
         self._own = dict(own)
         self._loaded: dict[str, T] = {}
 
     @cached_property
     def _places(self) -> dict[str, str]:
-        added = {point.name: point.value for point in entry_points(group=self.group)}
+        added = {point.name: point.value for point in entry_points(group=self.group)} | self._tried()
         return self._own | {name: value for name, value in added.items() if name not in self._own}
+
+    def _tried(self) -> dict[str, str]:
+        """What the modules of EDOFSIM_PLUGINS add here. Raises InputError for one that cannot be imported."""
+        found: dict[str, str] = {}
+        for module in filter(None, os.environ.get(TRIED, "").split(",")):
+            if os.getcwd() not in sys.path:
+                sys.path.insert(0, os.getcwd())
+            try:
+                there = vars(import_module(module.strip()))
+            except (Exception, SystemExit) as error:  # someone's import can end in any way
+                raise InputError(f"{TRIED}={module}: cannot be imported ({error})") from error
+            for attribute, thing in there.items():
+                if self._holds(thing) and thing is not _imported(self.base):
+                    found |= {name: f"{module.strip()}:{attribute}" for name in _names(thing)}
+        return found
+
+    def _holds(self, thing: object) -> bool:
+        base = _imported(self.base)
+        return issubclass(thing, base) if isinstance(thing, type) else isinstance(thing, base)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._places)
@@ -63,13 +103,13 @@ class Registry(Mapping[str, T], Generic[T]):
         return ast.get_docstring(named) or ""
 
     def __getitem__(self, name: str) -> T:
-        """The thing of that name. Raises InputError for an unknown name, or one that cannot be imported."""
+        """The thing of that name. Raises InputError for an unknown name, and for what another package adds
+        that cannot be imported or is none."""
         if name not in self._loaded:
             if name not in self._places:
                 raise InputError(self.unknown(name))
-            module, _, attribute = self._places[name].partition(":")
             try:
-                self._loaded[name] = getattr(import_module(module), attribute)
+                found = _imported(self._places[name])
             except (Exception, SystemExit) as error:  # another package's import can end in any way
                 if name in self._own:
                     raise
@@ -77,6 +117,12 @@ class Registry(Mapping[str, T], Generic[T]):
                     f"the {self.kind} {name!r} of another package cannot be loaded from "
                     f"{self._places[name]} ({error}): mend or remove that package"
                 ) from error
+            if name not in self._own and not self._holds(found):
+                raise InputError(
+                    f"the {self.kind} {name!r} of another package is no {self.base.partition(':')[2]}: "
+                    f"{self._places[name]} is {found!r}"
+                )
+            self._loaded[name] = found
         return self._loaded[name]
 
     def unknown(self, name: str) -> str:

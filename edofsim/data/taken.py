@@ -6,7 +6,7 @@ import hashlib
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +87,7 @@ def expose(view: View, camera: Camera, recipe: DatasetRecipe, key: str, device: 
     low, high = photos.exposure
     factor = low * (high / low) ** float(rng.random())
     if photos.read_noise is not None:
-        camera = with_read_noise(camera, float(rng.uniform(*photos.read_noise)))
+        camera = camera.with_read_noise(float(rng.uniform(*photos.read_noise)))
     if photos.fidelity is not None:
         fidelity = fidelity_of_values(photos.fidelity, "photos.fidelity", Fidelity)
     else:
@@ -104,12 +104,6 @@ def expose(view: View, camera: Camera, recipe: DatasetRecipe, key: str, device: 
         if found.ideal is not None and found.image is not None:
             noise = dict(zip(NOISE, (found.ideal.cpu(), found.image.cpu()), strict=True))
     return Exposed(photo, camera, fidelity, noise)
-
-
-def with_read_noise(camera: Camera, deviation: float) -> Camera:
-    """The camera with another read noise, relative to full scale."""
-    sensor = camera.recipe.sensor.model_copy(update={"read_noise": deviation})
-    return replace(camera, recipe=camera.recipe.model_copy(update={"sensor": sensor}), read_noise=deviation)
 
 
 def sensor_image(exposed: Exposed, recipe: DatasetRecipe, key: str) -> tuple[Tensor, int]:

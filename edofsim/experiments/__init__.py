@@ -32,6 +32,7 @@ EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper[...]]" = Registry(
         "stability": "edofsim.experiments.stability:run",
         "bench": "edofsim.experiments.bench:run",
     },
+    "collections.abc:Callable",
 )
 
 __all__ = ["EXPERIMENTS"]

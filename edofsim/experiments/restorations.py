@@ -11,6 +11,7 @@ from typing import Protocol
 
 from torch import Tensor
 
+from ..capture.sensor import noise_deviation
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.nodes import nodes_between
@@ -110,7 +111,7 @@ class ByWienerOfDepth:
 
     def __call__(self, photo: Tensor, known: Known) -> Tensor:
         depths, psfs = known.within()
-        light, noise = without_glare(photo, known.glare), known.camera.read_noise
+        light, noise = without_glare(photo, known.glare), noise_deviation(known.camera)
         return wiener_by_depth(light, psfs.to(photo), depths, known.inverse_depth, noise)
 
 
@@ -162,7 +163,7 @@ class ByFunction:
             camera=known.camera,
             wavelengths=known.wavelengths,
             inverse_depths=depths,
-            noise=known.camera.read_noise,
+            noise=noise_deviation(known.camera),
             glare=known.glare,
             inverse_depth=known.inverse_depth,
         )

@@ -103,7 +103,7 @@ def with_restoration(
     """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`;
     wavelengths: as in `contestant`."""
     digest = hashlib.sha256(f"{camera_digest(camera)} {restoration.digest}".encode()).hexdigest()
-    seeing = replace(camera, read_noise=READ_NOISE)
+    seeing = camera.with_read_noise(READ_NOISE)
     if wavelengths is None:
         seeing = of_three_lines(seeing)
     bands = PAPER_COLOURS if wavelengths is None else wavelengths

@@ -46,7 +46,6 @@ class Camera:
     aperture_radius: float
     sensor_distance: float
     pixel: float
-    read_noise: float
     base: Path
     height_map: Tensor | None = None
     field: Field = AXIS
@@ -87,7 +86,6 @@ class Camera:
             aperture_radius=lens.aperture_radius,
             sensor_distance=distance,
             pixel=recipe.sensor.pixel_um * 1e-6,
-            read_noise=recipe.sensor.read_noise,
             base=Path.cwd() if base is None else Path(base),
         )
 
@@ -97,6 +95,16 @@ class Camera:
         mask = self.recipe.mask
         assert isinstance(mask, Mask)  # what the registry holds
         return mask
+
+    @property
+    def read_noise(self) -> float:
+        """Standard deviation of the read noise, relative to full scale."""
+        return self.recipe.sensor.read_noise
+
+    def with_read_noise(self, deviation: float) -> Camera:
+        """The camera with another read noise, relative to full scale."""
+        sensor = self.recipe.sensor.model_copy(update={"read_noise": deviation})
+        return replace(self, recipe=self.recipe.model_copy(update={"sensor": sensor}))
 
     @property
     def pixel_angle(self) -> float:

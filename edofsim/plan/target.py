@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import dataclass
 
+from ..capture.sensor import noise_deviation
 from ..errors import InputError
 from .facts import Facts
 
@@ -99,11 +100,5 @@ def _number(text: str) -> float:
 
 
 def sensor_noise(facts: Facts) -> float:
-    """Root mean square of the sensor's noise over the photo: read, shot and quantisation."""
-    sensor = facts.camera.recipe.sensor
-    variance = facts.camera.read_noise**2
-    if sensor.full_well_electrons:
-        variance += float(facts.levels_of_light.mean()) / sensor.full_well_electrons
-    if sensor.bits:
-        variance += 1 / (2**sensor.bits - 1) ** 2 / 12
-    return variance**0.5
+    """Root mean square of all of the sensor's noise over the photo."""
+    return noise_deviation(facts.camera, facts.levels_of_light)

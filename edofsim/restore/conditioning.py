@@ -15,6 +15,7 @@ import torch
 from pydantic import ValidationError
 from torch import Tensor
 
+from ..capture.sensor import noise_deviation
 from ..errors import InputError
 from ..optics import Camera, channel_psfs, response, response_curves
 from ..optics import cache as bank_cache
@@ -83,12 +84,12 @@ def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths
     known = _CONDITIONED.setdefault(network, {})
     weights = response(camera, wavelengths)
     bank = bank_cache.key(camera, wavelengths, depths, window, None, torch.float32)
-    key = (bank, *weights.flatten().tolist(), camera.read_noise)
+    key = (bank, *weights.flatten().tolist(), noise_deviation(camera))
     if key not in known:
         some, of_each = _enough(wavelengths, weights)
         psf = channel_psfs(camera, some, depths, weights=of_each)
         known[key] = copy.deepcopy(network).cpu()
-        known[key].set_camera(psf, camera.read_noise)
+        known[key].set_camera(psf, noise_deviation(camera))
     return known[key]
 
 

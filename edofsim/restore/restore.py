@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..capture.sensor import noise_deviation
 from ..optics import Camera, channel_psfs
 from ..optics.field import Frame
 from ..optics.nodes import node_shares, nodes_between
@@ -74,7 +75,7 @@ def _restored(
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:
         psf, shares = _standing(camera, wavelengths, inverse_depths, psfs)
-        linear = wiener(without_glare(image, glare), psf.to(image), camera.read_noise, shares=shares)
+        linear = wiener(without_glare(image, glare), psf.to(image), noise_deviation(camera), shares=shares)
         return linear, f"Wiener, as {why}" if why else "Wiener"
     network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
     if truncated is None:

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 import torch
 
+from edofsim import plugins
 from edofsim.capture import Fidelity, capture
 from edofsim.capture.fidelity import simpler_camera
+from edofsim.capture.sensor import noise_deviation, record, sensor_effects
 from edofsim.errors import InputError
 from edofsim.learn.trainer import train
 from edofsim.optics import Camera, psf_bank
@@ -26,8 +28,10 @@ from edofsim.recipe.load import load_camera, load_scene, load_train
 from edofsim.render import render
 from edofsim.render.keys import view_key
 from edofsim.render.view import View
+from edofsim.restore import restore
 from edofsim.restore.checkpoint import load_checkpoint
 from edofsim.restore.network import apply_network
+from edofsim.restore.wiener import wiener
 from edofsim.scene import build_scene, solids
 
 GREEN = 543e-9
@@ -68,6 +72,56 @@ def test_a_sensor_effect_and_an_effect_of_the_plan(installed: Path, tmp_path: Pa
     assert torch.equal(dark.image, dark.clean)
     (row,) = [each for each in kept.decisions if each.effect == "dark level"]
     assert row.error == pytest.approx((0.02,) * 3) and row.called_for
+
+
+def test_a_sensor_effect_before_the_converter_counts_in_all_noise(installed: Path, tmp_path: Path):
+    """What is added before the converter is in whole steps of it behind; and plans, Wiener deconvolution and
+    networks reckon with its variance, n / N^2 for n of N electrons."""
+    dark = '{ kind = "dark-current", electrons = 900, full_well_electrons = 10000 }'
+    camera = camera_of(tmp_path, f"[sensor]\nread_noise = 0.004\nbits = 5\neffects = [{dark}]")
+    assert [effect.kind for effect in sensor_effects(camera)] == [
+        "read-noise",
+        "dark-current",
+        "quantisation",
+    ]
+    image = record(torch.full((3, 40, 40), 0.4), sensor_effects(camera), 1)
+    torch.testing.assert_close(31 * image, (31 * image).round(), rtol=0, atol=1e-4)
+    assert float(image.mean()) == pytest.approx(0.49, abs=0.01)
+    variance = 0.004**2 + 900 / 10000**2 + 1 / 31**2 / 12
+    assert noise_deviation(camera) == pytest.approx(variance**0.5, rel=1e-9)
+    assert sensor_effects(camera, Fidelity(quantisation=False))[-1].kind != "quantisation"
+    photo, psfs = torch.rand(3, 40, 40, generator=torch.Generator().manual_seed(1)), torch.zeros(1, 3, 9, 9)
+    psfs[..., 3:6, 3:6] = 1 / 9
+    nodes = torch.tensor([0.5])
+    restored, by = restore(photo, camera, torch.tensor([450e-9, 550e-9, 650e-9]), nodes, psfs=psfs)
+    torch.testing.assert_close(restored, wiener(photo, psfs[0], variance**0.5))
+
+
+def test_a_module_is_tried_without_installing_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "mine.py").write_text(
+        "from typing import Literal\nfrom edofsim.plugins import SmoothMask\n\n\n"
+        "class Mine(SmoothMask):\n    kind: Literal['mine'] = 'mine'\n\n"
+        "    def wavefront(self, u, v):\n        return 5 * u**3\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setenv("EDOFSIM_PLUGINS", "mine")
+    MASKS.look_again()
+    try:
+        assert camera_of(tmp_path, '[mask]\nkind = "mine"').mask.kind == "mine"
+        monkeypatch.setenv("EDOFSIM_PLUGINS", "no_such_module")
+        MASKS.look_again()
+        with pytest.raises(InputError, match="EDOFSIM_PLUGINS=no_such_module: cannot be imported"):
+            camera_of(tmp_path, '[mask]\nkind = "mine"')
+    finally:
+        monkeypatch.undo()
+        MASKS.look_again()
+
+
+def test_all_that_plugins_build_on_is_there():
+    assert "SensorEffect" in dir(plugins) and all(getattr(plugins, name) for name in dir(plugins))
+    with pytest.raises(AttributeError, match="no 'Nothing'; there is Builder"):
+        _ = plugins.Nothing
 
 
 def test_a_lens(installed: Path, tmp_path: Path):
@@ -230,7 +284,7 @@ def test_a_package_that_cannot_be_imported_is_named_where_it_is_used_and_only_th
         assert camera_of(tmp_path, '[mask]\nkind = "cubic"').mask.kind == "cubic"
         with pytest.raises(InputError, match="'broken' of another package cannot be loaded"):
             camera_of(tmp_path, '[mask]\nkind = "broken"')
-        with pytest.raises(InputError, match="'number' of another package is no KindModel"):
+        with pytest.raises(InputError, match="'number' of another package is no Mask: math:pi is 3.14"):
             camera_of(tmp_path, '[mask]\nkind = "number"')
     finally:
         monkeypatch.undo()

@@ -1,12 +1,14 @@
 """From light on the sensor to numbers: exposure, and the sensor's effects, one kind a file.
 
-Full scale is 1. The recipe's own keys come first, in the order of a sensor: mosaic, shot noise, read noise,
-saturation, quantisation; then its list `sensor.effects`, in the order in which it names them.
+Full scale is 1. All effects are one list: those of the recipe's own keys, in the order of a sensor (mosaic,
+shot noise, read noise, saturation, quantisation), and those of `sensor.effects`, each right before the one
+that it names, or at the end, in the order in which they are listed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
@@ -28,8 +30,18 @@ METERED = 4
 """Side in pixels of what the exposure of a rendered view is metered over."""
 ROOM = 1e-3
 """Part of a precision's range that exposed images may fill: sums over pixels must fit into it too."""
+MIDDLE_GREY = 0.18
+"""Of full scale: where an exposure puts the median of a photo."""
+LEFT_OUT_BY: Mapping[str, str] = {
+    "bayer-mosaic": "mosaic",
+    "shot-noise": "shot_noise",
+    "read-noise": "read_noise",
+    "saturation": "saturation",
+    "quantisation": "quantisation",
+}
+"""Fields of `Fidelity` that leave effects out, by kind."""
 
-__all__ = ["SensorEffect", "Signal", "automatic_exposure", "record", "sensor_effects"]
+__all__ = ["SensorEffect", "Signal", "automatic_exposure", "noise_deviation", "record", "sensor_effects"]
 
 
 def automatic_exposure(ideal: Tensor, *, noisy: bool = False) -> float:
@@ -57,17 +69,29 @@ def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[Se
     fidelity = fidelity or Fidelity()
     sensor = simplified(camera, fidelity).recipe.sensor
     found: list[SensorEffect] = []
-    if sensor.bayer and fidelity.mosaic:
+    if sensor.bayer:
         found.append(Mosaic(pattern=sensor.bayer))
-    if sensor.full_well_electrons and fidelity.shot_noise:
+    if sensor.full_well_electrons:
         found.append(ShotNoise(full_well_electrons=sensor.full_well_electrons))
-    if sensor.read_noise and fidelity.read_noise:
+    if sensor.read_noise:
         found.append(ReadNoise(deviation=sensor.read_noise))
-    if sensor.saturation and fidelity.saturation:
+    if sensor.saturation:
         found.append(Saturation())
-    if sensor.bits and fidelity.quantisation:
+    if sensor.bits:
         found.append(Quantisation(bits=sensor.bits))
-    return (*found, *(effect for effect in sensor.effects if isinstance(effect, SensorEffect)))
+    for effect in sensor.effects:
+        assert isinstance(effect, SensorEffect)  # what the registry holds
+        kinds = [each.kind for each in found]
+        found.insert(kinds.index(effect.before) if effect.before in kinds else len(found), effect)
+    return tuple(effect for effect in found if getattr(fidelity, LEFT_OUT_BY.get(effect.kind, ""), True))
+
+
+def noise_deviation(camera: Camera, light: Tensor | None = None) -> float:
+    """Standard deviation of all noise of the camera's sensor, root mean square over exposed light, such as
+    a photo or its levels; without it, of middle grey."""
+    level = torch.tensor(MIDDLE_GREY) if light is None else light
+    variances = [effect.variance(level.double()).mean() for effect in sensor_effects(camera)]
+    return math.sqrt(sum(float(variance) for variance in variances))
 
 
 def record(clean: Tensor, effects: Sequence[SensorEffect], seed: int) -> Tensor:

@@ -4,11 +4,12 @@ registry."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import torch
 from torch import Tensor
 
-from ...recipe.kinds import KindModel
+from ...recipe.kinds import SENSOR_EFFECTS, KindModel, NameOf
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,10 @@ class Signal:
 
 class SensorEffect(KindModel):
     """Something that the sensor does to an exposed image."""
+
+    before: Annotated[str, NameOf(SENSOR_EFFECTS)] | None = None
+    """kind of the effect that it acts right before, such as "quantisation"; without it, or where the sensor
+    has no such effect, it acts after all others that there are by then"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
         """The signal after the effect. generator: of everything random, on the CPU, so that the same seed

@@ -39,6 +39,7 @@ EFFECTS: Registry[Effect] = Registry(
         "dispersion of scene glass": f"{HERE}.scene_dispersion:EFFECT",
         "render samples": f"{HERE}.samples:EFFECT",
     },
+    "edofsim.plan.effect:Effect",
 )
 RENAMED = {
     "pupil parts": "sub-apertures",
@@ -53,7 +54,7 @@ GONE = {"rank": "no PSFs are factored any more: bands are gathered in groups ins
 def all_effects() -> tuple[Effect, ...]:
     """Every effect that there is. Raises InputError for one of another package that is none."""
     for name, effect in EFFECTS.items():
-        if not isinstance(effect, Effect) or effect.name != name:
+        if effect.name != name:
             raise InputError(f"the effect {name!r} of another package is no Effect of that name: {effect!r}")
     return tuple(EFFECTS.values())
 

@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 
 from edofsim.core.progress import Progress
-from edofsim.experiments.experiment import Findings, in_paper
 from edofsim.optics import Camera, psf_bank
 from edofsim.options import CameraOption
+from edofsim.plugins import Findings, in_paper
 from edofsim.recipe import load_camera
 from edofsim.report import Key, Keys, Page
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 from torch import Tensor
 
-from edofsim.optics.masks import Finite, SmoothMask
+from edofsim.plugins import Finite, SmoothMask
 
 
 class QuarticMask(SmoothMask):

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from edofsim.restore.restorer import Restorer
+from edofsim.plugins import Restorer
 
 
 class UnsharpMask(Restorer):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from edofsim.capture.fidelity import Simplification
 from edofsim.optics import Camera
-from edofsim.plan import Effect, Level
 from edofsim.plan.effect import Errors
-from edofsim.plan.facts import Facts
+from edofsim.plugins import Effect, Facts, Level, Simplification
 
 from .sensor_effect import DarkLevel
 

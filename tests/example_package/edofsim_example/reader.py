@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from edofsim.errors import InputError
+from edofsim.plugins import ViewReader, frame_indices, plain_view
 from edofsim.recipe.scene import SceneRecipe
-from edofsim.render.readers import ViewReader, frame_indices, plain_view
 from edofsim.render.view import View
 
 

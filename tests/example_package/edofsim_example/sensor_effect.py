@@ -6,8 +6,7 @@ from typing import Literal
 
 import torch
 
-from edofsim.capture.sensor import SensorEffect, Signal
-from edofsim.recipe.base import NotNegative
+from edofsim.plugins import NotNegative, SensorEffect, Signal
 
 
 class DarkLevel(SensorEffect):

@@ -9,8 +9,7 @@ import torch
 from torch.nn.functional import interpolate
 
 from edofsim.capture.planes import surroundings
-from edofsim.learn.reader import TrainingReader, Wanted
-from edofsim.learn.system import Planes, Scenes
+from edofsim.plugins import Planes, Scenes, TrainingReader, Wanted
 
 
 @dataclass(frozen=True)

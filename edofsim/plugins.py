@@ -1,0 +1,57 @@
+"""What other packages build on: the base classes of all that people add, and what their methods are given.
+
+Names here keep their meaning between minor versions of edofsim. Each is imported when it is first used.
+"""
+
+# ruff: noqa: F401 - the imports below are for type checkers
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .capture.fidelity import Simplification
+    from .capture.sensor import SensorEffect, Signal
+    from .experiments.experiment import Findings, in_paper, in_parts
+    from .learn.reader import TrainingReader, Wanted
+    from .learn.system import Planes, Scenes
+    from .optics.lenses.base import Field, Lens
+    from .optics.masks import Finite, Mask, SmoothMask
+    from .plan.effect import Effect, Level
+    from .plan.facts import Facts
+    from .recipe.base import NotNegative, Positive
+    from .render.readers import (
+        ViewReader,
+        frame_indices,
+        plain_view,
+    )
+    from .restore.restorer import Restorer
+    from .scene.builders import Builder, Context, Part
+
+_IN = {
+    "capture.fidelity": "Simplification",
+    "capture.sensor": "SensorEffect Signal",
+    "experiments.experiment": "Findings in_paper in_parts",
+    "learn.reader": "TrainingReader Wanted",
+    "learn.system": "Planes Scenes",
+    "optics.lenses.base": "Field Lens",
+    "optics.masks": "Finite Mask SmoothMask",
+    "plan.effect": "Effect Level",
+    "plan.facts": "Facts",
+    "recipe.base": "NotNegative Positive",
+    "render.readers": "ViewReader frame_indices plain_view",
+    "restore.restorer": "Restorer",
+    "scene.builders": "Builder Context Part",
+}
+"""Names by the module that defines them."""
+
+
+def __getattr__(name: str) -> object:
+    for module, names in _IN.items():
+        if name in names.split():
+            return getattr(import_module(f".{module}", __package__), name)
+    raise AttributeError(f"edofsim.plugins has no {name!r}; there is {', '.join(__dir__())}")
+
+
+def __dir__() -> list[str]:
+    return sorted(name for names in _IN.values() for name in names.split())
