@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
@@ -13,28 +13,41 @@ if TYPE_CHECKING:
     from .view import View
 
 
-@dataclass(frozen=True)
-class Fragments:
-    """A view's fragments before any photo is taken of them. Fields and order are those of `View`.
+Array = TypeVar("Array")
 
-    pixel: int64 [fragment]; coverage, inverse_depth: float32 [fragment]; radiance: float32 [band, fragment];
-    hidden: bool [fragment]; wavelengths: float64 [band], metres; half_difference: float32 [band, fragment].
-    """
+
+@dataclass(frozen=True)
+class FragmentFields(Generic[Array]):
+    """What `View` holds as tensors and `Fragments` as numpy arrays: fields by their names, see `View`."""
 
     height: int
     width: int
     margin: int
-    pixel: np.ndarray
-    coverage: np.ndarray
-    inverse_depth: np.ndarray
-    radiance: np.ndarray
-    hidden: np.ndarray
-    wavelengths: np.ndarray
+    pixel: Array
+    coverage: Array
+    inverse_depth: Array
+    radiance: Array
+    hidden: Array
+    wavelengths: Array
     pixel_angle: float
     noise: float = 0.0
     metadata: Json = field(default_factory=dict)
-    half_difference: np.ndarray | None = None
+    half_difference: Array | None = None
     axis: tuple[float, float] | None = None
+
+    @property
+    def padded_shape(self) -> tuple[int, int]:
+        """(rows, columns) of the frame with its margin."""
+        return self.height + 2 * self.margin, self.width + 2 * self.margin
+
+
+@dataclass(frozen=True)
+class Fragments(FragmentFields[np.ndarray]):
+    """A view's fragments before any photo is taken of them.
+
+    pixel: int64 [fragment]; coverage, inverse_depth: float32 [fragment]; radiance: float32 [band, fragment];
+    hidden: bool [fragment]; wavelengths: float64 [band], metres; half_difference: float32 [band, fragment].
+    """
 
     @classmethod
     def of(cls, view: View) -> Fragments:
@@ -49,27 +62,11 @@ class Fragments:
 
         from .view import View
 
-        return View(
-            height=self.height,
-            width=self.width,
-            margin=self.margin,
-            pixel=torch.from_numpy(self.pixel),
-            coverage=torch.from_numpy(self.coverage),
-            inverse_depth=torch.from_numpy(self.inverse_depth),
-            radiance=torch.from_numpy(self.radiance),
-            hidden=torch.from_numpy(self.hidden),
-            wavelengths=torch.from_numpy(self.wavelengths),
-            pixel_angle=self.pixel_angle,
-            noise=self.noise,
-            metadata=self.metadata,
-            half_difference=None if self.half_difference is None else torch.from_numpy(self.half_difference),
-            axis=self.axis,
-        )
-
-    @property
-    def padded_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the frame with its margin."""
-        return self.height + 2 * self.margin, self.width + 2 * self.margin
+        held = {each.name: getattr(self, each.name) for each in fields(self)}
+        for name, value in held.items():
+            if isinstance(value, np.ndarray):
+                held[name] = torch.from_numpy(value)
+        return View(**held)
 
     @property
     def bands(self) -> int:

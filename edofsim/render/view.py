@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -21,13 +21,14 @@ from torch import Tensor
 from ..core.json_values import Json
 from ..core.notebook import picture_html, picture_png, show
 from ..errors import InputError
+from .fragments import FragmentFields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
-class View:
+class View(FragmentFields[Tensor]):
     """Fragments of a frame, sorted by pixel and, within a pixel, from near to far.
 
     The frame has `height` x `width` pixels and is surrounded by `margin` further pixels on each side, from
@@ -49,21 +50,6 @@ class View:
     axis: (y, x), where the optical axis meets the frame, in pixels from its top left corner; None: the
         middle. A part that is cut out keeps it, and it may lie outside.
     """
-
-    height: int
-    width: int
-    margin: int
-    pixel: Tensor
-    coverage: Tensor
-    inverse_depth: Tensor
-    radiance: Tensor
-    hidden: Tensor
-    wavelengths: Tensor
-    pixel_angle: float
-    noise: float = 0.0
-    metadata: Json = field(default_factory=dict)
-    half_difference: Tensor | None = None
-    axis: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for shapes that do not fit each other; values are checked before a photo."""
@@ -224,11 +210,6 @@ class View:
         )
 
     @property
-    def padded_shape(self) -> tuple[int, int]:
-        """(rows, columns) of the frame with its margin."""
-        return self.height + 2 * self.margin, self.width + 2 * self.margin
-
-    @property
     def bands(self) -> int:
         return int(self.radiance.shape[0])
 
@@ -247,16 +228,10 @@ class View:
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> View:
         """The same view on another device; `dtype` applies to coverage, inverse depth and radiance."""
-        return replace(
-            self,
-            pixel=self.pixel.to(device),
-            hidden=self.hidden.to(device),
-            wavelengths=self.wavelengths.to(device),
-            coverage=self.coverage.to(device, dtype),
-            inverse_depth=self.inverse_depth.to(device, dtype),
-            radiance=self.radiance.to(device, dtype),
-            half_difference=None if self.half_difference is None else self.half_difference.to(device, dtype),
-        )
+        whole = {name: getattr(self, name).to(device) for name in ("pixel", "hidden", "wavelengths")}
+        real = ("coverage", "inverse_depth", "radiance", "half_difference")
+        held = {name: getattr(self, name) for name in real if getattr(self, name) is not None}
+        return replace(self, **whole, **{name: value.to(device, dtype) for name, value in held.items()})
 
     def with_light(self, radiance: Tensor, wavelengths: Tensor | None = None) -> View:
         """The same surfaces with other light [band, fragment], whose noise is not known; wavelengths: [band]

@@ -14,21 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..core.glasses import GLASSES
 from ..core.images import srgb_decode
 from ..core.tables import kept_tables
 from ..errors import InputError
 
 if TYPE_CHECKING:
     import colour
-
-_SELLMEIER = {
-    # B1, B2, B3, C1, C2, C3 (um2), first and last wavelength of the fit (nm)
-    "fused-silica": (0.6961663, 0.4079426, 0.8974794, 0.0684043**2, 0.1162414**2, 9.896161**2, 210, 3710),
-    "N-BK7": (1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653, 300, 2500),
-    "N-SF11": (1.73759695, 0.313747346, 1.89878101, 0.013188707, 0.0623068142, 155.23629, 370, 2500),
-    "N-F2": (1.39757037, 0.159201403, 1.2686543, 0.00995906143, 0.0546931752, 119.248346, 334, 2500),
-}
-"""Dispersion formulas: silica by Malitson (JOSA 55, 1205, 1965), the others from Schott's data sheets."""
 
 MAX_EXTRAPOLATION = 60e-9
 """How far a measured reflectance is continued as a constant beyond its data, in metres. The patches and
@@ -294,16 +286,14 @@ def metal_by_symbol(stem: str, wavelengths: np.ndarray) -> np.ndarray:
 
 
 def refractive_index(glass: str, wavelengths: np.ndarray) -> np.ndarray:
-    """Refractive index by Sellmeier's formula, n^2 = 1 + sum_i B_i l^2 / (l^2 - C_i), float64 [band].
+    """Refractive index of one of `core.glasses`, float64 [band].
 
     Raises InputError for an unknown glass and for wavelengths outside its fit.
     """
-    by_lower = {name.lower(): name for name in _SELLMEIER}
+    by_lower = {name.lower(): known for name, known in GLASSES.items()}
     if glass.lower() not in by_lower:
-        raise _unknown("glass", glass, list(_SELLMEIER))
-    name = by_lower[glass.lower()]
-    *coefficients, first, last = _SELLMEIER[name]
-    _inside(np.asarray(wavelengths, float) * 1e9, first, last, 0, f"the glass {name!r}")
-    squared = (np.asarray(wavelengths, float) * 1e6) ** 2
-    terms = zip(coefficients[:3], coefficients[3:], strict=True)
-    return np.sqrt(1 + sum(b * squared / (squared - c) for b, c in terms))
+        raise _unknown("glass", glass, list(GLASSES))
+    found = by_lower[glass.lower()]
+    at = np.asarray(wavelengths, float)
+    _inside(at * 1e9, found.shortest * 1e9, found.longest * 1e9, 0, f"the glass {found.name!r}")
+    return found.at(at)
