@@ -21,7 +21,7 @@ from torch import Tensor
 from ..core.json_values import Json
 from ..core.notebook import picture_html, picture_png, show
 from ..errors import InputError
-from .fragments import FragmentFields
+from .fragment_fields import FragmentFields
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
