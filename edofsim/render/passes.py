@@ -104,8 +104,7 @@ class Sums:
     [band, slot], the radiance of every second pass alone; first, second: float64 [pixel of layer 0], of each
     full pass's band mean and of its square; launches, passes: done; samples: a pixel, of passes done;
     half_samples: of every second pass; broken: samples that were not finite and count as black; seconds: of
-    all launches; last_pass: likewise of the last pass, whose kernels are compiled; adding: of it, for adding
-    up on the host."""
+    all launches; last_pass: likewise of the last pass, whose kernels are compiled."""
 
     radiance: np.ndarray
     count: np.ndarray
@@ -120,7 +119,6 @@ class Sums:
     broken: int = 0
     seconds: float = 0.0
     last_pass: float = 0.0
-    adding: float = 0.0
 
     @classmethod
     def empty(cls, groups: tuple[Group, ...], bands: int) -> Sums:

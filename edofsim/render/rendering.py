@@ -125,7 +125,7 @@ def render_stage(
     metadata |= {"chief_rays": settings.chief_rays} if settings.chief_rays else {}
     seconds = {"load": loaded - begun, "survey": surveyed - loaded, "paths": sums.seconds}
     run = {"variant": mi.variant(), "threads": thread_count(), "seconds": seconds}
-    run["last_pass_seconds"] = {"all": sums.last_pass, "adding": sums.adding}
+    run["last_pass_seconds"] = {"all": sums.last_pass}
     return assemble(wavelengths, settings, groups, sums, {**metadata, "run": run})
 
 
@@ -208,15 +208,13 @@ def take_samples(
     try:
         for number, size in enumerate(pass_sizes(settings)):
             launches = launches_of(groups, number, size, stage.bands)
-            spent, adding = sums.seconds, 0.0
+            spent = sums.seconds
             for launch in launches[max(0, sums.launches - before) :]:
                 start = time.perf_counter()
                 result = run_launch(stage, settings, groups[launch.group], launch)
-                traced = time.perf_counter()
                 sums.add(launch, groups, result)
                 now = time.perf_counter()
                 sums.seconds += now - start
-                adding += now - traced
                 clock.tick(launch, sums)
                 if partial and now - saved > SAVE_SECONDS:
                     save_partial(partial, sums)
@@ -224,7 +222,7 @@ def take_samples(
             before += len(launches)
             if sums.passes == number:
                 sums.finished(number, size)
-                sums.last_pass, sums.adding = sums.seconds - spent, adding
+                sums.last_pass = sums.seconds - spent
             if sums.passes == number + 1 and _good_enough(sums, settings):
                 break
     except (KeyboardInterrupt, SystemExit):
