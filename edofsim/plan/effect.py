@@ -50,12 +50,12 @@ class Effect:
     to in full, which is no change to the full simulation; why(facts): what it comes from, a clause.
     differences(facts, levels): what each of some levels changes in the photo, as tensors [channel, n] whose
     sum of squares over n is the mean square over the frame; where it is not given, PSFs are taken to change
-    (see `Spectra.by_psfs`). error(facts, level): the error itself, where it needs no look at the light.
-    added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
-    or `bias` (the worst case: linearly). within: an effect without which this one does not matter; beside:
-    whether that one is measured without this, so that both errors are made where it is left out. stage:
-    render, psf, expose or sensor. at_once: whether one look shows what all levels change. cuts: fields of
-    `Fidelity` by which a view is rendered without it, where a user insists on that.
+    (see `Spectra.by_psfs`). error(facts, level): the error itself of a level that is not full, where it needs
+    no look at the light. added: how errors add up with others: `image` (by the correlation of differences),
+    `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this one does
+    not matter; beside: whether that one is measured without this, so that both errors are made where it is
+    left out. stage: render, psf, expose or sensor. at_once: whether one look shows what all levels change.
+    cuts: fields of `Fidelity` by which a view is rendered without it, where a user insists on that.
     """
 
     name: str

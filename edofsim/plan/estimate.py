@@ -109,11 +109,11 @@ def estimate(
             rows.append(Estimate(effect, absent, levels[-1:], (_nothing(facts),), (-1,), asked=False))
             continue
         measured = effect.error if len(levels) > 1 else None
-        errors = tuple(measured(facts, level) if measured else _nothing(facts) for level in levels)
+        errors = [measured(facts, level) if measured else _nothing(facts) for level in levels[:-1]]
         if len(levels) > 1 and effect.error is None:
             all_levels = effect.at_once or effect.name in (more or {}) or math.isinf(facts.allowed)
             todo[len(rows)] = (effect, levels, all_levels)
-        rows.append(Estimate(effect, absent, levels, errors, (-1,) * len(levels)))
+        rows.append(Estimate(effect, absent, levels, (*errors, _nothing(facts)), (-1,) * len(levels)))
     differences: list[Tensor] = []
     for row, found in zip(todo, _measured(facts, list(todo.values()), progress), strict=True):
         images = range(len(differences), len(differences) + len(found))

@@ -82,10 +82,7 @@ class Facts:
     @cached_property
     def spectra(self) -> Spectra:
         """What changes of PSFs are seen in."""
-        light = {"response": self.response * self.exposure, "spectrum": self.spectrum}
-        full = self.full.changed({"pupil_sampling_um": self.quick_pupil_um})
-        behind = {"hidden": self.hides, "cuts": self.cuts}
-        return spectra_of(self.view, self.camera, full, self.ideal, light, self.ends, self.depths, **behind)
+        return spectra_of(self, self.full.changed({"pupil_sampling_um": self.quick_pupil_um}))
 
     @cached_property
     def coarse(self) -> Coarse:

@@ -9,6 +9,10 @@ import torch
 from torch import Tensor
 
 from ..render.view import View
+from .tiles import Tiles
+
+SOME = 20_000
+"""Fragments that stand for all where only the mean of their light counts."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +60,16 @@ class Tiled:
         return tiles, found
 
 
-def in_tiles(
-    view: View, which: Tensor, at: Sequence[Tensor], corners: Sequence[tuple[int, int]], side: int
-) -> list[Fragments]:
-    """Those of the fragments `which` [n] of a view that lie in square tiles; for each of `at` once, fragments
+def in_tiles(view: View, which: Tensor, at: Sequence[Tensor], tiles: Tiles) -> list[Fragments]:
+    """Those of the fragments `which` [n] of a view that lie in tiles; for each of `at` once, fragments
     [n] at whose depth they count."""
-    columns = view.padded_shape[1]
+    columns, side = view.padded_shape[1], tiles.side
     pixel = view.pixel[which]
     row = torch.div(pixel, columns, rounding_mode="floor")
     y, x = ((each - view.margin).int() for each in (row, pixel - row * columns))
     found: list[Tensor] = []
     place: list[Tensor] = []
-    for number, (top, left) in enumerate(corners):
+    for number, (top, left) in enumerate(tiles.corners):
         inside = torch.nonzero((y >= top) & (y < top + side) & (x >= left) & (x < left + side)).squeeze(1)
         found.append(inside)
         place.append((number * side + y[inside].long() - top) * side + x[inside].long() - left)
@@ -82,28 +84,43 @@ def together(*parts: Fragments) -> Fragments:
     )
 
 
-def at_nodes(
-    fragments: Fragments, light: Tensor, nodes: Tensor, tiles: int, side: int, shared: bool
-) -> Tiled:
+def at_nodes(fragments: Fragments, light: Tensor, nodes: Tensor, tiles: Tiles, shared: bool) -> Tiled:
     """Images of light [k, n], each fragment's at the nearest of the nodes, where its PSF is that of a depth
     and no mixture; shared: at the two that it lies between."""
-    depth, size = fragments.depth, side**2
+    depth, side, count = fragments.depth, tiles.side, len(tiles.shares)
+    size = side**2
     tile, within = fragments.place // size, fragments.place % size
     parts = [(nearest(depth, nodes), light)]
     if shared and nodes.numel() > 1:
         cell, upper = _cells(depth, nodes)
         upper = upper.to(light)
         parts = [(cell, light * (1 - upper)), (cell + 1, light * upper)]
-    anything = torch.zeros(nodes.numel() * tiles, dtype=torch.bool)
+    anything = torch.zeros(nodes.numel() * count, dtype=torch.bool)
     for node, _ in parts:
-        anything[node * tiles + tile] = True
+        anything[node * count + tile] = True
     if not anything.any():
         anything[0] = True  # Fourier transforms refuse no images at all
     pairs, number = torch.nonzero(anything).squeeze(1), anything.cumsum(0) - 1
     image = light.new_zeros(len(light), len(pairs) * size)
     for node, part in parts:
-        image.index_add_(1, number[node * tiles + tile] * size + within, part)
-    return Tiled(image.unflatten(1, (-1, side, side)).transpose(0, 1), pairs % tiles, pairs // tiles)
+        image.index_add_(1, number[node * count + tile] * size + within, part)
+    return Tiled(image.unflatten(1, (-1, side, side)).transpose(0, 1), pairs % count, pairs // count)
+
+
+def light_by_depth(view: View, nodes: Tensor, reach: int) -> Tensor:
+    """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these pixels,
+    by some of its fragments: [band, node] float64."""
+    reach = min(reach, view.margin)
+    rows, columns, count = view.height + 2 * reach, view.width + 2 * reach, nodes.numel()
+    step = max(1, view.pixel.numel() // SOME)
+    pixel = view.pixel[::step]
+    y = pixel // view.padded_shape[1] - (view.margin - reach)
+    x = pixel % view.padded_shape[1] - (view.margin - reach)
+    inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden[::step]
+    node = torch.where(inside, nearest(view.inverse_depth[::step].double(), nodes), count)
+    amount = view.radiance.new_zeros(view.bands, count + 1)
+    amount.index_add_(1, node, view.radiance[:, ::step])
+    return amount[:, :count].double() * (step / (rows * columns))
 
 
 def nearest(depth: Tensor, nodes: Tensor) -> Tensor:
@@ -122,6 +139,19 @@ def hat(fine: Tensor, nodes: Tensor, snapped: bool = False) -> Tensor:
     here = torch.arange(fine.numel())
     found[here, cell] += 1 - share
     found[here, cell + 1] += share
+    return found
+
+
+def cubic(depth: Tensor, nodes: Tensor) -> Tensor:
+    """How what changes smoothly with depth follows at each of some depths from evenly spaced nodes, four or
+    more: [depth, node], by the cubic through the four around it (Lagrange)."""
+    place = (depth - nodes[0]) / (nodes[1] - nodes[0])
+    first = (place.floor().long() - 1).clamp(0, nodes.numel() - 4)
+    found = torch.zeros(depth.numel(), nodes.numel(), dtype=torch.float64)
+    for one in range(4):
+        others = [other for other in range(4) if other != one]
+        factors = [(place - first - other) / (one - other) for other in others]
+        found[torch.arange(depth.numel()), first + one] = torch.stack(factors).prod(0)
     return found
 
 

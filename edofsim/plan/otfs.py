@@ -31,7 +31,6 @@ def otfs_of(
     fidelity: Fidelity,
     gathering: Gathering,
     nodes: Tensor,
-    among: Tensor | None = None,
     as_asked: bool = False,
     within: int | None = None,
 ) -> Tensor:
@@ -39,15 +38,10 @@ def otfs_of(
 
     known: those that were made before.
     side: of square tiles, in pixels; wider PSFs are cut.
-    among: nodes whose OTFs are known, and hold these perhaps.
     as_asked: the pupil is sampled as the fidelity says, where else each depth has the coarsest sampling
         that will do for it.
     within: side in pixels of what PSFs are computed in, None for the recipe's window.
     """
-    if among is not None and nodes.numel() <= among.numel():
-        at = torch.searchsorted(among, nodes - 1e-9).clamp_max(among.numel() - 1)
-        if torch.allclose(among[at], nodes, rtol=0, atol=1e-9):
-            return otfs_of(known, camera, side, fidelity, gathering, among, within=within)[at]
     recipe = camera.recipe.psf
     window, reach = fidelity.window_px or recipe.window_px, within or recipe.window_px
     whole = fidelity.changed({"window_px": None})

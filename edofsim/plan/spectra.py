@@ -9,9 +9,10 @@ in the frame counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -25,10 +26,13 @@ from ..core.once import Once
 from ..optics import Camera
 from ..optics.camera import defocus_per_dioptre
 from ..render.view import View
-from .fragments import Fragments, Tiled, at_nodes, hat, in_tiles, nearest, together
+from .fragments import Fragments, Tiled, at_nodes, cubic, hat, in_tiles, light_by_depth, together
 from .otfs import MakeOtfs, otfs_of, reach_of
 from .passing import Passing, passing
-from .tiles import choose_tiles
+from .tiles import Tiles, choose_tiles
+
+if TYPE_CHECKING:
+    from .facts import Facts
 
 SIDES_PX = (64, 256)
 """Least and largest side of a tile; PSFs that are wider are cut."""
@@ -52,16 +56,13 @@ MOST_FINE = 193
 FOUND_DB = 45.0
 """Spectra of light are distinguished by as many components as leave less than this of them: 1 to 10 on most
 shipped scenes, nearly every band where each has noise of its own."""
-SOME = 20_000
-"""Fragments that stand for all where only the mean of their light counts."""
 
 
 @dataclass(frozen=True)
 class Spectra:
-    """Tiles of a view. cuts: inverse depths between the view's slabs; side: of tiles, in pixels; seen: the
-    fragments that lie in them; behind, before: those that are hidden there, at their own depth and at that of
-    what hides them; corners, shares: as `choose_tiles` gives them; other fields as in `Facts`, response times
-    exposure."""
+    """Tiles of a view. cuts: inverse depths between the view's slabs; seen: the fragments that lie in tiles;
+    behind, before: those that are hidden there, at their own depth and at that of what hides them; other
+    fields as in `Facts`, response times exposure."""
 
     view: View
     camera: Camera
@@ -71,12 +72,10 @@ class Spectra:
     ends: tuple[float, float]
     depths: Tensor | None
     cuts: Sequence[float]
-    side: int
+    tiles: Tiles
     seen: Fragments
     behind: Fragments
     before: Fragments
-    corners: tuple[tuple[int, int], ...]
-    shares: Tensor
     _otfs: MakeOtfs
     _known: Once = field(default_factory=Once, repr=False, compare=False)
 
@@ -111,12 +110,11 @@ class Spectra:
         return low + (found + 0.5) / CELLS * (high - low)
 
     def by_bands(self, fidelity: Fidelity) -> Tensor:
-        """What gathering bands changes, as a vector (see `_vector`): against each band on its own."""
+        """What gathering bands changes, as a vector (see `Tiles.vector`): against each band on its own."""
         nodes = self.nodes_of_light(NODES)
         weights, components = self._components
         light = self._light("components", components, nodes)
-        axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
-        gathering = gathering_of(self.camera, fidelity, axes)
+        gathering = self._gathering_of(fidelity, nodes)
         few, shares = self._few_bands
         between = hat(gathering.wavelengths, few.wavelengths)
         shared = torch.einsum(
@@ -125,20 +123,21 @@ class Spectra:
         change = shared - (shares @ weights).transpose(1, 2)
         otfs = self._otfs(self.full, few, nodes)
         spectra = _mixed(change.flatten(0, 1), otfs).unflatten(1, (len(change), -1))
-        return self._vector(self._image(nodes, spectra, light))
+        return self.tiles.vector(self._image(nodes, spectra, light))
 
     def by_layers(self, layers: int) -> Tensor:
         """What so few depth layers change: against one for every depth."""
 
         def changed() -> Tensor:
-            fine = self.nodes(self.fine_nodes, 2 * self.fine_nodes)
-            nodes = self.nodes(layers)
+            fine, nodes = self.nodes(self.fine_nodes, 2 * self.fine_nodes), self.nodes(layers)
             gathering = self._gathering(2, fine)
             exact = self._otfs(self.full, gathering, fine, within=self._reach)
             between = hat(fine, nodes, snapped=self.full.occlusion == "normalised")
-            coarse = self._otfs(self.full, gathering, nodes, fine, within=self._reach)
-            change = _mixed(between, coarse[None])[0] - exact
-            return self._by_channel(gathering, fine, change, shared=True)
+            if fine is self.depths:  # which lie anywhere
+                coarse = _mixed(between, self._otfs(self.full, gathering, nodes, within=self._reach)[None])[0]
+            else:
+                coarse = _mixed(between @ cubic(nodes, fine), exact[None])[0]
+            return self._by_channel(gathering, fine, coarse - exact, shared=True)
 
         return self._known.get(("layers", layers), changed)
 
@@ -164,14 +163,14 @@ class Spectra:
         spectra = _mixed(of_each.flatten(0, 1), change).unflatten(1, (len(of_each), -1))
         found = self._image(nodes, spectra, light)
         reach = min(f.window_px or self.camera.recipe.psf.window_px for f in (fidelity, reference)) // 2
-        return self._vector(found + self._of_mean(change, shares, nodes, reach))
+        return self.tiles.vector(found + self._of_mean(change, shares, nodes, reach))
 
     def energy(self) -> Tensor:
         """sum of psf^2 of each channel, mean over depths, [channel]: how far independent noise averages."""
         nodes = self.nodes_of_light(NODES)
         gathering = self._gathering(3, nodes)
         otfs = self._otfs(self.full, gathering, nodes)
-        each = torch.fft.irfft2(otfs, s=(self.side, self.side)).square().sum((-2, -1))
+        each = torch.fft.irfft2(otfs, s=(self.tiles.side, self.tiles.side)).square().sum((-2, -1))
         return each.double().mean(0)
 
     @cached_property
@@ -189,7 +188,7 @@ class Spectra:
     @cached_property
     def _reach(self) -> int:
         """Side of the window that PSFs of many depths are computed in."""
-        window = min(self.side, self.camera.recipe.psf.window_px)
+        window = min(self.tiles.side, self.camera.recipe.psf.window_px)
         return reach_of(self._otfs, self.full, self._few_bands[0], self.nodes_of_light(NODES), window)
 
     @cached_property
@@ -206,56 +205,34 @@ class Spectra:
     def _gathering(self, wavelengths: int, nodes: Tensor) -> Gathering:
         """One group a channel."""
         one = self.full.changed({"band_groups": 1, "group_wavelengths": wavelengths})
+        return self._gathering_of(one, nodes)
+
+    def _gathering_of(self, fidelity: Fidelity, nodes: Tensor) -> Gathering:
         axes = Axes(self.response, self.view.wavelengths, self.spectrum, self.ends, nodes)
-        return gathering_of(self.camera, one, axes)
+        return gathering_of(self.camera, fidelity, axes)
 
     def _light(self, name: str, radiance: Tensor, nodes: Tensor, shared: bool = False) -> Tiled:
         """Spectra of light [k, n] of all fragments at nodes, see `at_nodes`, under the window."""
-
-        def spectrum() -> Tiled:
-            images = at_nodes(self._fragments, radiance, nodes, len(self.shares), self.side, shared)
-            return images.transformed(self.taper)
-
-        return self._known.get(("spectrum", name, shared, tuple(nodes.tolist())), spectrum)
+        return self._known.get(
+            ("spectrum", name, shared, tuple(nodes.tolist())),
+            lambda: at_nodes(
+                together(self.seen, self.behind, self.before), radiance, nodes, self.tiles, shared
+            ).transformed(self.tiles.taper),
+        )
 
     def _cover(self, nodes: Tensor, shared: bool = False) -> Tiled:
         """What covers pixels, at nodes."""
         cover = self.view.coverage[self.seen.which][None]
         return self._known.get(
             ("cover", shared, tuple(nodes.tolist())),
-            lambda: at_nodes(self.seen, cover, nodes, len(self.shares), self.side, shared),
+            lambda: at_nodes(self.seen, cover, nodes, self.tiles, shared),
         )
-
-    def _by_depth(self, nodes: Tensor, reach: int) -> Tensor:
-        """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these
-        pixels, [band, node] float64."""
-        view, count = self.view, nodes.numel()
-        reach = min(reach, view.margin)
-
-        def by_depth() -> Tensor:
-            rows, columns = view.height + 2 * reach, view.width + 2 * reach
-            step = max(1, view.pixel.numel() // SOME)
-            pixel = view.pixel[::step]
-            y = pixel // view.padded_shape[1] - (view.margin - reach)
-            x = pixel % view.padded_shape[1] - (view.margin - reach)
-            inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns) & ~view.hidden[::step]
-            node = torch.where(inside, nearest(view.inverse_depth[::step].double(), nodes), count)
-            amount = view.radiance.new_zeros(view.bands, count + 1)
-            amount.index_add_(1, node, view.radiance[:, ::step])
-            return amount[:, :count].double() * (step / (rows * columns))
-
-        return self._known.get(("depths", reach, tuple(nodes.tolist())), by_depth)
 
     @property
     def _mean(self) -> Tensor:
         """Of the view's light, [band]."""
         rows, columns = self.view.padded_shape
         return self.spectrum / (rows * columns)
-
-    @cached_property
-    def _fragments(self) -> Fragments:
-        """All whose light counts."""
-        return together(self.seen, self.behind, self.before)
 
     @cached_property
     def _hidden(self) -> Tensor | None:
@@ -292,13 +269,13 @@ class Spectra:
         nodes = self.nodes(FINE_NODES, 2 * FINE_NODES)
         otfs = self._otfs(self.full, self._gathering(2, nodes), nodes, within=self._reach).mean(1)
         between = torch.tensor(sorted(self.cuts), dtype=torch.float64)
-        return passing(self._cover(nodes), otfs, nodes, between, len(self.shares))
+        return passing(self._cover(nodes), otfs, nodes, between, len(self.tiles.shares))
 
     def _image(self, nodes: Tensor, change: Tensor, light: Tiled) -> Tensor:
         """What spectra of light at nodes become in a photo by a change of OTFs, complex [node, channel, k, y,
         x], dimmed by what is in front: [tile, channel, y, x]."""
-        size = (self.side, self.side)
-        image = torch.zeros(len(self.shares), change.shape[1], *size)
+        size = (self.tiles.side, self.tiles.side)
+        image = torch.zeros(len(self.tiles.shares), change.shape[1], *size)
         slabs = torch.zeros_like(light.node)
         if self._passing is not None:
             slabs = self._passing.slabs(nodes)[light.node]
@@ -342,7 +319,7 @@ class Spectra:
         alike = replace(light, values=light.values[:, None])
         found = self._image(nodes, change[:, :, None], alike)
         shares = gathering.response[:, :, None] * gathering.light
-        return self._vector(found + self._of_mean(change, shares, nodes, self.view.margin))
+        return self.tiles.vector(found + self._of_mean(change, shares, nodes, self.view.margin))
 
     def _of_mean(self, change: Tensor, shares: Tensor, nodes: Tensor, reach: int) -> Tensor:
         """What becomes of the view's mean light, and of veiling glare, under the window: [tile, channel, y,
@@ -354,86 +331,50 @@ class Spectra:
         only what PSFs truncate counts. That becomes veiling glare, all over the frame.
         """
         truncated = change[..., 0, 0].real.to(shares)
-        glare = torch.einsum("cgb,bn,ng->c", shares, self._by_depth(nodes, reach), truncated)
+        there = self._known.get(
+            ("depths", reach, tuple(nodes.tolist())), lambda: light_by_depth(self.view, nodes, reach)
+        )
+        glare = torch.einsum("cgb,bn,ng->c", shares, there, truncated)
         level = shares @ self._mean
         cover = self._cover(nodes, shared=True)
         if self.full.occlusion == "none":
             changed = _mixed(level, change) - glare.to(change)[:, None, None]
             if float(changed.abs().max()) < 1e-6:
                 return torch.zeros(())
-            there = self._known.get(("spectrum", "cover", tuple(nodes.tolist())), cover.transformed)
-            tiles, spectra = there.summed(changed[:, :, None])
-            found = torch.fft.irfft2(spectra, s=(self.side, self.side))
+            spectra = self._known.get(("spectrum", "cover", tuple(nodes.tolist())), cover.transformed)
+            tiles, spectra = spectra.summed(changed[:, :, None])
+            found = torch.fft.irfft2(spectra, s=(self.tiles.side, self.tiles.side))
         else:
             changed = (truncated @ level.T - glare).to(cover.values)
             tiles, found = cover.summed(changed[:, :, None, None, None])
-        image = found.new_zeros(len(self.shares), *found.shape[1:])
+        image = found.new_zeros(len(self.tiles.shares), *found.shape[1:])
         image[tiles] = found
-        return image * self.taper
-
-    def _vector(self, change: Tensor) -> Tensor:
-        """A change [tile, channel, y, x] as a vector [channel, n]: its sum of squares over n is the mean
-        square of the change over the frame."""
-        return (change * (self._scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
-
-    @cached_property
-    def _scale(self) -> Tensor:
-        """Of tiles in a vector, [tile, 1, 1]."""
-        seen = self.shares.double() @ (self.inside * self.taper.square()).double().sum((1, 2))
-        return (self.shares / seen).sqrt().to(torch.float32)[:, None, None]
-
-    @cached_property
-    def taper(self) -> Tensor:
-        """The window [y, x] that the light of tiles is seen under."""
-        return _taper(self.side)
-
-    @cached_property
-    def inside(self) -> Tensor:
-        """1 where tiles are in the frame, else 0: [tile, y, x]."""
-        along = torch.arange(self.side)
-        rows, columns = (torch.tensor(at)[:, None] + along for at in zip(*self.corners, strict=True))
-        in_rows = (rows >= 0) & (rows < self.view.height)
-        in_columns = (columns >= 0) & (columns < self.view.width)
-        return (in_rows[:, :, None] & in_columns[:, None]).to(torch.float32)
+        return image * self.tiles.taper
 
 
-def spectra_of(
-    view: View,
-    camera: Camera,
-    full: Fidelity,
-    ideal: Tensor,
-    light: Mapping[str, Tensor],
-    ends: tuple[float, float],
-    depths: Tensor | None,
-    hidden: Hides,
-    cuts: Sequence[float],
-    seed: int = 0,
-) -> Spectra:
-    """Choose tiles of a view. ideal: [channel, y, x] of the frame; light: response and spectrum; hidden:
-    which fragments hide which; cuts: inverse depths between its slabs."""
+def spectra_of(facts: Facts, full: Fidelity) -> Spectra:
+    """What changes of a full simulation's PSFs are seen in: tiles of the view of the facts."""
+    view, camera, hidden = facts.view, facts.camera, facts.hides
     side = min(max(camera.recipe.psf.window_px, SIDES_PX[0]), SIDES_PX[1])
-    corners, shares = choose_tiles(view, ideal, camera, side, seed)
+    tiles = choose_tiles(view, facts.ideal, camera, side)
     seen = torch.nonzero(~view.hidden).squeeze(1)
     if full.occlusion == "none":
         hidden = Hides(seen[:0], seen[:0])
-
-    (visible,) = in_tiles(view, seen, [seen], corners, side)
-    behind, before = in_tiles(view, hidden.behind, [hidden.behind, hidden.front], corners, side)
+    (visible,) = in_tiles(view, seen, [seen], tiles)
+    behind, before = in_tiles(view, hidden.behind, [hidden.behind, hidden.front], tiles)
     return Spectra(
         view,
         camera,
         full,
-        light["response"],
-        light["spectrum"],
-        ends,
-        depths,
-        cuts,
-        side,
+        facts.response * facts.exposure,
+        facts.spectrum,
+        facts.ends,
+        facts.depths,
+        facts.cuts,
+        tiles,
         visible,
         behind,
         before,
-        corners,
-        shares,
         partial(otfs_of, Once(), camera, side),
     )
 
@@ -443,10 +384,3 @@ def _mixed(weights: Tensor, spectra: Tensor) -> Tensor:
     parts = torch.view_as_real(spectra).flatten(2)  # a real product is half the work of a complex one
     mixed = weights.to(parts) @ parts
     return torch.view_as_complex(mixed.reshape(len(parts), len(weights), *spectra.shape[2:], 2))
-
-
-def _taper(side: int) -> Tensor:
-    """A window [y, x]: 1 over half of each side, a cosine beyond (Tukey)."""
-    distance = (torch.arange(side) + 0.5 - side / 2).abs() / side
-    window = 0.5 + 0.5 * torch.cos(4 * torch.pi * (distance - 0.25).clamp_min(0))
-    return window[:, None] * window

@@ -1,8 +1,10 @@
-"""Which square tiles of a view stand for its frame."""
+"""Square tiles that stand for the frame of a view."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -18,15 +20,49 @@ and `stilllife` 97 % of estimates were then within 3 dB, with half of them 78 %;
 nothing."""
 
 
-def choose_tiles(
-    view: View, ideal: Tensor, camera: Camera, side: int, seed: int = 0
-) -> tuple[tuple[tuple[int, int], ...], Tensor]:
-    """(top, left) of tiles of `side` pixels in a view's frame, some of which begin before it or end behind
-    it, and the share [tile] that each has in a mean over the frame, float64; they sum to 1.
+@dataclass(frozen=True)
+class Tiles:
+    """Square tiles of a frame. side: in pixels; corners: (top, left) of each, some of which begin before the
+    frame or end behind it; shares: [tile] in a mean over the frame, float64; they sum to 1."""
 
-    ideal: [channel, y, x] of the frame. Tiles with detail and depth edges are more likely to be among them,
-    and count less each.
-    """
+    height: int
+    width: int
+    side: int
+    corners: tuple[tuple[int, int], ...]
+    shares: Tensor
+
+    @cached_property
+    def taper(self) -> Tensor:
+        """The window [y, x] that the light of tiles is seen under: 1 over half of each side, a cosine beyond
+        (Tukey)."""
+        distance = (torch.arange(self.side) + 0.5 - self.side / 2).abs() / self.side
+        window = 0.5 + 0.5 * torch.cos(4 * torch.pi * (distance - 0.25).clamp_min(0))
+        return window[:, None] * window
+
+    @cached_property
+    def inside(self) -> Tensor:
+        """1 where tiles are in the frame, else 0: [tile, y, x]."""
+        along = torch.arange(self.side)
+        rows, columns = (torch.tensor(at)[:, None] + along for at in zip(*self.corners, strict=True))
+        in_rows = (rows >= 0) & (rows < self.height)
+        in_columns = (columns >= 0) & (columns < self.width)
+        return (in_rows[:, :, None] & in_columns[:, None]).to(torch.float32)
+
+    @cached_property
+    def scale(self) -> Tensor:
+        """Of tiles in a vector, [tile, 1, 1]."""
+        seen = self.shares.double() @ (self.inside * self.taper.square()).double().sum((1, 2))
+        return (self.shares / seen).sqrt().to(torch.float32)[:, None, None]
+
+    def vector(self, change: Tensor) -> Tensor:
+        """A change [tile, channel, y, x] as a vector [channel, n]: its sum of squares over n is the mean
+        square of the change over the frame."""
+        return (change * (self.scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
+
+
+def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int = 0) -> Tiles:
+    """Tiles of `side` pixels that stand for a view's frame. ideal: [channel, y, x] of it. Tiles with detail
+    and depth edges are more likely to be among them, and count less each."""
     beyond = min(side // 4, view.margin)  # the window that tiles are seen under is flat up to the borders
     places = [(y, x) for y in _starts(view.height, side, beyond) for x in _starts(view.width, side, beyond)]
     chance = _chances(view, ideal, camera, places, side)
@@ -35,7 +71,8 @@ def choose_tiles(
     picked = np.searchsorted(np.cumsum(chance), ticks * chance.sum()) if count < len(places) else range(count)
     chosen, times = np.unique(np.fromiter(picked, int), return_counts=True)
     shares = times / chance[chosen] if count < len(places) else np.ones(count)
-    return tuple(places[tile] for tile in chosen), torch.from_numpy(shares / shares.sum())
+    corners = tuple(places[tile] for tile in chosen)
+    return Tiles(view.height, view.width, side, corners, torch.from_numpy(shares / shares.sum()))
 
 
 def _starts(length: int, side: int, beyond: int = 0) -> list[int]:

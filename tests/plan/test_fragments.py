@@ -5,10 +5,12 @@ from __future__ import annotations
 import pytest
 import torch
 
-from edofsim.plan.fragments import Fragments, Tiled, at_nodes
+from edofsim.plan.fragments import Fragments, Tiled, at_nodes, cubic
 from edofsim.plan.passing import passing
+from edofsim.plan.tiles import Tiles
 
 TILES, SIDE = 3, 4
+SOME = Tiles(SIDE, SIDE, SIDE, ((0, 0),) * TILES, torch.ones(TILES))
 NODES = torch.tensor([0.0, 1.0, 2.0, 4.0], dtype=torch.float64)
 FRAGMENTS = Fragments(
     which=torch.arange(4),
@@ -27,7 +29,7 @@ def dense(images: Tiled) -> torch.Tensor:
 
 
 def test_light_lies_at_the_nearest_node_of_its_tile():
-    images = at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=False)
+    images = at_nodes(FRAGMENTS, LIGHT, NODES, SOME, shared=False)
     wanted = torch.zeros(TILES, len(NODES), 2, SIDE, SIDE)
     for tile, node, y, x, fragment in ((0, 0, 0, 3, 0), (2, 1, 1, 1, 1), (2, 3, 1, 1, 2), (2, 3, 0, 0, 3)):
         wanted[tile, node, :, y, x] += LIGHT[:, fragment]
@@ -37,7 +39,7 @@ def test_light_lies_at_the_nearest_node_of_its_tile():
 
 
 def test_shared_light_lies_at_the_two_nodes_around_it():
-    found = dense(at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=True))
+    found = dense(at_nodes(FRAGMENTS, LIGHT, NODES, SOME, shared=True))
     torch.testing.assert_close(found[0, :2, 0, 0, 3], torch.tensor([0.8, 0.2]))
     torch.testing.assert_close(found[2, :, 1, 1, 1], torch.tensor([0.0, 4.5, 1.5 + 1.75, 5.25]))
     torch.testing.assert_close(found.sum((0, 1, 3, 4)), LIGHT.sum(1))
@@ -45,7 +47,7 @@ def test_shared_light_lies_at_the_two_nodes_around_it():
 
 @pytest.mark.parametrize("alike", [False, True])
 def test_sums_over_nodes_are_those_of_all_pairs(alike: bool):
-    images = at_nodes(FRAGMENTS, LIGHT, NODES, TILES, SIDE, shared=True)
+    images = at_nodes(FRAGMENTS, LIGHT, NODES, SOME, shared=True)
     weights = torch.rand(len(NODES), 2, 2, SIDE, SIDE, generator=torch.Generator().manual_seed(0))
     wanted = torch.einsum("nckyx,tnkyx->tcyx", weights, dense(images))
     if alike:  # each channel has light of its own
@@ -60,7 +62,7 @@ def test_sums_over_nodes_are_those_of_all_pairs(alike: bool):
 
 def test_where_nothing_lies_there_is_one_black_image():
     nothing = Fragments(*(each[:0] for each in (FRAGMENTS.which, FRAGMENTS.place, FRAGMENTS.depth)))
-    spectra = at_nodes(nothing, LIGHT[:, :0], NODES, TILES, SIDE, shared=True).transformed()
+    spectra = at_nodes(nothing, LIGHT[:, :0], NODES, SOME, shared=True).transformed()
     assert spectra.values.shape == (1, 2, SIDE, SIDE // 2 + 1) and not spectra.values.any()
 
 
@@ -79,3 +81,15 @@ def test_what_covers_a_tile_dims_what_lies_behind_it_there():
     wanted[1, 2] = 1 - 0.125 * 0.75
     wanted[0, 2] = wanted[1, 2] - (0.75 * 0.5 + 1.0 * 0.25)
     torch.testing.assert_close(found, wanted[:, :, None, None].expand(-1, -1, SIDE, SIDE))
+
+
+def test_a_cubic_is_known_at_all_depths_from_even_nodes():
+    """At the ends and at nodes too."""
+    nodes = torch.linspace(0.2, 2.6, 7, dtype=torch.float64)
+    depths = torch.tensor([0.2, 0.3, 0.6, 1.37, 2.2, 2.55, 2.6], dtype=torch.float64)
+
+    def curve(x: torch.Tensor) -> torch.Tensor:
+        return 1 - 2 * x + 0.5 * x**2 + 0.7 * x**3
+
+    torch.testing.assert_close(cubic(depths, nodes) @ curve(nodes), curve(depths))
+    torch.testing.assert_close(cubic(nodes, nodes), torch.eye(7, dtype=torch.float64))

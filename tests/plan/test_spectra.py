@@ -33,7 +33,7 @@ CAMERA = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=
 
 def images(spectra: Spectra, vector: torch.Tensor) -> torch.Tensor:
     """A change given as a vector, under the window, 0 outside of the frame: [tile, channel, y, x]."""
-    return vector.unflatten(1, spectra.inside.shape).transpose(0, 1) / spectra._scale[:, None]
+    return vector.unflatten(1, spectra.tiles.inside.shape).transpose(0, 1) / spectra.tiles.scale[:, None]
 
 
 def two_depths(height: int = 384, width: int = 576, bands: int = 12) -> View:
@@ -57,7 +57,7 @@ def test_tiles_of_other_depths_share_the_groups_of_bands():
     lie at other distances; each band on its own errs by nothing."""
     facts = facts_of(two_depths(), CAMERA)
     depth = facts.view.inverse_depth[facts.spectra.seen.which]
-    assert len(facts.spectra.shares) > 4 and depth.min() < 1 < depth.max()
+    assert len(facts.spectra.tiles.shares) > 4 and depth.min() < 1 < depth.max()
     errors = [
         float(
             facts.spectra.by_bands(facts.full.changed({"band_groups": groups, "group_wavelengths": 0}))
@@ -98,8 +98,12 @@ def test_each_tile_is_dimmed_by_what_is_in_front_of_it():
     passed = []
     for dimmed in (False, True):
         spectra = facts_of(two_depths(), CAMERA).spectra
-        shares = torch.linspace(0.2, 0.9, len(spectra.shares)) if dimmed else torch.ones(len(spectra.shares))
-        shares = shares[None, :, None, None].expand(2, -1, spectra.side, spectra.side)
+        shares = (
+            torch.linspace(0.2, 0.9, len(spectra.tiles.shares))
+            if dimmed
+            else torch.ones(len(spectra.tiles.shares))
+        )
+        shares = shares[None, :, None, None].expand(2, -1, spectra.tiles.side, spectra.tiles.side)
         spectra.__dict__["_passing"] = Passing(torch.tensor([1.0], dtype=torch.float64), shares)
         one = spectra.full.changed({"band_groups": 1, "group_wavelengths": 0})
         passed.append((images(spectra, spectra.by_bands(one)), shares[0, :, None]))
@@ -173,17 +177,19 @@ def test_at_silhouettes_spectra_see_what_changes_in_photos_with_occlusion(change
     spectra, full = facts.spectra, facts.full.changed({"sub_apertures": 1})
     photo = capture(facts.view, CAMERA, full)
     other = capture(facts.view, CAMERA, full.changed(change), exposure=photo.exposure)
-    difference = torch.nn.functional.pad(other.clean - photo.clean, (spectra.side,) * 4)
+    difference = torch.nn.functional.pad(other.clean - photo.clean, (spectra.tiles.side,) * 4)
     truth = torch.stack(
         [
-            difference[:, spectra.side + top :, spectra.side + left :][:, : spectra.side, : spectra.side]
-            for top, left in spectra.corners
+            difference[:, spectra.tiles.side + top :, spectra.tiles.side + left :][
+                :, : spectra.tiles.side, : spectra.tiles.side
+            ]
+            for top, left in spectra.tiles.corners
         ]
     )
 
     def alike(seen: Spectra) -> float:
         found = images(seen, seen.by_psfs(seen.full.changed(change), seen.full)).flatten()
-        return float(torch.nn.functional.cosine_similarity(found, (truth * seen.taper).flatten(), 0))
+        return float(torch.nn.functional.cosine_similarity(found, (truth * seen.tiles.taper).flatten(), 0))
 
     nothing = Fragments(*(torch.zeros(0, dtype=torch.int64),) * 2, torch.zeros(0, dtype=torch.float64))
     bare = replace(spectra, behind=nothing, before=nothing, _known=Once())
@@ -192,20 +198,25 @@ def test_at_silhouettes_spectra_see_what_changes_in_photos_with_occlusion(change
 
 def test_of_tiles_that_reach_over_the_border_the_part_in_the_frame_counts():
     spectra = facts_of(two_depths(96, 120, 2), CAMERA).spectra
-    tops = [top for top, _ in spectra.corners]
-    assert min(tops) < 0 and max(tops) + spectra.side > 96  # the tiles reach over it
+    tops = [top for top, _ in spectra.tiles.corners]
+    assert min(tops) < 0 and max(tops) + spectra.tiles.side > 96  # the tiles reach over it
     around = torch.stack(
         [
             torch.tensor(
                 [
-                    [1.0 if 0 <= y < 96 and 0 <= x < 120 else 100.0 for x in range(left, left + spectra.side)]
-                    for y in range(top, top + spectra.side)
+                    [
+                        1.0 if 0 <= y < 96 and 0 <= x < 120 else 100.0
+                        for x in range(left, left + spectra.tiles.side)
+                    ]
+                    for y in range(top, top + spectra.tiles.side)
                 ]
             )
-            for top, left in spectra.corners
+            for top, left in spectra.tiles.corners
         ]
     )[:, None]
-    assert float(spectra._vector(around * spectra.taper).square().sum()) == pytest.approx(1, rel=1e-5)
+    assert float(spectra.tiles.vector(around * spectra.tiles.taper).square().sum()) == pytest.approx(
+        1, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize("times", [1, 2, 3])
@@ -275,7 +286,7 @@ def test_psfs_of_large_pixels_hold_as_much_light():
     """A recipe that fixes the samples of a pixel asks for as many of each small one in a large one."""
     camera = Camera.from_recipe(CameraRecipe(name="test", psf=PsfSettings(window_px=48, oversampling=2)))
     coarse = coarse_of(two_depths(), camera, 1.0)
-    assert coarse.times == 3
+    assert coarse.times == 4
     fine, large = (
         psf_bank(each, [450e-9, 600e-9], [0.3, 2.0]).values.sum((-2, -1)) for each in (camera, coarse.camera)
     )

@@ -1,5 +1,5 @@
-"""The effects that a plan decides on, each in a file. To add one: a file, and a line here, or an entry point
-of another package.
+"""The effects that a plan decides on. To add one: an `Effect` in a file and a line here, or an entry point of
+another package.
 
 An effect of another package leaves something out of the camera by a `Simplification` of `capture.fidelity`.
 """
@@ -18,26 +18,26 @@ EFFECTS: Registry[Effect] = Registry(
     {
         "bands": f"{HERE}.bands:EFFECT",
         "depth layers": f"{HERE}.depth_layers:EFFECT",
-        "occlusion": f"{HERE}.occlusion:EFFECT",
-        "hidden surfaces": f"{HERE}.hidden:EFFECT",
+        "occlusion": f"{HERE}.occlusion:OCCLUSION",
+        "hidden surfaces": f"{HERE}.occlusion:HIDDEN",
         "sub-apertures": f"{HERE}.sub_apertures:EFFECT",
-        "spherical aberration": f"{HERE}.spherical_aberration:EFFECT",
-        "dispersion of the lens": f"{HERE}.lens_dispersion:EFFECT",
-        "dispersion of the DOE": f"{HERE}.doe_dispersion:EFFECT",
-        "pixel integration": f"{HERE}.pixel:EFFECT",
+        "spherical aberration": f"{HERE}.optics:SPHERICAL_ABERRATION",
+        "dispersion of the lens": f"{HERE}.optics:LENS_DISPERSION",
+        "dispersion of the DOE": f"{HERE}.optics:DOE_DISPERSION",
+        "pixel integration": f"{HERE}.optics:PIXEL",
         "PSF window": f"{HERE}.window:EFFECT",
         "pupil sampling": f"{HERE}.pupil:EFFECT",
-        "field dependence": f"{HERE}.field_dependence:EFFECT",
+        "field dependence": f"{HERE}.optics:FIELD",
         "light from outside": f"{HERE}.outside:EFFECT",
-        "fabrication error": f"{HERE}.fabrication:EFFECT",
-        "read noise": f"{HERE}.read_noise:EFFECT",
-        "shot noise": f"{HERE}.shot_noise:EFFECT",
-        "quantisation": f"{HERE}.quantisation:EFFECT",
-        "saturation": f"{HERE}.saturation:EFFECT",
-        "Bayer mosaic": f"{HERE}.mosaic:EFFECT",
-        "interreflection": f"{HERE}.bounces:EFFECT",
-        "dispersion of scene glass": f"{HERE}.scene_dispersion:EFFECT",
-        "render samples": f"{HERE}.samples:EFFECT",
+        "fabrication error": f"{HERE}.optics:FABRICATION",
+        "read noise": f"{HERE}.sensor:READ_NOISE",
+        "shot noise": f"{HERE}.sensor:SHOT_NOISE",
+        "quantisation": f"{HERE}.sensor:QUANTISATION",
+        "saturation": f"{HERE}.sensor:SATURATION",
+        "Bayer mosaic": f"{HERE}.sensor:MOSAIC",
+        "interreflection": f"{HERE}.rendering:INTERREFLECTION",
+        "dispersion of scene glass": f"{HERE}.rendering:DISPERSION",
+        "render samples": f"{HERE}.rendering:SAMPLES",
     },
     "edofsim.plan.effect:Effect",
 )
