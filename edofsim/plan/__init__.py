@@ -1,18 +1,16 @@
 """Which effects are simulated, and why."""
 
 from ..capture.fidelity import Fidelity, full_fidelity, simpler_recipe
-from .alone import as_accurate, plan_alone
 from .costs import Rendering
 from .effect import Decision, Effect, Level, Plan, decibels, overall
 from .effects import EFFECTS, all_effects
 from .facts import Facts, facts_of, through_mask_like
 from .figures import plan_figures, with_predicted
 from .overrule import checked_overrule, insisted_rendering
-from .photo import Planner, plan_photo, planner_of
+from .photo import Planner, plan_alone, plan_photo, planner_of
 from .rates import learn as learn_rates
-from .scene import Looked, look, plan_scene, seen_in_thumbnails
-from .target import RESTORED, Target, parse_target
-from .thumbnail import thumbnail
+from .scene import Looked, look, plan_scene, seen_in_thumbnails, thumbnail
+from .target import RESTORED, Target, as_accurate, parse_target
 
 __all__ = [
     "EFFECTS",

@@ -50,11 +50,8 @@ class Estimates:
     rows: tuple[Estimate, ...]
     products: Tensor
 
-    def by_name(self) -> Mapping[str, Estimate]:
-        return self._named
-
     @cached_property
-    def _named(self) -> Mapping[str, Estimate]:
+    def by_name(self) -> Mapping[str, Estimate]:
         return {row.effect.name: row for row in self.rows}
 
     @cached_property
@@ -84,7 +81,7 @@ class Estimates:
         """Whether an effect does not matter because the one that it is a part of is left out, or moot."""
         if row.effect.within not in chosen:
             return False
-        whole = self.by_name()[row.effect.within]
+        whole = self.by_name[row.effect.within]
         return (chosen[row.effect.within] == 0 and whole.full > 0) or self.moot(whole, chosen)
 
 

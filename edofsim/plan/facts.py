@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeAlias, cast
 
 import torch
 from torch import Tensor
@@ -39,9 +38,6 @@ FIELD_DB = 60.0
 """Errors between places in the field are looked at until they are as small, or smaller than is allowed."""
 FEW_DEPTHS = 48
 """Distinct depths up to which a view has depths, and no range of them."""
-
-Lies: TypeAlias = tuple[Hides, Sequence[float], Shape]
-Looks: TypeAlias = tuple[Tensor, Tensor, int, Tensor]
 
 
 @dataclass(frozen=True)
@@ -209,36 +205,27 @@ def facts_of(
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
     depth = view.inverse_depth.double()
 
-    def looks() -> Looks:
-        distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
-        if distinct.numel() <= FEW_DEPTHS:
-            distinct = torch.unique(depth)
-        ideal = view.crop_margin(all_in_focus(view, response))
-        return ideal, spectrum_of(view), edge_pixels(view, gap), distinct
-
-    def lies() -> Lies:
-        hidden = hides(view, gap)
-        cut = cuts(view, gap, hidden)
-        return hidden, cut, shape_of(view, camera, hidden, cut)
-
-    pieces: Sequence[Callable[[], object]] = (lies, looks, lambda: _fingerprint(view))
-    found = in_threads(lambda piece: piece(), pieces, torch.device("cpu"))
-    (hidden, cut, shape), (ideal, spectrum, edges, distinct), said = cast(tuple[Lies, Looks, str], found)
+    distinct = torch.unique(depth[:: max(1, depth.numel() // 2000)])
+    if distinct.numel() <= FEW_DEPTHS:
+        distinct = torch.unique(depth)
+    ideal, edges = view.crop_margin(all_in_focus(view, response)), edge_pixels(view, gap)
+    hidden = hides(view, gap)
+    cut = cuts(view, gap, hidden)
     facts = Facts(
         view=view,
         camera=camera,
         full=full_fidelity(camera, view, edges),
         edges=edges,
         response=response,
-        spectrum=spectrum,
+        spectrum=spectrum_of(view),
         ideal=ideal,
         exposure=automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted),
         ends=(float(depth.min()), float(depth.max())),
         depths=distinct if distinct.numel() <= FEW_DEPTHS else None,
         hides=hidden,
         cuts=cut,
-        shape=shape,
-        fingerprint=said,
+        shape=shape_of(view, camera, hidden, cut),
+        fingerprint=_fingerprint(view),
         recipe=recipe,
         noisier=noisier,
     )

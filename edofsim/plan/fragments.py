@@ -132,7 +132,7 @@ def hat(fine: Tensor, nodes: Tensor, snapped: bool = False) -> Tensor:
     """How each fine depth is made of nodes, [fine, node]: by linear interpolation, or snapped to the
     nearest."""
     if nodes.numel() == 1:
-        return torch.ones(fine.numel(), 1)
+        return torch.ones(fine.numel(), 1, dtype=torch.float64)
     cell, share = _cells(fine, nodes)
     share = share.round() if snapped else share
     found = torch.zeros(fine.numel(), nodes.numel(), dtype=torch.float64)

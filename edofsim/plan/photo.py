@@ -16,11 +16,11 @@ from .costs import Costs, Rendering
 from .effect import Decision, Effect, Level, Plan, Values, decibels, overall
 from .effects import all_effects
 from .estimate import Estimate, Estimates
-from .facts import Facts, facts_of
+from .facts import Facts, facts_of, through_mask_like
 from .overrule import checked_overrule
 from .rates import rates
 from .remember import remembered
-from .target import Target
+from .target import Target, as_accurate
 
 SAFETY_DB = 1.0
 """The budget is smaller than what is asked for by this: estimates are of a sample."""
@@ -82,7 +82,7 @@ class Planner:
     def _kept(self, fixed: Mapping[str, int]) -> dict[str, int]:
         """What an accuracy does not trade: the samples that the recipe asks for also make the all-in-focus
         image, which photos are scored against."""
-        rows = self.estimates.by_name()
+        rows = self.estimates.by_name
         kept = {"render samples": rows["render samples"].full} if "render samples" in rows else {}
         return {**kept, **fixed}
 
@@ -98,7 +98,7 @@ class Planner:
 
     def _insisted(self, asked: float, chosen: Chosen, fixed: Mapping[str, int]) -> str:
         best = decibels(self.estimates.total(chosen))
-        rows = self.estimates.by_name()
+        rows = self.estimates.by_name
         held = [name for name, level in fixed.items() if level != rows[name].full]
         if best >= asked or not held:
             return ""
@@ -222,6 +222,25 @@ def plan_photo(
     return planner.plan(target, fixed_levels(found, given, more))
 
 
+def plan_alone(
+    plan: Plan,
+    facts: Facts,
+    alone: Camera,
+    overrule: Values | None = None,
+    target: Target | None = None,
+    *,
+    progress: Progress | None = None,
+) -> Plan:
+    """The plan of a photo through the lens alone, by itself: a mask evens the blur, and the bare lens may ask
+    for ten times as many depth layers.
+
+    plan, facts: of the photo through the mask, which `overrule` and `target` (see `plan_photo`) asked for;
+    alone: that camera without its mask. Raises InputError as `plan_photo`.
+    """
+    how = {"facts": through_mask_like(facts, alone), "progress": progress}
+    return plan_photo(facts.view, alone, overrule, as_accurate(plan, target), every_effect=False, **how)
+
+
 def _levels_of(insisted: Values) -> dict[str, Level]:
     """Levels for the settings of a photo that a user gives by value."""
     more = {}
@@ -240,7 +259,7 @@ def _levels_of(insisted: Values) -> dict[str, Level]:
 
 def fixed_levels(estimates: Estimates, insisted: Values, more: Mapping[str, Level]) -> dict[str, int]:
     """The level of each effect that the user insists on."""
-    rows = estimates.by_name()
+    rows = estimates.by_name
     fixed = {name: rows[name].levels.index(level) for name, level in more.items()}
     for option, full in (("without", False), ("with_", True)):
         for name in insisted.get(option) or ():

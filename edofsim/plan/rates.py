@@ -13,7 +13,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from ..core.sources import code_of_rooms
 from ..core.store import found, keep, user_folder
@@ -138,7 +137,7 @@ def paces(repeats: int = 4) -> Mapping[str, float]:
     """
     clock = time.thread_time if threads_allowed() == 1 else time.perf_counter  # of all counts busy waiting
     with all_threads():
-        return {kind: _fastest(work, repeats, clock) for kind, work in _MOMENTS.items()}
+        return {kind: _fastest(work, repeats, clock) for kind, work in _moments().items()}
 
 
 def _fastest(work: Callable[[], object], repeats: int, clock: Callable[[], float]) -> float:
@@ -151,56 +150,33 @@ def _fastest(work: Callable[[], object], repeats: int, clock: Callable[[], float
 
 
 @lru_cache(maxsize=1)
-def _like_a_photo() -> dict[str, Tensor]:
+def _moments() -> Mapping[str, Callable[[], None]]:
+    """A piece of work of each of `KINDS`, as in a photo."""
     draw = torch.Generator().manual_seed(0)
-    shapes = {
-        "images": (8, 128, 128),
-        "angles": (100_000,),
-        "fragments": (3, 40_000),
-        "spread": (120, 4 * 1200),
-        "basis": (100, 120),
-        "little": (3, 8),
-    }
-    made = {name: torch.rand(shape, generator=draw) for name, shape in shapes.items()}
-    made["spectra"] = torch.fft.rfft2(made["images"])
-    return {**made, "place": torch.randperm(40_000, generator=draw)}
+    shapes = ((8, 128, 128), (100_000,), (3, 40_000), (120, 4 * 1200), (100, 120), (3, 8))
+    images, angles, light, spread, basis, little = (torch.rand(shape, generator=draw) for shape in shapes)
+    spectra, place = torch.fft.rfft2(images), torch.randperm(40_000, generator=draw)
 
+    def calls() -> None:
+        moved = little
+        for _ in range(100):
+            moved = moved.flip(0).contiguous().mul_(1.0)
 
-def _calls() -> None:
-    little = _like_a_photo()["little"]
-    for _ in range(100):
-        little = little.flip(0).contiguous().mul_(1.0)
+    def products() -> None:
+        for _ in range(2):
+            torch.mm(basis, spread)
 
+    def transforms() -> None:
+        for _ in range(2):
+            torch.fft.rfft2(images, out=spectra)
+            torch.fft.irfft2(spectra, out=images)
 
-def _products() -> None:
-    made = _like_a_photo()
-    for _ in range(2):
-        torch.mm(made["basis"], made["spread"])
+    def elements() -> None:
+        field = torch.polar(angles, angles)
+        field.mul_(field.conj()).add_(field)
 
+    def moves() -> None:
+        moved = light[:, place]
+        torch.zeros_like(moved).index_add_(1, place, moved)
 
-def _transforms() -> None:
-    images, spectra = (_like_a_photo()[name] for name in ("images", "spectra"))
-    for _ in range(2):
-        torch.fft.rfft2(images, out=spectra)
-        torch.fft.irfft2(spectra, out=images)
-
-
-def _elements() -> None:
-    angles = _like_a_photo()["angles"]
-    field = torch.polar(angles, angles)
-    field.mul_(field.conj()).add_(field)
-
-
-def _moves() -> None:
-    made = _like_a_photo()
-    light = made["fragments"][:, made["place"]]
-    torch.zeros_like(light).index_add_(1, made["place"], light)
-
-
-_MOMENTS: Mapping[str, Callable[[], None]] = {
-    "calls": _calls,
-    "products": _products,
-    "transforms": _transforms,
-    "elements": _elements,
-    "moves": _moves,
-}
+    return {each.__name__: each for each in (calls, products, transforms, elements, moves)}

@@ -46,14 +46,9 @@ def remembered(
 
 
 def _write(found: Estimates, path: Path) -> None:
+    names = ("errors", "images", "absent", "asked")
     rows = [
-        {
-            "labels": [level.label for level in row.levels],
-            "errors": row.errors,
-            "images": row.images,
-            "absent": row.absent,
-            "asked": row.asked,
-        }
+        {"labels": [level.label for level in row.levels], **{name: getattr(row, name) for name in names}}
         for row in found.rows
     ]
     path.write_text(json.dumps({"rows": rows, "products": found.products.tolist()}), encoding="utf-8")

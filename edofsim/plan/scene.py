@@ -26,8 +26,11 @@ from .effect import Plan, Values
 from .facts import Facts, facts_of
 from .photo import plan_photo
 from .target import Target
-from .thumbnail import preview_of, thumbnail
 
+SIDE_PX = 64
+SAMPLES = 16
+"""Most pixels along a side, and samples, of thumbnails."""
+PREVIEW_SAMPLES = 4
 RAY = 1e-7
 """Reference seconds of a ray from one surface to the next, on one thread: about that of shipped scenes. What
 the rays of this scene take on this machine, previews measure; that is reported."""
@@ -145,6 +148,31 @@ def plan_scene(
         rendering=looked.rendering,
         disk_mib=looked.disk_mib,
     )
+
+
+def thumbnail(recipe: SceneRecipe) -> SceneRecipe:
+    """The same scene with pixels so large that its longer side has at most `SIDE_PX`, and few samples."""
+    frame = recipe.frame
+    coarser = max(1, -(-max(frame.width_px, frame.height_px) // SIDE_PX))
+    small = frame.model_copy(
+        update={
+            "width_px": max(1, frame.width_px // coarser),
+            "height_px": max(1, frame.height_px // coarser),
+            "margin_px": -(-frame.margin_px // coarser),
+            "pixel_angle_mrad": frame.pixel_angle * 1e3 * coarser,
+        }
+    )
+    return _sampled(recipe, SAMPLES).model_copy(update={"frame": small})
+
+
+def preview_of(recipe: SceneRecipe) -> SceneRecipe:
+    """The same frame, pixel for pixel, with few samples: right depths and edges, noisy light."""
+    return _sampled(recipe, PREVIEW_SAMPLES)
+
+
+def _sampled(recipe: SceneRecipe, most: int) -> SceneRecipe:
+    render = recipe.render.model_copy(update={"samples": min(most, recipe.render.samples)})
+    return recipe.model_copy(update={"render": render})
 
 
 def _rays(recipe: SceneRecipe, view: View, fidelity: Fidelity) -> float:

@@ -197,7 +197,7 @@ class Spectra:
         band by the PSFs of one of these, [channel, few, band] float64."""
         bands = self.view.wavelengths.double()
         some = torch.linspace(0, bands.numel() - 1, min(bands.numel(), BANDS)).round().long()
-        between = hat(bands, bands[some]).double()
+        between = hat(bands, bands[some])
         return every_band(bands[some], self.response[:, some]), torch.einsum(
             "cb,bw->cwb", self.response.double(), between
         )

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..capture.sensor import noise_deviation
 from ..errors import InputError
+from .effect import Plan
 from .facts import Facts
 
 WITHOUT_NOISE_DB = 50.0
@@ -58,6 +59,15 @@ class Target:
         what = f"half of the sensor's noise, {noise:.2g}" if noise else "the sensor has no noise"
         nearer = f", and {self.nearer_db:g} dB nearer for what is restored from it" if self.nearer_db else ""
         return f"{self.asked_db(facts):.1f} dB against the full simulation ({what}{nearer})"
+
+
+def as_accurate(plan: Plan, target: Target | None) -> Target:
+    """What a photo to compare with is planned for. target: that of the first one, of this plan. An accuracy
+    holds for both, but that nothing is restored from the other, so that it need not be `nearer_db`; a time is
+    of the first alone, and the other is planned for the accuracy that it came to."""
+    if target is None or target.kind != "time":
+        return replace(target or Target(), nearer_db=0.0)
+    return Target("full") if math.isinf(plan.error_db) else Target("db", db=plan.error_db)
 
 
 RESTORED = Target(nearer_db=RESTORED_DB)

@@ -65,26 +65,15 @@ class Work:
     bytes: float
 
 
-@dataclass(frozen=True)
-class Waves:
+def _psfs(samples: int, out: float, relief: bool, pupils: int, between: float) -> Amounts:
     """What PSFs take. samples: across the pupil; out: along half an axis of their window; relief: whether a
     mask changes the wave; pupils: grids of it that are made, one a wavelength; between: PSFs."""
-
-    samples: int
-    out: float
-    relief: bool
-    pupils: int
-    between: float
-
-    @property
-    def amounts(self) -> Amounts:
-        half, known = self.samples / 2, self.between * (1.0 if self.relief else EVEN)
-        return {
-            "calls": self.pupils,
-            "elements": (self.pupils + 1 + self.relief) * self.samples**2
-            + LITTLE * known * (half**2 + self.out**2),
-            "products": known * (self.out * half**2 + self.out**2 * half),
-        }
+    half, known = samples / 2, between * (1.0 if relief else EVEN)
+    return {
+        "calls": pupils,
+        "elements": (pupils + 1 + relief) * samples**2 + LITTLE * known * (half**2 + out**2),
+        "products": known * (out * half**2 + out**2 * half),
+    }
 
 
 def work_of(
@@ -103,7 +92,7 @@ def work_of(
     )
     relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     between = shape.counted.get(("between", layers), lambda: waves_between(camera, shape, layers)) * colours
-    waves = Waves(samples, (window * finest + 2) / 2, relief, colours, between)
+    waves = _psfs(samples, (window * finest + 2) / 2, relief, colours, between)
     how = (fidelity.occlusion, window, layers, groups)
     blur, largest = shape.counted.get(("blur", *how), lambda: _blur_of(shape, *how))
     coarse = of_sub_apertures(fidelity, camera, abs(shape.ends[1] - shape.ends[0]))
@@ -122,7 +111,7 @@ def work_of(
     return Work(
         {
             "prepare": {"calls": 1.0, "moves": looked, "elements": pixels},
-            "psf": _times(waves.amounts, places),
+            "psf": _times(waves, places),
             "blur": _times(blur, wider),
             "sub_apertures": _times(parts, wider) | {"products": parts.get("products", 0.0) * places},
             "sensor": {"elements": pixels},

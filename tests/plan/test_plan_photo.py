@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -137,7 +138,7 @@ def test_levels_that_cannot_be_taken_are_not_looked_at(kind: str, asked: int):
     most = allowed_error(target, whole.facts)
     found = estimate(replace(whole.facts, allowed=most), all_effects())
     assert replace(whole, estimates=found).plan(target).fidelity == whole.plan(target).fidelity
-    known = whole.estimates.by_name()
+    known = whole.estimates.by_name
     for row in found.rows:
         assert row.levels[0] == known[row.effect.name].levels[0]  # what leaving it out costs is always told
         assert row.levels[-1] == known[row.effect.name].levels[-1]
@@ -171,7 +172,7 @@ def test_a_sensor_of_three_lines_has_no_bands_to_gather():
 def test_an_estimate_is_what_the_whole_photo_shows(effect: str):
     """Within 3 dB; depths and the rest of the simulation differ."""
     view, known = scene(SLANTED), planner("slanted")
-    found = known.estimates.by_name()[effect]
+    found = known.estimates.by_name[effect]
     truth = measured(view, CAMERA, dict(found.levels[0].change), known.facts.full)
     assert decibels(overall(found.errors[0])) == pytest.approx(decibels(truth), abs=3)
 
@@ -190,7 +191,7 @@ def test_what_is_promised_is_met(asked: int):
 def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
     """Against the whole photo: a map beside a recipe without a mask disperses, and scatters light."""
     found, view, relief = planner_with_map()
-    estimate = found.estimates.by_name()[effect]
+    estimate = found.estimates.by_name[effect]
     how = functools.partial(capture, view, CAMERA.with_height(relief))
     full = found.facts.full
     difference = how(full.changed(estimate.levels[0].change)).clean - how(full).clean
@@ -302,7 +303,9 @@ def test_effects_are_all_listed_and_named_once():
     import edofsim.plan.effects as package
 
     files = {path.stem for path in Path(package.__file__).parent.glob("*.py")} - {"__init__"}
-    assert len(files) == len(EFFECTS)
+    modules = [vars(importlib.import_module(f"{package.__name__}.{file}")) for file in files]
+    made = [each.name for module in modules for each in module.values() if isinstance(each, Effect)]
+    assert sorted(made) == sorted(EFFECTS)
     assert [effect.name for effect in all_effects()] == list(EFFECTS)
 
 
@@ -432,7 +435,7 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known_or_gues
     assert "edges" in row(planner("slanted").plan(), "sub-apertures").why
     assert row(plan_photo(scene(STEP), CAMERA), "sub-apertures").error is not None  # past guesses, too
     known = planner("step")
-    found = known.estimates.by_name()["sub-apertures"]
+    found = known.estimates.by_name["sub-apertures"]
     one, *_, full = (overall(errors) for errors in found.errors)
     assert one > full == 0
     truth = measured(scene(STEP, hidden=True), CAMERA, dict(found.levels[0].change), known.facts.full)
@@ -444,7 +447,7 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known_or_gues
         assert decibels(overall(errors)) == pytest.approx(decibels(truth), abs=4)
     # what leaves out occlusion or hidden surfaces leaves out parts with them
     for name in ("occlusion", "hidden surfaces"):
-        whole = known.estimates.by_name()[name]
+        whole = known.estimates.by_name[name]
         truth = measured(scene(STEP, hidden=True), CAMERA, dict(whole.levels[0].change), known.facts.full)
         assert decibels(overall(whole.errors[0])) == pytest.approx(decibels(truth), abs=2)
     without = known.plan(None, {"occlusion": 0})

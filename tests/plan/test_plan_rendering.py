@@ -9,8 +9,7 @@ import torch
 
 from edofsim.capture.fidelity import disperses
 from edofsim.plan import EFFECTS, Fidelity, simpler_recipe
-from edofsim.plan.scene import _in_photo
-from edofsim.plan.thumbnail import preview_of, thumbnail
+from edofsim.plan.scene import _in_photo, preview_of, thumbnail
 from edofsim.recipe import load_scene
 
 
