@@ -93,50 +93,14 @@ def capture(
     axes = axes_of(given, camera, fidelity, weights, nodes, spectrum)
     watch.lap("prepare", 0.05)
     how = {"dtype": dtype, "device": device}
-
-    frame = frame_of(given) if camera.lens.varies else None
-    step = None if frame is None else field_step(camera, fidelity, frame, axes)
-    tangent = None if step is None else step * first.pixel_angle
-
-    def optics(here: Camera) -> Imaging:
-        return imaging_of(here, fidelity, axes, field_step=tangent, cache=cache, **how)
-
-    imaging = optics(camera)
-    watch.lap("psf", 0.4)
-    lights = [imaging.light(view) for view in given]
-    layouts = [imaging.layout(view) if layout is None else layout for view in given]
-    glare = [glare_of(light, imaging.blurring) for light in lights]
-
-    def blurred(here: Camera, part: Part) -> Tensor:
-        at = imaging if step is None else optics(here)
-        haze = glare if step is None else [glare_of(light, at.blurring) for light in lights]
-        parts = (part(light, at.window // 2) for light in lights)
-        images = [at.image(*each) for each in zip(parts, layouts, strict=True)]
-        return torch.stack(images) + torch.stack([each for each, _ in haze])[:, :, None, None]
-
-    def changed(here: Camera, part: Part) -> Tensor:
-        at = sub_aperture_imaging(here, fidelity, axes, **how)
-        parts = (part(at.light(view), at.window // 2) for view in given)
-        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, layouts, strict=True)])
-
-    photo = image_over_field(camera, frame, step, blurred).to(first.radiance)
-    finer = fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
-    watch.lap("blur", 0.5 if finer else 0.9)
-    if finer:
-        photo = photo + image_over_field(camera, frame, step, changed).to(first.radiance)
-        watch.lap("sub_apertures", 0.9)
+    photo, truncated, imaging, step = _imaged(given, camera, fidelity, axes, layout, watch, cache, **how)
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
-    truncated = torch.stack([fraction for _, fraction in glare])
     said = {
         "fidelity": values_of(fidelity),
         "layers": int(axes.nodes.numel()),
-        "occlusion": fidelity.occlusion,
-        "hidden_surfaces": _behind(given, fidelity),
-        "guessed_fragments": sum(guessed_fragments(view) for view in given),
-        "sub_apertures": fidelity.sub_apertures if finer else 1,
-        "bands": imaging.gathering.groups,
+        **_used(given, fidelity, imaging),
         "field_step_px": step,
         "distortion": " and ".join(sorted(distortion)),
         "window_px": imaging.window,
@@ -153,13 +117,77 @@ def capture(
     return Photo(*images, factor, truncated, said, watch.seconds, depth, colours_of(given, weights))
 
 
+def _imaged(
+    views: Sequence[View],
+    camera: Camera,
+    fidelity: Fidelity,
+    axes: Axes,
+    layout: Layout | None,
+    watch: Stopwatch,
+    cache: Path | None,
+    dtype: torch.dtype,
+    device: torch.device | str,
+) -> tuple[Tensor, Tensor, Imaging, float | None]:
+    """What the optics make of views: unexposed images [view, channel, y, x], the truncated fraction of their
+    light [view, channel], the optics on the axis, and the pixels between the places in the field that have
+    PSFs of their own, None where all have those of the axis."""
+    frame = frame_of(views) if camera.lens.varies else None
+    step = None if frame is None else field_step(camera, fidelity, frame, axes)
+    tangent = None if step is None else step * views[0].pixel_angle
+    how = {"dtype": dtype, "device": device}
+
+    def optics(here: Camera) -> Imaging:
+        return imaging_of(here, fidelity, axes, field_step=tangent, cache=cache, **how)
+
+    imaging = optics(camera)
+    watch.lap("psf", 0.4)
+    lights = [imaging.light(view) for view in views]
+    layouts = [imaging.layout(view) if layout is None else layout for view in views]
+    glare = [glare_of(light, imaging.blurring) for light in lights]
+
+    def blurred(here: Camera, part: Part) -> Tensor:
+        at = imaging if step is None else optics(here)
+        haze = glare if step is None else [glare_of(light, at.blurring) for light in lights]
+        parts = (part(light, at.window // 2) for light in lights)
+        images = [at.image(*each) for each in zip(parts, layouts, strict=True)]
+        return torch.stack(images) + torch.stack([each for each, _ in haze])[:, :, None, None]
+
+    def changed(here: Camera, part: Part) -> Tensor:
+        at = sub_aperture_imaging(here, fidelity, axes, **how)
+        parts = (part(at.light(view), at.window // 2) for view in views)
+        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, layouts, strict=True)])
+
+    photo = image_over_field(camera, frame, step, blurred).to(views[0].radiance)
+    watch.lap("blur", 0.5 if _in_parts(fidelity) else 0.9)
+    if _in_parts(fidelity):
+        photo = photo + image_over_field(camera, frame, step, changed).to(views[0].radiance)
+        watch.lap("sub_apertures", 0.9)
+    return photo, torch.stack([fraction for _, fraction in glare]), imaging, step
+
+
+def _in_parts(fidelity: Fidelity) -> bool:
+    """Whether sub-apertures are simulated."""
+    return fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
+
+
+def _used(views: Sequence[View], fidelity: Fidelity, imaging: Imaging) -> dict[str, object]:
+    """What a photo of views has used of what they and the fidelity hold."""
+    return {
+        "occlusion": fidelity.occlusion,
+        "hidden_surfaces": _behind(views, fidelity),
+        "guessed_fragments": sum(guessed_fragments(view) for view in views),
+        "sub_apertures": fidelity.sub_apertures if _in_parts(fidelity) else 1,
+        "bands": imaging.gathering.groups,
+    }
+
+
 @own_precision
 def sub_aperture_change(
     view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
 ) -> Tensor:
     """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
     [channel, y, x]; 0 for a fidelity that simulates none."""
-    if fidelity.sub_apertures == 1 or fidelity.occlusion != "hidden":
+    if not _in_parts(fidelity):
         return torch.zeros(())
     view = as_composited(view, camera, fidelity)
     axes = axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))

@@ -27,8 +27,7 @@ def resampled(view: View, pixel_angle: float, gap: float = GAP) -> View:
         return view
     height, width = resampled_sides(view.height, view.width, ratio)
     rows, columns = view.padded_shape
-    room = min((rows * ratio - height) / 2, (columns * ratio - width) / 2)
-    margin = max(0, int(room))
+    margin = max(0, int(min((rows * ratio - height) / 2, (columns * ratio - width) / 2)))
     old_row, old_column = view.pixel // columns, view.pixel % columns
     row_index, row_share = _overlaps(rows, height + 2 * margin, ratio)
     column_index, column_share = _overlaps(columns, width + 2 * margin, ratio)

@@ -21,7 +21,6 @@ from ..capture.photograph import all_in_focus, nodes_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.once import Once
-from ..core.threads import in_threads
 from ..optics import Camera
 from ..optics.field import STEPS, errors_by_step
 from ..recipe import SceneRecipe
