@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .optics import Camera, PsfField
     from .plan import Plan
     from .render.view import View
+    from .restore.truth import score
 
 __version__ = "0.2.0"
 
@@ -38,6 +39,7 @@ __all__ = [
     "read_image",
     "restored",
     "save_image",
+    "score",
     "show",
     "view",
     "views",
@@ -60,6 +62,7 @@ _FROM = {
     "read_image": "capture.files",
     "restored": "api",
     "save_image": "capture.files",
+    "score": "restore.truth",
     "show": "core.notebook",
     "view": "api",
     "views": "api",

@@ -296,7 +296,7 @@ def _check_sub_apertures(fidelity: Fidelity, view: View) -> None:
 
 
 def photograph(
-    view: View,
+    view: View | Sequence[View],
     camera: Camera,
     plan: Plan | Fidelity | None = None,
     *,
@@ -304,35 +304,43 @@ def photograph(
     time: str | None = None,
     exposure: float | None = None,
     seed: int = 0,
+    dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
     progress: Progress | None = None,
 ) -> Photo:
     """A photo, simulated as a plan or a fidelity says.
 
+    view: one, or several of one size and the same bands, which share PSFs and exposure; the photo's images
+    are then [view, channel, y, x], and without a plan they are simulated in full.
     plan: None for one for `accuracy` or `time`, which looks only at effects that can save time; the accuracy
     `full` simulates all that view and camera have, without a plan. exposure: factor from radiance to full
-    scale; None for the camera's. seed: of the sensor's noise. Gradients reach the view's light and the
-    camera's height map. Raises InputError for a view that the camera cannot photograph, and for a plan
-    beside an accuracy or time.
+    scale; None for the camera's. seed: of the sensor's noise; several views have this and the next ones.
+    dtype: float32 or float64. Gradients reach the views' light and the camera's height map. Raises InputError
+    for a view that the camera cannot photograph, and for a plan beside an accuracy or time.
     """
     if plan is not None and (accuracy or time):
         raise InputError("photograph: give a plan, or an accuracy or time to make one for")
-    if not isinstance(view, View):
-        raise InputError(
-            f"photograph takes one View, not a {type(view).__name__}: photograph several one by one"
-        )
+    views = [view] if isinstance(view, View) else view
+    if not (isinstance(views, Sequence) and views and all(isinstance(each, View) for each in views)):
+        raise InputError(f"photograph takes a View, or a list of them, not a {type(view).__name__}")
     device = torch_device(device) if isinstance(device, str) else device
-    check_pixels(view)  # before a plan takes its time
-    check_view(view)
-    check_pixel_angle(view, camera.pixel_angle)
-    if plan is None and accuracy == "full" and time is None:
-        plan = full_fidelity(camera, view)
+    for each in views:
+        check_pixels(each)  # before a plan takes its time
+        check_view(each)
+        check_pixel_angle(each, camera.pixel_angle)
+    if plan is None and len(views) > 1 and not (accuracy in (None, "full") and time is None):
+        raise InputError("photograph: a plan is for one view; make it for one, and give it for several")
+    if plan is None and time is None and (accuracy == "full" or len(views) > 1):
+        every = [full_fidelity(camera, each) for each in views]
+        plan = max(every, key=lambda full: (full.occlusion == "hidden", full.sub_apertures))
     if plan is None:
         target = parse_target(accuracy, time)
-        plan = plan_photo(view, camera, target=target, every_effect=False, progress=progress)
+        plan = plan_photo(views[0], camera, target=target, every_effect=False, progress=progress)
     fidelity = plan.fidelity.of_photo() if isinstance(plan, Plan) else plan
-    _check_sub_apertures(fidelity, view)
-    return capture(view, camera, fidelity, exposure=exposure, seed=seed, device=device, progress=progress)
+    for each in views:
+        _check_sub_apertures(fidelity, each)
+    how = {"exposure": exposure, "seed": seed, "dtype": dtype, "device": device, "progress": progress}
+    return capture(view, camera, fidelity, **how)
 
 
 def restored(

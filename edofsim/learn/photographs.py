@@ -137,10 +137,12 @@ def _stride(count: int) -> int:
 
 
 def plane_source(
-    table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int
+    table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int, *, whole: bool = False
 ) -> PlaneSource:
-    """Photographs as a source that scenes are drawn from, a part of them held back for validation."""
-    training, held_back = split(images, recipe.data.validation, recipe.seed)
+    """Photographs as a source that scenes are drawn from, a part of them held back for validation; whole: all
+    are for both."""
+    parts = (images, images) if whole else split(images, recipe.data.validation, recipe.seed)
+    training, held_back = parts
     described = {
         "kind": table.kind,
         "name": name,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -21,19 +23,33 @@ from ..recipe.kinds import MASKS
 from ..recipe.load import Loaded, load_camera
 from ..recipe.train import TrainRecipe
 from ..restore.checkpoint import history_of, load_checkpoint
-from ..restore.losses import LossWeights
+from ..restore.losses import LossWeights, restoration_loss
 from ..restore.network import build_network, network_class
+from ..restore.own_network import OwnNetwork
 from ..restore.restorer import Restorer
 from .camera_pool import CameraPool, camera_pool
 from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
+from .reader import Source
 from .system import System
 from .training_camera import TrainingCamera
-from .training_data import TrainingData, gather
+from .training_data import TrainingData, gather, mixed
 from .workers import Workers
 
 MASK_PITCH_UM = 21.0  # the paper's sampling of a mask for its depth range
 SAME_HEIGHT = 1e-10  # metres: learned heights are rounded when they are saved
 ROUNDING = 1e-3  # relative, of heights that were held within a limit
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is given in Python, in place of what a recipe names. mask: gives a height map [n, n] in metres;
+    loss: of a restored image and the ideal one; source: None for those of the recipe."""
+
+    camera: Camera
+    network: Restorer
+    mask: nn.Module | None = None
+    loss: Callable[[Tensor, Tensor], Tensor] | None = None
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +68,11 @@ class Setup:
     beside: tuple[Json, ...] = ()
     pool: CameraPool | None = None
 
+    @property
+    def judged_at_start(self) -> bool:
+        """Whether the network may restore before the first step."""
+        return self.recipe.network.start is not None or isinstance(self.system.network, OwnNetwork)
+
     def height(self) -> Tensor | None:
         """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
         with torch.no_grad():
@@ -65,11 +86,16 @@ def prepare(
     workers: Workers,
     cache: Path | None = None,
     progress: Progress | None = None,
+    given: Given | None = None,
 ) -> Setup:
     """Read the data, build the mask and the network. Raises InputError for what the recipe cannot have."""
     recipe = loaded.recipe
-    camera, base = _camera(recipe, loaded.base)
-    mask, sampling, relief = build_mask(recipe, camera, base)
+    camera, base = _camera(recipe, loaded.base) if given is None else (given.camera.recipe, given.camera.base)
+    if given is not None and given.mask is not None:
+        mask, sampling, relief = camera_of(given.mask, given.camera)
+        camera = relief
+    else:
+        mask, sampling, relief = build_mask(recipe, camera, base)
     optics = TrainingCamera(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
     if optics.camera.lens.varies:
         raise InputError(
@@ -78,15 +104,21 @@ def prepare(
         )
     with torch.no_grad():
         designed = optics.with_height(mask.to(workers.device)())
-    training_data = gather(recipe, designed, loaded.base, data, cache, progress)
-    network, history = _network(recipe, camera)
+    if given is not None and given.source is not None:
+        training_data = mixed(recipe, [given.source])
+    else:
+        training_data = gather(recipe, designed, loaded.base, data, cache, progress)
+    network, history = _network(recipe, camera) if given is None else (given.network, ())
     with torch.no_grad():
         network, beside = _beside(recipe, camera, network, mask())
+    loss = None if given is None else given.loss
+    loss = loss.to(workers.device) if isinstance(loss, nn.Module) else loss
+    weights = LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma)
     system = System(
         optics,
         mask,
         network,
-        LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma),
+        partial(restoration_loss, weights=weights) if loss is None else loss,
         recipe.loss.truncated_energy,
         recipe.doe.height_noise_nm * 1e-9,
         recipe.capture.inverse_depth_per_m,
@@ -131,6 +163,22 @@ def build_mask(
     )
     learner = _learner(recipe, mask, optics, grid, radian)
     return learner, pitch, camera.model_copy(update={"mask": plain})
+
+
+def camera_of(mask: nn.Module, camera: Camera) -> tuple[nn.Module, float, CameraRecipe]:
+    """As `build_mask`, of a mask that gives height maps [n, n] in metres, whose samples just cover the pupil.
+    Raises InputError for what are no height maps."""
+    with torch.no_grad():
+        height = mask()
+    if not isinstance(height, Tensor):
+        raise InputError(
+            f"the mask gives a {type(height).__name__}: it is to give a height map [n, n] in metres"
+        )
+    camera.with_height(height)
+    pitch = 2 * camera.aperture_radius * (1 + 1e-12) / len(height)
+    material = camera.mask.material if isinstance(camera.mask, PhaseMask) else HeightMapMask().material
+    relief = HeightMapMask(pitch_um=pitch * 1e6, material=material)
+    return mask, pitch, camera.recipe.model_copy(update={"mask": relief})
 
 
 def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, radian: float) -> nn.Module:

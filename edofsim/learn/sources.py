@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,9 +22,10 @@ MAX_PIXELS = 100_000_000
 
 @dataclass(frozen=True)
 class Images:
-    """8-bit photographs, each uint8 [3, y, x], with the SHA-256 over names and bytes of their files."""
+    """Photographs, each [3, y, x] of 8 bits (uint8) or of full scale 1, with the SHA-256 over names and bytes
+    of their files."""
 
-    pictures: tuple[Tensor, ...]
+    pictures: Sequence[Tensor]
     names: tuple[str, ...]
     sha256: str
 
@@ -32,6 +33,20 @@ class Images:
     def means(self) -> Tensor:
         """Of each picture, [picture, 3], from 0 to 1."""
         return torch.stack([picture.to(torch.float32).mean((-1, -2)) for picture in self.pictures]) / 255
+
+    @cached_property
+    def areas(self) -> Tensor:
+        """Pixels of each picture, [picture]."""
+        return torch.tensor([float(p.shape[-1] * p.shape[-2]) for p in self.pictures])
+
+    def at(self, index: int) -> tuple[Tensor, Tensor]:
+        """A picture, and its mean [3]."""
+        return self.pictures[index], self.means[index]
+
+    def some(self, indices: Sequence[int]) -> Images:
+        """Those of these numbers."""
+        pictures = tuple(self.pictures[i] for i in indices)
+        return replace(self, pictures=pictures, names=tuple(self.names[i] for i in indices))
 
 
 def read_folder(folder: Path, smallest: int) -> Images:
@@ -116,52 +131,57 @@ def split(images: Images, share: float, seed: int) -> tuple[Images, Images]:
         raise InputError("one picture cannot be split into training and validation; give at least two")
     order = torch.randperm(count, generator=torch.Generator().manual_seed(seed)).tolist()
     kept = min(max(1, round(share * count)), count - 1)
-    return _chosen(images, sorted(order[kept:])), _chosen(images, sorted(order[:kept]))
-
-
-def _chosen(images: Images, indices: Sequence[int]) -> Images:
-    return Images(
-        tuple(images.pictures[i] for i in indices), tuple(images.names[i] for i in indices), images.sha256
-    )
+    return images.some(sorted(order[kept:])), images.some(sorted(order[:kept]))
 
 
 def draw_patches(
-    images: Images, count: int, patch: int, around: tuple[int, int], generator: torch.Generator
+    images: Images,
+    count: int,
+    patch: int,
+    around: tuple[int, int],
+    generator: torch.Generator,
+    turned: bool = True,
 ) -> tuple[Tensor, Tensor]:
     """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1], and the means
     of the pictures that they are from, [count, 3].
 
     A picture is chosen by its area, so that every place is as likely; patches are mirrored and turned at
-    random. Where the surroundings leave the picture, its mirror image continues it.
+    random, where `turned`. Where the surroundings leave the picture, its mirror image continues it.
     """
-    areas = torch.tensor([float(p.shape[-1] * p.shape[-2]) for p in images.pictures])
-    chosen = torch.multinomial(areas, count, replacement=True, generator=generator).tolist()
+    chosen = torch.multinomial(images.areas, count, replacement=True, generator=generator).tolist()
     span = torch.arange(-around[0], patch + around[1])
-    patches = []
+    patches: list[Tensor] = []
+    means: list[Tensor] = []
     for index in chosen:
-        picture = images.pictures[index]
+        picture, mean = images.at(index)
         rows, columns = picture.shape[-2:]
         top = int(torch.randint(rows - patch + 1, (), generator=generator))
         left = int(torch.randint(columns - patch + 1, (), generator=generator))
         cut = picture[:, mirrored(top + span, rows)][:, :, mirrored(left + span, columns)]
-        turns = torch.randint(2, (3,), generator=generator).tolist()
+        turns = torch.randint(2, (3,), generator=generator).tolist() if turned else (0, 0, 0)
         cut = cut.transpose(-1, -2) if turns[0] else cut
         patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
-    return torch.stack(patches).to(torch.float32) / 255, images.means[chosen]
+        means.append(mean)
+    return _full_scale(torch.stack(patches)), torch.stack(means)
 
 
 def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> tuple[Tensor, Tensor]:
     """The same `count` patches each time: the middles of pictures, evenly spaced through the list, and the
     pictures' means, [count, 3]."""
     span = torch.arange(-around[0], patch + around[1])
-    patches = []
-    chosen = [index * len(images.pictures) // count % len(images.pictures) for index in range(count)]
-    for index in chosen:
-        picture = images.pictures[index]
+    patches: list[Tensor] = []
+    means: list[Tensor] = []
+    for index in range(count):
+        picture, mean = images.at(index * len(images.pictures) // count % len(images.pictures))
         rows, columns = picture.shape[-2:]
         top, left = ((n - patch) // 2 for n in (rows, columns))
         patches.append(picture[:, mirrored(top + span, rows)][:, :, mirrored(left + span, columns)])
-    return torch.stack(patches).to(torch.float32) / 255, images.means[chosen]
+        means.append(mean)
+    return _full_scale(torch.stack(patches)), torch.stack(means)
+
+
+def _full_scale(patches: Tensor) -> Tensor:
+    return patches.to(torch.float32) / 255 if patches.dtype == torch.uint8 else patches
 
 
 def _decode(path: Path) -> Tensor:

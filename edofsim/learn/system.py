@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import torch
@@ -10,7 +12,6 @@ from torch import Tensor, nn
 
 from ..capture.planes import photograph, surroundings
 from ..restore.light import keep_light
-from ..restore.losses import LossWeights, restoration_loss
 from ..restore.restorer import Restorer
 from .training_camera import TrainingCamera
 
@@ -19,13 +20,15 @@ from .training_camera import TrainingCamera
 class Captured:
     """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; truncated: scalar, the
     fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one;
-    broadband: whether the sensor saw all wavelengths through its response, in place of three lines."""
+    broadband: whether the sensor saw all wavelengths through its response, in place of three lines; noisy:
+    whether the photo has its noise already."""
 
     clean: Tensor
     ideal: Tensor
     truncated: Tensor
     psf: Tensor | None = None
     broadband: bool = False
+    noisy: bool = False
 
 
 def captured(
@@ -120,7 +123,8 @@ class JudgedPhotos:
 
 
 class System(nn.Module):
-    """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores.
+    """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores; loss
+    is that of a restored image and the ideal one, [batch, 3, y, x] each.
 
     truncated_energy: weight of the light that leaves the PSFs' window. height_noise: standard deviation in
     metres, added anew to each sample of the height map in every step, for the errors of fabrication.
@@ -133,7 +137,7 @@ class System(nn.Module):
         optics: TrainingCamera,
         mask: nn.Module,
         network: Restorer,
-        loss: LossWeights,
+        loss: Callable[[Tensor, Tensor], Tensor],
         truncated_energy: float,
         height_noise: float,
         depth_range: tuple[float, float],
@@ -142,7 +146,7 @@ class System(nn.Module):
     ) -> None:
         super().__init__()
         self.depth_range, self.truncated_energy = depth_range, truncated_energy
-        self.optics, self.loss_weights = optics, loss
+        self.optics, self.loss = optics, partial(loss)  # no part of the system, be it a module
         self.height_noise, self.in_bfloat16, self.light_kept = height_noise, bfloat16, light_kept
         self.mask, self.network = mask, network
         self._known: dict[bool, object] = {}
@@ -156,7 +160,7 @@ class System(nn.Module):
         else:
             captured = draw.scenes.photograph(draw.camera.optics)
             draw.camera.tell(self.network)
-        photo = _noisy(captured.clean, draw)
+        photo = with_noise(captured, draw)
         seen = photo if draw.camera is None else draw.camera.seen(self.network, photo, captured)
         restored = self.restore(seen, height)
         # what is shown ends at full scale, as the truth does
@@ -164,7 +168,7 @@ class System(nn.Module):
         if self.light_kept:
             restored = keep_light(captured.ideal, restored)
         photo, restored, ideal = (self._inside(image) for image in (photo, restored, captured.ideal))
-        loss = restoration_loss(restored, ideal, self.loss_weights)
+        loss = self.loss(restored, ideal)
         loss = loss + self.truncated_energy * captured.truncated
         psf = None if captured.psf is None else captured.psf.detach()
         return JudgedPhotos(loss, photo, restored, ideal, psf, captured.broadband)
@@ -228,9 +232,12 @@ class System(nn.Module):
         return self.optics.with_height(height).psfs(self.network.psf_depths(self.depth_range))
 
 
-def _noisy(clean: Tensor, draw: Draw) -> Tensor:
-    noise = draw.read_noise.to(clean)[:, None, None, None]
-    return clean + noise * _normal(clean, draw.generator)
+def with_noise(captured: Captured, draw: Draw) -> Tensor:
+    """The photo [batch, 3, y, x] with read noise, where it has none yet."""
+    clean = captured.clean
+    if captured.noisy:
+        return clean
+    return clean + draw.read_noise.to(clean)[:, None, None, None] * _normal(clean, draw.generator)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -25,7 +25,7 @@ from ..restore.checkpoint import save_arrays, save_checkpoint
 from .design import design
 from .journal import Journal
 from .schedule import fraction_done, generator_of, rate_factor
-from .setup import Setup, prepare
+from .setup import Given, Setup, prepare
 from .state import Position, load_state, save_state
 from .system import Draw, JudgedPhotos
 from .workers import Workers, join_workers
@@ -80,20 +80,22 @@ def train(
     device: str = "auto",
     cache: Path | None = None,
     progress: Progress | None = None,
+    given: Given | None = None,
 ) -> Trained:
     """Follow a recipe; writes OUT/NAME.safetensors, OUT/state.safetensors, OUT/log.jsonl, OUT/pictures.
 
     data: folder of photographs for sources that name none. resume: go on from OUT/state.safetensors, to the
     same bytes as without the interruption (float32, CPU, same number of threads). max_minutes: end after
     this much time, with the decay of the learning rate fitted to it. device: auto, cpu, cuda. cache: of
-    rendered views. Under `torchrun` every process takes its share of the batch.
+    rendered views. given: in place of what the recipe names, see `fit`. Under `torchrun` every process takes
+    its share of the batch.
 
     Ctrl-C saves and returns with `finished` False. Raises InputError for what cannot be used, EdofsimError
     where the disk refuses or the loss is no longer finite: then OUT/nan-state.safetensors holds the weights
     before that step and OUT/nan-batch.safetensors its photos.
     """
     with join_workers(device, loaded.recipe.device) as workers, _denormals_flushed():
-        setup = prepare(loaded, data, workers, cache, progress)
+        setup = prepare(loaded, data, workers, cache, progress, given)
         return _train(setup, out, workers, resume, max_minutes, progress)
 
 
@@ -127,7 +129,7 @@ def _train(
     figures: dict[str, float] = {}
     path = out / f"{recipe.name}.safetensors"
     with opened as journal, _stoppable() as stop:
-        if workers.first and recipe.network.start and position.step == 0:
+        if workers.first and setup.judged_at_start and position.step == 0:
             validate(setup, journal, 0)  # what it starts from
         try:
             finished = _steps(loop, journal, stop, progress)

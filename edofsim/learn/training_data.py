@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,6 +58,13 @@ def gather(
         wanted = Wanted(recipe, optics, base, data, cache, progress, for_validation=index >= trained)
         opened[index] = readers[index].open(wanted)
     sources = [opened[index] for index in range(len(readers))]
+    return mixed(recipe, sources)
+
+
+def mixed(recipe: TrainRecipe, sources: Sequence[Source]) -> TrainingData:
+    """Sources that were opened: those of the recipe, and then those for validation alone."""
+    tables = (*recipe.data.sources, *recipe.data.validation_sources)
+    trained = len(recipe.data.sources)
     share = -(-recipe.data.validation_patches // len(sources))
     validation = [
         (f"{number}-{table.kind}", scenes)

@@ -128,6 +128,7 @@ NETWORKS: Registry[type[object]] = Registry(
         "filter-bank": "edofsim.restore.filter_bank:FilterBank",
         "camera-bank": "edofsim.restore.camera_bank:CameraBank",
         "wiener": "edofsim.restore.wiener_network:WienerNetwork",
+        "own": "edofsim.restore.own_network:OwnNetwork",
     },
     "edofsim.restore.restorer:Restorer",
 )

@@ -8,14 +8,17 @@ ideal image's noise. How much is found by restoring the photo once more, with th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from ..capture.noise import NoiseState, PhotoNoise
-from .scores import Noise, Score, TruthNoise
+from ..capture.photo import Photo
+from ..errors import InputError
+from .scores import DEPTH_EDGES_M, DepthScore, Noise, Score, TruthNoise, score_by_depth
+from .scores import score as whole_score
 
 SAID: dict[NoiseState, str] = {
     "none": "the ideal image has no noise: it is not rendered",
@@ -79,3 +82,21 @@ def samples_for(score: Score, samples: int, wanted_db: float = 0.05) -> int | No
     if not 0 < uncertain < math.inf:
         return None
     return max(samples, math.ceil(samples * (uncertain / wanted_db) ** 2 - 1e-9))
+
+
+def score(
+    image: Photo | Tensor, photo: Photo, *, by_depth: bool | Sequence[float] = False
+) -> Score | tuple[DepthScore, ...]:
+    """PSNR and SSIM of an image [channel, y, x], or of a photo, against the ideal image of a photo.
+
+    Both are taken within full scale 1; the noise of a rendered view counts as an error. by_depth: scores of
+    the pixels in each depth range that holds any: True for the ranges that reports have, or their limits [m],
+    ascending. Raises InputError for images of other sizes, and for a photo whose depths are not known.
+    """
+    shown = image.image if isinstance(image, Photo) else image
+    if by_depth is False:
+        return whole_score(shown, photo.ideal)
+    if photo.inverse_depth is None:
+        raise InputError("score: the depths of this photo are not known; leave out by_depth")
+    limits = DEPTH_EDGES_M if by_depth is True else tuple(by_depth)
+    return score_by_depth(shown, photo.ideal, "none", photo.inverse_depth, limits)[1]

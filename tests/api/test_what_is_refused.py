@@ -41,7 +41,7 @@ def small() -> edofsim.View:
             lambda: edofsim.restored(torch.zeros(3, 8, 8), edofsim.camera(), network=torch.nn.Identity()),
             "name a checkpoint",
         ),
-        (lambda: edofsim.photograph([small()], edofsim.camera()), "one View"),
+        (lambda: edofsim.photograph([small(), 3], edofsim.camera()), "a list of them"),
         (lambda: edofsim.photograph(small(), edofsim.camera(), device="odd"), "none of auto, cpu, cuda"),
         (lambda: next(edofsim.views("clutter", members=0)), "at least 1"),
         (lambda: edofsim.View.from_image(np.full((8, 8, 3), 200.0), 1.0), "divide by 255"),
