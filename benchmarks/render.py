@@ -48,6 +48,7 @@ from edofsim.render.engine import use_engine
 from edofsim.render.rendering import render_model, render_stage
 from edofsim.render.settings import RenderSettings
 from edofsim.render.translate import build_stage
+from edofsim.render.view import View
 from edofsim.scene import build_scene
 from edofsim.scene.model import SceneModel
 
@@ -273,9 +274,9 @@ def timed(way: Callable[[int], np.ndarray], seed: int) -> tuple[np.ndarray, floa
 def view_image(mi: Any, stage: Any, model: SceneModel, settings: RenderSettings, seed: int) -> np.ndarray:
     """A view of a loaded scene, float64 [band, y, x]: survey, paths, sums and fragments."""
     seeded = replace(settings, seed=seed)
-    view = render_stage(
-        mi, stage, model.wavelengths, seeded, {}, lambda *_: None, None, time.perf_counter()
-    ).view()
+    view = View.of(
+        render_stage(mi, stage, model.wavelengths, seeded, {}, lambda *_: None, None, time.perf_counter())
+    )
     return view.all_in_focus().numpy().astype(np.float64)
 
 

@@ -42,16 +42,21 @@ class Fetched:
 
 
 def _found(fragments: Fragments, place: store.Place, recipe: SceneRecipe, base: Path) -> Fetched:
-    def view() -> View:
-        return lit(fragments, recipe, base).view()
-
-    return Fetched(view, place, 0.0, _samples(fragments), fragments.noise)
+    return Fetched(
+        lambda: _view(lit(fragments, recipe, base)), place, 0.0, _samples(fragments), fragments.noise
+    )
 
 
 def stored_view(place: store.Place, recipe: SceneRecipe, base: Path) -> View | None:
     """The view of a recipe if it is in the cache. Raises InputError for files that cannot be used."""
     known = store.load(place, aside=False)[0]
-    return None if known is None else lit(known, recipe, base).view()
+    return None if known is None else _view(lit(known, recipe, base))
+
+
+def _view(fragments: Fragments) -> View:
+    from .view import View  # PyTorch takes a second: rendering does without
+
+    return View.of(fragments)
 
 
 def _samples(view: View | Fragments) -> int:
@@ -99,7 +104,7 @@ def fetch(
         start = time.perf_counter()
         fresh, stored = _rendered(recipe, base, place, noise, device, say)
         seconds = time.perf_counter() - start
-        return Fetched(lambda: stored().view(), place, seconds, _samples(fresh), fresh.noise)
+        return Fetched(lambda: _view(stored()), place, seconds, _samples(fresh), fresh.noise)
 
 
 def _rendered(

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from .fragment_fields import FragmentFields
-
-if TYPE_CHECKING:
-    from .view import View
 
 
 @dataclass(frozen=True)
@@ -20,25 +16,6 @@ class Fragments(FragmentFields[np.ndarray]):
     pixel: int64 [fragment]; coverage, inverse_depth: float32 [fragment]; radiance: float32 [band, fragment];
     hidden: bool [fragment]; wavelengths: float64 [band], metres; half_difference: float32 [band, fragment].
     """
-
-    @classmethod
-    def of(cls, view: View) -> Fragments:
-        """Those of a view, which stays where it is; they share its memory where that is the processor's."""
-        held = {each.name: getattr(view, each.name) for each in fields(cls)}
-        tensors = {name: value for name, value in held.items() if hasattr(value, "detach")}
-        return cls(**held | {name: value.detach().cpu().numpy() for name, value in tensors.items()})
-
-    def view(self) -> View:
-        """The view, which shares their memory. Raises InputError as `View` does."""
-        import torch  # takes a second: rendering does without
-
-        from .view import View
-
-        held = {each.name: getattr(self, each.name) for each in fields(self)}
-        for name, value in held.items():
-            if isinstance(value, np.ndarray):
-                held[name] = torch.from_numpy(value)
-        return View(**held)
 
     @property
     def bands(self) -> int:

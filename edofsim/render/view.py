@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from importlib import import_module
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +19,9 @@ from torch import Tensor
 from ..core.json_values import Json
 from ..core.notebook import picture_html, picture_png, show
 from ..errors import InputError
+from .exr import read_view, write_view
 from .fragment_fields import FragmentFields
+from .fragments import Fragments
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -262,6 +262,20 @@ class View(FragmentFields[Tensor]):
         weight.index_add_(0, self.pixel, seen)
         return (total / weight.clamp_min(torch.finfo(weight.dtype).tiny)).reshape(rows, columns)
 
+    @classmethod
+    def of(cls, fragments: Fragments) -> View:
+        """That of arrays, which shares their memory. Raises InputError as making one does."""
+        held: Json = {each.name: getattr(fragments, each.name) for each in fields(Fragments)}
+        arrays = {name: value for name, value in held.items() if hasattr(value, "dtype")}
+        held.update({name: torch.from_numpy(value) for name, value in arrays.items()})
+        return cls(**held)
+
+    def fragments(self) -> Fragments:
+        """As arrays, which share its memory where that is the processor's."""
+        held = {each.name: getattr(self, each.name) for each in fields(Fragments)}
+        tensors = {name: value for name, value in held.items() if hasattr(value, "detach")}
+        return Fragments(**held | {name: value.detach().cpu().numpy() for name, value in tensors.items()})
+
     def save(self, path: str | Path) -> Path:
         """Write it as spectral OpenEXR, as the cache of rendered views holds it: light in half floats, each
         view scaled to use them well. Returns the path. Raises InputError for another suffix than `.exr`, and
@@ -272,7 +286,7 @@ class View(FragmentFields[Tensor]):
         if path.suffix.lower() != ".exr":
             raise InputError(f"{path}: views are written as .exr")
         with whole(path) as temporary:
-            _files().write_view(temporary, _files().Fragments.of(self))
+            write_view(temporary, self.fragments())
         return path
 
     @classmethod
@@ -281,7 +295,7 @@ class View(FragmentFields[Tensor]):
         from ..core.limits import existing
 
         try:
-            return _files().read_view(existing(Path(path), "view")).view()
+            return cls.of(read_view(existing(Path(path), "view")))
         except ValueError as error:
             raise InputError(str(error)) from None
 
@@ -330,8 +344,3 @@ class View(FragmentFields[Tensor]):
 
     def _repr_html_(self) -> str:
         return picture_html(self.picture(), self.caption())
-
-
-def _files() -> ModuleType:
-    """What writes and reads views, which itself makes them."""
-    return import_module(".exr", __package__)

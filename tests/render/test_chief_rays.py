@@ -76,7 +76,7 @@ def test_points_land_where_their_chief_rays_do(mi, make, name, pixel_um, near, m
         for k, (x, y, z) in enumerate(places)
     ]
     how = settings(make, camera, samples=64, max_depth=1, hidden=False)
-    image = render_model(make.model(shown, bands=2), how).view().all_in_focus()[0].numpy()
+    image = View.of(render_model(make.model(shown, bands=2), how)).all_in_focus()[0].numpy()
     rows, columns = np.mgrid[:HEIGHT, :WIDTH] + 0.5
     moved = []
     for x, y, z in places:
@@ -98,8 +98,8 @@ def test_what_is_hidden_is_seen_along_the_same_rays(mi, make, phone):
     )
     wall = make.thing("wall", make.facing(8, 8, 2.5), make.matt(0.0, 2))
     how = {"samples": 64, "max_depth": 1, "pupil_radius": 3e-2}
-    behind = render_model(make.model([card, stripe, wall], bands=2), settings(make, phone, **how)).view()
-    alone = render_model(make.model([stripe, wall], bands=2), settings(make, phone, **how)).view()
+    behind = View.of(render_model(make.model([card, stripe, wall], bands=2), settings(make, phone, **how)))
+    alone = View.of(render_model(make.model([stripe, wall], bands=2), settings(make, phone, **how)))
     columns = torch.arange(WIDTH).repeat(HEIGHT) + 0.5
 
     def middle(view: View, some: torch.Tensor) -> float:

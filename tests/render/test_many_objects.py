@@ -16,6 +16,7 @@ from edofsim.render import meshes as loading
 from edofsim.render.closed import is_closed
 from edofsim.render.rendering import render_model
 from edofsim.render.settings import RenderSettings
+from edofsim.render.view import View
 from edofsim.scene import build_scene, solids
 from edofsim.scene.builders.basic import ball_segments
 from edofsim.scene.model import TriangleMesh
@@ -143,7 +144,7 @@ def test_objects_that_are_one_mesh_look_as_if_each_were_its_own(monkeypatch: pyt
     views = []
     for many in (len(objects) + 1, 0):
         monkeypatch.setattr(loading, "MANY", many)
-        views.append(render_model(model, settings).view())
+        views.append(View.of(render_model(model, settings)))
     apart, together = views
     assert bool(apart.hidden.any())
     for name in ("pixel", "coverage", "inverse_depth", "hidden", "radiance"):

@@ -14,6 +14,7 @@ from scipy import stats
 from benchmarks.packed import PackedScene, packed_images
 from edofsim.errors import InputError
 from edofsim.render.rendering import render_model
+from edofsim.render.view import View
 
 
 def test_white_furnace(mi, make):
@@ -28,10 +29,12 @@ def test_white_furnace(mi, make):
         ),
         make.thing("back", make.facing(2, 2, 1.2), make.matt(1.0)),
     ]
-    view = render_model(
-        make.model([ball, *corner], sky=1.0),
-        make.settings(samples=256, max_depth=64, angle=0.006, hidden=False),
-    ).view()
+    view = View.of(
+        render_model(
+            make.model([ball, *corner], sky=1.0),
+            make.settings(samples=256, max_depth=64, angle=0.006, hidden=False),
+        )
+    )
     image = view.all_in_focus().numpy()
     assert image.shape[0] == 31
     assert abs(image.mean(axis=(1, 2)) - 1).max() < 0.003
@@ -57,9 +60,12 @@ def test_lambert_under_a_lamp(mi, make):
         make.matt(0.0),
         lamp_radiance,
     )
-    view = render_model(
-        make.model([floor, lamp]), make.settings(4, 4, angle=1e-3, samples=1024, max_depth=2, hidden=False)
-    ).view()
+    view = View.of(
+        render_model(
+            make.model([floor, lamp]),
+            make.settings(4, 4, angle=1e-3, samples=1024, max_depth=2, hidden=False),
+        )
+    )
     d2 = distance**2 + x**2
     cosine = distance / np.sqrt(d2)
     expected = rho / np.pi * lamp_radiance * side**2 * cosine**2 / d2
@@ -94,8 +100,7 @@ def test_sky_picture_is_where_it_says(mi, make):
     far = make.thing("far", make.facing(0.01, 0.01, 5.0, x=5), make.matt(0.5, 4))
     settings = make.settings(81, 41, angle=0.01, samples=16, max_depth=1, hidden=False)
     got = (
-        render_model(make.model([far], sky=make.texture(basis, image), bands=4), settings)
-        .view()
+        View.of(render_model(make.model([far], sky=make.texture(basis, image), bands=4), settings))
         .all_in_focus()
         .numpy()[0]
     )
@@ -120,7 +125,9 @@ def test_colorchecker_under_d65(mi, make):
         card = make.facing(0.01, 0.01, 1.0, x=(column - 2.5) * 0.01, y=(1.5 - row) * 0.01)
         cards.append(make.thing(f"patch {number}", card, make.matt(patch.copy().align(shape).values, 33)))
     scene = replace(make.model(cards, sky=d65, bands=33), wavelengths=shape.wavelengths * 1e-9)
-    view = render_model(scene, make.settings(6, 4, angle=0.01, samples=64, max_depth=2, hidden=False)).view()
+    view = View.of(
+        render_model(scene, make.settings(6, 4, angle=0.01, samples=64, max_depth=2, hidden=False))
+    )
     radiance = view.all_in_focus().numpy().reshape(33, 24).T
     observer = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(shape).values
     white = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D65"]
@@ -231,14 +238,13 @@ def test_dispersive_glass_bends_each_band_by_its_own_index(mi, make):
     index (they differ by far more than noise), and no light gained or lost: a furnace stays white."""
     index = np.linspace(1.8, 1.4, 5)
     settings = make.settings(12, 12, angle=0.008, samples=1024, max_depth=8, hidden=False)
-    ours = render_model(glass_scene(make, {"int_ior": index}), settings).view()
+    ours = View.of(render_model(glass_scene(make, {"int_ior": index}), settings))
     assert "one band a path behind glass that disperses light (ball)" in ours.metadata["route"]
     image = ours.all_in_focus().numpy()
     apart = []
     for band in (0, 4):
         plain = (
-            render_model(glass_scene(make, {}, int_ior=float(index[band])), settings)
-            .view()
+            View.of(render_model(glass_scene(make, {}, int_ior=float(index[band])), settings))
             .all_in_focus()
             .numpy()
         )
@@ -262,7 +268,7 @@ def test_what_is_not_affine_is_refused(mi, make):
     surface = make.surface({"type": "plastic", "nonlinear": True}, "diffuse_reflectance", make.flat(0.5))
     scene = make.model([make.thing("mug", make.facing(1, 1, 1), surface)], sky=1.0)
     with pytest.raises(InputError, match="mug.*plastic.*not affine"):
-        render_model(scene, make.settings(4, 4)).view()
+        View.of(render_model(scene, make.settings(4, 4)))
 
 
 def test_packed_scene_shows_the_band_it_is_asked_for(mi, make):
@@ -290,8 +296,8 @@ def test_light_spectra_that_are_constants_of_the_kernel_change_no_bit(mi, make, 
     ]  # fmt: skip
     scene = make.model([ball, *lamps], sky={"none": None, "flat": 0.5, "picture": picture}[sky])
     settings = make.settings(samples=16, angle=0.006)
-    few = render_model(scene, settings).view()
+    few = View.of(render_model(scene, settings))
     monkeypatch.setattr("edofsim.render.translate.FEW_LIGHT_ROWS", 0)
-    many = render_model(scene, settings).view()
+    many = View.of(render_model(scene, settings))
     assert few.radiance.abs().sum() > 0
     assert torch.equal(few.radiance, many.radiance)

@@ -19,7 +19,6 @@ from edofsim.errors import DiskFullError, InputError
 from edofsim.recipe import SceneRecipe
 from edofsim.render import cache, cached, render, view_key
 from edofsim.render.exr import channel_name, read_view, write_view
-from edofsim.render.fragments import Fragments
 from edofsim.render.view import View
 
 
@@ -59,7 +58,7 @@ def test_noise_comes_back_with_its_variance(tmp_path):
     view = made_view()
     for level in (1e-6, 1e-2, 1e3):
         noise = torch.tensor(level * rng.normal(size=(3, view.pixel.numel())), dtype=torch.float32)
-        stored = write_view(tmp_path / "noise.exr", Fragments.of(replace(view, half_difference=noise)))
+        stored = write_view(tmp_path / "noise.exr", replace(view, half_difference=noise).fragments())
         found = read_view(tmp_path / "noise.exr")
         assert np.array_equal(found.half_difference, stored().half_difference)
         off = found.half_difference / noise.numpy() - 1
@@ -70,7 +69,7 @@ def test_noise_comes_back_with_its_variance(tmp_path):
 
 
 def read_plain(folder, view):
-    write_view(folder / "plain.exr", Fragments.of(view))
+    write_view(folder / "plain.exr", view.fragments())
     return read_view(folder / "plain.exr")
 
 
@@ -94,8 +93,8 @@ def recipe(**more):
 def test_view_survives_its_file(tmp_path, scale):
     """Everything comes back: depth and coverage exactly, radiance to half float's 11 bits, in its range."""
     view = made_view(scale)
-    write_view(tmp_path / "view.exr", Fragments.of(view), {"name": "card"})
-    back = read_view(tmp_path / "view.exr").view()
+    write_view(tmp_path / "view.exr", view.fragments(), {"name": "card"})
+    back = View.of(read_view(tmp_path / "view.exr"))
     for name in ("height", "width", "margin", "pixel_angle", "noise"):
         assert getattr(back, name) == getattr(view, name)
     for name in ("pixel", "coverage", "hidden", "wavelengths"):
@@ -108,8 +107,8 @@ def test_view_survives_its_file(tmp_path, scale):
 @pytest.mark.parametrize("scale", [1.0, 3e6, 1e-7], ids=["usual", "very bright", "very dark"])
 def test_a_view_that_is_written_is_the_one_that_will_be_read(tmp_path, scale):
     """To the bit, so that what follows a rendering does not differ from what follows the cache."""
-    written = write_view(tmp_path / "view.exr", Fragments.of(made_view(scale)), {"name": "card"})().view()
-    back = read_view(tmp_path / "view.exr").view()
+    written = View.of(write_view(tmp_path / "view.exr", made_view(scale).fragments(), {"name": "card"})())
+    back = View.of(read_view(tmp_path / "view.exr"))
     for field in fields(View):
         one, other = getattr(written, field.name), getattr(back, field.name)
         if isinstance(one, torch.Tensor):
@@ -121,8 +120,8 @@ def test_a_view_that_is_written_is_the_one_that_will_be_read(tmp_path, scale):
 def test_fragments_are_the_view_s_in_arrays():
     """Both ways, and what is made of them is the same to the bit."""
     view = made_view()
-    fragments = Fragments.of(view)
-    back = fragments.view()
+    fragments = view.fragments()
+    back = View.of(fragments)
     for field in fields(View):
         one, other = getattr(view, field.name), getattr(back, field.name)
         assert torch.equal(one, other) if isinstance(one, torch.Tensor) else one == other, field.name
@@ -132,8 +131,8 @@ def test_fragments_are_the_view_s_in_arrays():
 
 
 def test_bytes_follow_from_the_view(tmp_path):
-    write_view(tmp_path / "one.exr", Fragments.of(made_view()), {"b": 1, "a": 2})
-    write_view(tmp_path / "two.exr", Fragments.of(made_view()), {"a": 2, "b": 1})
+    write_view(tmp_path / "one.exr", made_view().fragments(), {"b": 1, "a": 2})
+    write_view(tmp_path / "two.exr", made_view().fragments(), {"a": 2, "b": 1})
     assert (tmp_path / "one.exr").read_bytes() == (tmp_path / "two.exr").read_bytes()
 
 
@@ -141,7 +140,7 @@ def test_layout_of_fichet_et_al(tmp_path):
     """Channel names, attributes and types of the spectral layout; Z as OpenEXR defines it; overscan as
     windows."""
     view = made_view(3e6)
-    write_view(tmp_path / "view.exr", Fragments.of(view), {"name": "card"})
+    write_view(tmp_path / "view.exr", view.fragments(), {"name": "card"})
     image = OpenEXR.File(str(tmp_path / "view.exr"), separate_channels=True).parts[0]
     header = image.header
     assert header["spectralLayoutVersion"] == "1.0" and header["emissiveUnits"] == "W.m^-2.sr^-1"
@@ -169,7 +168,7 @@ def test_colour_science_reads_the_image(tmp_path):
     import colour
 
     view = made_view()
-    write_view(tmp_path / "view.exr", Fragments.of(view))
+    write_view(tmp_path / "view.exr", view.fragments())
     components = colour.read_spectral_image_Fichet2021(str(tmp_path / "view.exr"))
     wavelengths, values = components["S0"]
     assert wavelengths == pytest.approx([420, 570, 720])
@@ -355,7 +354,7 @@ def test_full_disk_is_one_message(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "write_view", half)
     place = cache.Place(tmp_path, "card", "0" * 64)
     with pytest.raises(DiskFullError, match="card.*exr: cannot be written, the disk is full.*--cache"):
-        cache.store(place, Fragments.of(made_view()), {}, {})
+        cache.store(place, made_view().fragments(), {}, {})
     assert not list(tmp_path.iterdir())
 
 

@@ -11,6 +11,7 @@ import torch
 from edofsim.render.depths import split
 from edofsim.render.edges import seen_around
 from edofsim.render.rendering import render_model
+from edofsim.render.view import View
 
 
 def test_depth_of_a_tilted_plane(mi, make):
@@ -20,7 +21,7 @@ def test_depth_of_a_tilted_plane(mi, make):
     corners = [(x, y, c - slope * x) for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
     plane = make.thing("plane", make.quad(corners), make.matt(0.5))
     settings = make.settings(24, 16, margin=3, angle=0.01, samples=64, max_depth=1)
-    view = render_model(make.model([plane], sky=1.0), settings).view()
+    view = View.of(render_model(make.model([plane], sky=1.0), settings))
     rows, columns = view.padded_shape
     x = (np.arange(columns) + 0.5 - columns / 2) * 0.01
     expected = np.broadcast_to((1 + slope * x) / c, (rows, columns))
@@ -38,7 +39,7 @@ def test_sphere_before_a_wall(mi, make):
     ball = make.thing("ball", make.sphere(radius, (0, 0, distance), rings=96), make.matt(0.5))
     wall = make.thing("wall", make.facing(4, 4, 3.0), make.matt(0.5))
     settings = make.settings(40, 40, angle=0.004, samples=64, max_depth=1, hidden=False)
-    view = render_model(make.model([ball, wall], sky=1.0), settings).view()
+    view = View.of(render_model(make.model([ball, wall], sky=1.0), settings))
     count = torch.bincount(view.pixel, minlength=1600)
     total = torch.zeros(1600).index_add_(0, view.pixel, view.coverage)
     assert torch.allclose(total, torch.ones(1600), atol=1e-6)
@@ -58,7 +59,7 @@ def test_sphere_before_a_wall(mi, make):
 
 def test_background_is_a_fragment_at_infinity(mi, make):
     card = make.thing("card", make.facing(0.02, 4, 1.0), make.matt(0.5))
-    view = render_model(make.model([card], sky=2.0), make.settings(8, 4, angle=0.01, samples=16)).view()
+    view = View.of(render_model(make.model([card], sky=2.0), make.settings(8, 4, angle=0.01, samples=16)))
     sky = view.inverse_depth == 0
     assert sky.any() and torch.allclose(view.radiance[:, sky], 2 * view.coverage[sky])
     visible = torch.zeros(32).index_add_(0, view.pixel[~view.hidden], view.coverage[~view.hidden])
@@ -73,7 +74,7 @@ def test_hidden_surface_reaches_as_far_as_the_pupil_sees(mi, make):
     card = make.thing("card", make.facing(0.4, 4, near, x=-0.2), make.matt(0.2))  # its right edge is at x = 0
     wall = make.thing("wall", make.facing(8, 8, far), make.matt(0.9))
     settings = make.settings(40, 4, angle=angle, samples=16, max_depth=2, pupil_radius=pupil)
-    view = render_model(make.model([card, wall], sky=1.0), settings).view()
+    view = View.of(render_model(make.model([card, wall], sky=1.0), settings))
     assert (view.inverse_depth[view.hidden] - 1 / far).abs().max() < 1e-4
     columns = np.unique(view.pixel[view.hidden].numpy() % 40)
     reach = pupil * (1 / near - 1 / far) / angle
@@ -90,7 +91,7 @@ def test_back_of_a_closed_thing_is_not_a_hidden_surface(mi, make):
     ball = make.thing("ball", make.sphere(0.03, (0, 0, 0.5), rings=24), make.matt(0.5))
     wall = make.thing("wall", make.facing(8, 8, 2.0), make.matt(0.5))
     settings = make.settings(32, 32, angle=0.005, samples=16, max_depth=1, pupil_radius=0.02)
-    view = render_model(make.model([ball, wall], sky=1.0), settings).view()
+    view = View.of(render_model(make.model([ball, wall], sky=1.0), settings))
     assert view.hidden.any()
     assert (view.inverse_depth[view.hidden] - 0.5).abs().max() < 1e-4
 
@@ -102,9 +103,9 @@ def test_a_sheet_seen_from_behind_is_a_hidden_surface(mi, make):
     turned = replace(leaf, faces=leaf.faces[:, ::-1].copy())
     for mesh in (leaf, turned):
         scene = make.model([front, make.thing("leaf", mesh, make.matt(0.5))], sky=1.0)
-        view = render_model(
-            scene, make.settings(32, 8, angle=0.005, samples=16, max_depth=1, pupil_radius=0.02)
-        ).view()
+        view = View.of(
+            render_model(scene, make.settings(32, 8, angle=0.005, samples=16, max_depth=1, pupil_radius=0.02))
+        )
         assert view.hidden.any() and (view.inverse_depth[view.hidden] - 1).abs().max() < 1e-4
 
 
@@ -212,7 +213,7 @@ def test_photo_from_fragments_is_the_thin_lens_photo(mi, make, focus):
     aperture, angle = 16e-3, 2e-3
     scene = lens_scene(make)
     settings = make.settings(32, 12, margin=8, angle=angle, samples=256, max_depth=2, pupil_radius=aperture)
-    view = render_model(scene, settings).view()
+    view = View.of(render_model(scene, settings))
     truth = thin_lens(mi, scene, settings, aperture, focus)
     edge = (slice(None), slice(8, -8), slice(24 - 8, 24 + 8))
 
@@ -232,13 +233,13 @@ def test_no_survey_of_depths_where_pixels_are_not_parted(mi, make, monkeypatch):
     ball = make.thing("ball", make.sphere(0.03, (0, 0, 1), rings=16), make.matt(0.5))
     wall = make.thing("wall", make.facing(4, 4, 3.0), make.matt(0.9))
     scene = make.model([ball, wall], sky=1.0)
-    parted = render_model(scene, make.settings(samples=16, hidden=False, fragments=3)).view()
+    parted = View.of(render_model(scene, make.settings(samples=16, hidden=False, fragments=3)))
 
     def refuse(*arguments):
         raise AssertionError("depths were measured")
 
     monkeypatch.setattr("edofsim.render.tracing.depth_tiles", refuse)
-    whole = render_model(scene, make.settings(samples=16, hidden=False, fragments=1)).view()
+    whole = View.of(render_model(scene, make.settings(samples=16, hidden=False, fragments=1)))
     assert len(parted.pixel) > len(whole.pixel) == 16 * 12
     np.testing.assert_allclose(whole.all_in_focus().numpy(), parted.all_in_focus().numpy(), rtol=1e-5)
 
@@ -255,10 +256,12 @@ def test_another_scene_of_the_same_kinds_compiles_nothing(mi, make):
         ]
         wall = make.thing("wall", make.facing(40, 40, 8.0), make.matt(0.5))
         dr.kernel_history_clear()
-        view = render_model(
-            make.model([*cards, wall], sky=1.0 + shift),
-            make.settings(margin=4, angle=0.004, pupil_radius=0.02, samples=16, max_depth=3, **sizes),
-        ).view()
+        view = View.of(
+            render_model(
+                make.model([*cards, wall], sky=1.0 + shift),
+                make.settings(margin=4, angle=0.004, pupil_radius=0.02, samples=16, max_depth=3, **sizes),
+            )
+        )
         assert len(view.metadata["layers"]) == 3  # what is seen, and two surfaces behind it
         large = [entry for entry in dr.kernel_history() if entry.get("operation_count", 0) > 1000]
         return sum(not entry["cache_hit"] for entry in large), len({entry["hash"] for entry in large})

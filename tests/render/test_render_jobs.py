@@ -23,6 +23,7 @@ from edofsim.render import engine as engines
 from edofsim.render import jobs as job_module
 from edofsim.render.rendering import render_model
 from edofsim.render.spread import shard_of
+from edofsim.render.view import View
 
 
 def recipe(seed=0, **more):
@@ -62,7 +63,7 @@ def test_same_bytes_for_one_thread_and_two(mi, make, monkeypatch):
     views = []
     for threads in (1, 2):
         monkeypatch.setattr(engines, "_threads", threads)
-        views.append(render_model(scene(make), settings).view())
+        views.append(View.of(render_model(scene(make), settings)))
         assert views[-1].metadata["run"]["threads"] == threads
     assert same(*views) and views[0].hidden.any()
 
@@ -70,17 +71,17 @@ def test_same_bytes_for_one_thread_and_two(mi, make, monkeypatch):
 def test_same_bytes_however_samples_are_launched(mi, make, monkeypatch):
     """Random numbers follow from pixel and sample, so the size of a launch cannot matter."""
     settings = make.settings(24, 16, angle=0.01, samples=16, pupil_radius=0.03)
-    whole = render_model(scene(make), settings).view()
+    whole = View.of(render_model(scene(make), settings))
     monkeypatch.setattr("edofsim.render.passes.LAUNCH_BYTES", 4 * 4 * 16 * 37)
     monkeypatch.setattr(tracing, "SURVEY_LAUNCH", 16 * 29)
-    assert same(whole, render_model(scene(make), settings).view())
+    assert same(whole, View.of(render_model(scene(make), settings)))
 
 
 @pytest.mark.parametrize("after", [1, 3, 7])
 def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypatch, after):
     """Ctrl-C keeps finished launches; the second start traces only the others and gives the same bytes."""
     settings = make.settings(24, 16, angle=0.01, samples=256, pupil_radius=0.03)
-    whole = render_model(scene(make), settings).view()
+    whole = View.of(render_model(scene(make), settings))
     traced = []
     real = tracing.run_launch
 
@@ -96,21 +97,21 @@ def test_interrupted_work_goes_on_from_where_it_was(mi, make, tmp_path, monkeypa
 
     partial = tmp_path / "view.partial"
     with pytest.raises(KeyboardInterrupt):
-        render_model(scene(make), settings, partial=partial, progress=ctrl_c).view()
+        View.of(render_model(scene(make), settings, partial=partial, progress=ctrl_c))
     first = len(traced)
     assert first == after and partial.is_file()
     traced.clear()
-    again = render_model(scene(make), settings, partial=partial).view()
+    again = View.of(render_model(scene(make), settings, partial=partial))
     rest = len(traced)
     traced.clear()
-    render_model(scene(make), settings).view()
+    View.of(render_model(scene(make), settings))
     assert first + rest == len(traced)
     assert same(whole, again) and again.noise == whole.noise
 
 
 def test_damaged_sums_are_not_gone_on_from(mi, make, tmp_path):
     settings = make.settings(24, 16, angle=0.01, samples=16)
-    whole = render_model(scene(make), settings).view()
+    whole = View.of(render_model(scene(make), settings))
     partial = tmp_path / "view.partial"
 
     def stop(fraction, message):
@@ -118,18 +119,18 @@ def test_damaged_sums_are_not_gone_on_from(mi, make, tmp_path):
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        render_model(scene(make), settings, partial=partial, progress=stop).view()
+        View.of(render_model(scene(make), settings, partial=partial, progress=stop))
     content = bytearray(partial.read_bytes())
     content[len(content) // 2] ^= 1
     partial.write_bytes(content)
-    assert same(whole, render_model(scene(make), settings, partial=partial).view())
+    assert same(whole, View.of(render_model(scene(make), settings, partial=partial)))
 
 
 def test_noise_to_reach(mi, make):
     """Samples are added until the estimate is there; half the noise takes about four times as many."""
     settings = make.settings(16, 12, angle=0.01, samples=16, hidden=False)
-    coarse = render_model(scene(make), replace(settings, noise=0.04)).view()
-    fine = render_model(scene(make), replace(settings, noise=0.02)).view()
+    coarse = View.of(render_model(scene(make), replace(settings, noise=0.04)))
+    fine = View.of(render_model(scene(make), replace(settings, noise=0.02)))
     assert coarse.noise <= 0.04 and fine.noise <= 0.02
     assert 2.5 < fine.metadata["samples"] / coarse.metadata["samples"] < 6
 
@@ -137,10 +138,11 @@ def test_noise_to_reach(mi, make):
 def test_estimated_noise_is_the_true_noise(mi, make):
     """The estimate from the scatter between passes against the difference from a long render."""
     settings = make.settings(16, 12, angle=0.01, samples=32, hidden=False)
-    truth = render_model(scene(make), replace(settings, samples=4096, seed=99)).view().all_in_focus().mean(0)
+    many = replace(settings, samples=4096, seed=99)
+    truth = View.of(render_model(scene(make), many)).all_in_focus().mean(0)
     estimated, true = [], []
     for seed in range(4):
-        view = render_model(scene(make), replace(settings, seed=seed)).view()
+        view = View.of(render_model(scene(make), replace(settings, seed=seed)))
         error = view.all_in_focus().mean(0) - truth
         true.append(float(error.square().mean().sqrt() / truth.mean()))
         estimated.append(view.noise)
@@ -152,7 +154,7 @@ def test_half_differences_are_as_the_views_own_noise(mi, make, samples):
     """Over seeds: the variance of radiance, in every band, and independent of the noise itself. Of 24 samples
     the passes are not alike (8, 8, 8): one half is twice as large as the other."""
     settings = make.settings(16, 12, angle=0.01, samples=samples, hidden=False)
-    views = [render_model(scene(make), replace(settings, seed=seed)).view() for seed in range(12)]
+    views = [View.of(render_model(scene(make), replace(settings, seed=seed))) for seed in range(12)]
     light = torch.stack([view.all_in_focus() for view in views]).double()
     halves = torch.stack([view.with_light(view.half_difference).all_in_focus() for view in views]).double()
     errors = light - light.mean(0)

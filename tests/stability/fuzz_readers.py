@@ -101,16 +101,16 @@ def training(folder: Path) -> Made:
 def view(folder: Path) -> Made:
     """A spectral EXR with fragments; as the cache reads it, with a damaged one's reason as a ValueError."""
     from edofsim.render.exr import read_view, write_view
-    from edofsim.render.fragments import Fragments
+    from edofsim.render.view import View
     from edofsim.stability.views import flat, layered_view
 
     path = folder / "seed.exr"
     half = flat(0.5).coverage.reshape(30, 35) * 0.5
-    write_view(path, Fragments.of(layered_view(half, 1.2, 0.4, 0.5)))
+    write_view(path, layered_view(half, 1.2, 0.4, 0.5).fragments())
 
     def read(path: Path) -> object:
         try:
-            return read_view(path).view()
+            return View.of(read_view(path))
         except ValueError as error:
             raise InputError(str(error)) from error
 

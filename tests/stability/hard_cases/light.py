@@ -17,7 +17,6 @@ from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.render.exr import read_view, write_view
-from edofsim.render.fragments import Fragments
 from edofsim.render.view import View
 from edofsim.stability.case import Case, Finding, timed
 from edofsim.stability.measures import distance
@@ -59,8 +58,8 @@ def _storage() -> Iterator[Finding]:
     def round_trip(view: View) -> float:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "view.exr"
-            write_view(path, Fragments.of(view))
-            read = read_view(path).view()
+            write_view(path, view.fragments())
+            read = View.of(read_view(path))
         bright = distance(read.radiance[:, MIDDLE].double(), view.radiance[:, MIDDLE])
         rest = torch.arange(view.pixel.numel()) != MIDDLE
         return max(bright, distance(read.radiance[:, rest].double(), view.radiance[:, rest]))

@@ -71,7 +71,7 @@ def view_of(
         max_depth=max_depth,
         pupil_radius=pupil_radius,
     )
-    return render_model(model, frame).view()
+    return View.of(render_model(model, frame))
 
 
 def radiance_error(view: View, truth: float) -> float:
