@@ -1,10 +1,10 @@
-"""Small disks; and one thread an operation: tests take small tensors, whose threads would only wait for each
-other."""
+"""Commands run in this process; small disks; and one thread an operation: tests take small tensors, whose
+threads would only wait for each other."""
 
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,3 +49,16 @@ def disk(tmp_path: Path) -> Generator[Disk]:
         pytest.skip("mounting a small disk is not allowed here (it takes root)")
     yield Disk(folder)
     subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+@pytest.fixture
+def edofsim(capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+    """Run a command in this process: (exit status, what it said on the error channel)."""
+    from edofsim import console
+    from edofsim.cli import invoke
+
+    def run(*arguments: str | Path) -> tuple[int, str]:
+        status = console.exit_status(lambda: invoke([str(a) for a in arguments]))
+        return status, capfd.readouterr().err
+
+    return run

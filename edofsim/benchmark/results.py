@@ -58,8 +58,8 @@ class Results:
 
     def figures(self) -> dict[str, float]:
         """{psnr_db,ssim,flip}.ENTRY.REGION with .low and .high, by_family.FAMILY.ENTRY,
-        difference_db.ENTRY.ENTRY with .low and .high, and of each entry failures, seconds, gmacs,
-        parameters."""
+        difference_db.ENTRY.ENTRY with .low and .high, and of each entry failures, seconds, peak_mib,
+        gmacs, parameters."""
         found: dict[str, float] = {"scenes": len(self.scenes), "photos": len(self.scenes) * len(self.noises)}
         for entry in self.entries:
             for region in self.regions:
@@ -71,8 +71,8 @@ class Results:
                 found[f"psnr_db.{entry.name}.family.{family}"] = mean
             mine = [row for row in self.rows if row.entry == entry.name and row.region == WHOLE]
             found[f"failures.{entry.name}"] = len(self.failures(entry.name))
-            found[f"seconds.{entry.name}"] = median(row.seconds for row in mine)
-            found[f"gmacs.{entry.name}"] = median(row.gmacs for row in mine)
+            for each in ("seconds", "peak_mib", "gmacs"):
+                found[f"{each}.{entry.name}"] = median(getattr(row, each) for row in mine)
             if entry.parameters is not None:
                 found[f"parameters.{entry.name}"] = entry.parameters
         for (one, other), each in self.paired().items():
@@ -92,7 +92,8 @@ class Results:
             Column("SSIM", "", 3, "largest"),
         ]
         columns += [Column("FLIP", "", 3, "smallest"), Column("Failures", "", 0), Column("Time", "s", 2)]
-        columns += [Column("Parameters", "", 0), Column("GMACs", "", 2), Column("Told")]
+        columns += [Column("Peak memory", "MiB", 0)]
+        columns += [Column("Parameters", "", 0), Column("GMACs", "", 2), Column("Given")]
         figures = self.figures()
         rows: list[tuple[Cell, ...]] = []
         for entry in sorted(
@@ -101,7 +102,7 @@ class Results:
             ends = [figures[f"psnr_db.{entry.name}.{WHOLE}.{end}"] for end in ("low", "high")]
             name = f"{entry.name}\n{ends[0]:.2f} to {ends[1]:.2f} dB"
             scores = [figures[f"{measure}.{entry.name}.{WHOLE}"] for measure in MEASURES]
-            more = [figures[f"{each}.{entry.name}"] for each in ("failures", "seconds")]
+            more = [figures[f"{each}.{entry.name}"] for each in ("failures", "seconds", "peak_mib")]
             uses = ", ".join(entry.uses) or "nothing"
             rows.append(
                 (name, entry.track, *scores, *more, entry.parameters, figures[f"gmacs.{entry.name}"], uses)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from statistics import median
 
 import torch
 from torch import Tensor
@@ -38,8 +40,9 @@ FINISHED = "finished.jsonl"
 class Row:
     """A score of an entry's image of one photo, over a region: `whole`, `depth A-B m`, `edge A-B px`.
     psnr_db_se: see `restore.scores`; flip: NaN where that cannot be computed; failure: what was wrong with
-    the image, in whose place a black one is scored; seconds: of the processor; gmacs: of matrix products and
-    convolutions, NaN where none was counted."""
+    the image, in whose place a black one is scored; seconds: of the processor; peak_mib: memory that the
+    restoration added at its peak, NaN where the system does not say; gmacs: of matrix products and
+    convolutions, counted in a run of their own, NaN where none was counted."""
 
     entry: str
     scene: str
@@ -52,6 +55,7 @@ class Row:
     psnr_db_se: float
     pixels: int
     seconds: float = math.nan
+    peak_mib: float = math.nan
     gmacs: float = math.nan
     failure: str = ""
 
@@ -70,6 +74,9 @@ def score_scene(
         known = _remembered(kept, key, entry.name)
         if known is None:
             known = [row for meta in metas for row in _rows(benchmark, entry, meta, photos)]
+            of_scene = {str(meta["camera"]): meta for meta in metas}
+            gmacs = median(_gmacs(entry, meta, photos) for meta in of_scene.values())
+            known = [replace(row, gmacs=gmacs) for row in known]
             kept.put(key, {"rows": [asdict(row) for row in known]})
         rows += known
     return rows
@@ -143,13 +150,12 @@ def _by(exposed: Exposed, shot: Shot) -> Shot:
 
 def _rows(benchmark: Benchmark, entry: Entry, meta: Json, photos: _Photos) -> Iterator[Row]:
     shot, known = photos.own(meta, entry)
-    failure, gmacs = "", math.nan
+    failure, peak_mib, before = "", math.nan, _peak_mib(reset=True)
     began = time.process_time()
     try:
-        with FlopCounterMode(display=False) as counted:
-            image = entry.restored(shot.photo, known, shot.key)
+        image = entry.restored(shot.photo, known, shot.key)
         seconds = time.process_time() - began
-        gmacs = counted.get_total_flops() / 2e9 or math.nan
+        peak_mib = _peak_mib() - before
         left = None
         if entry.folder is None:
             left = Truth(shot.ideal, shot.noise).restored_noise(
@@ -167,7 +173,30 @@ def _rows(benchmark: Benchmark, entry: Entry, meta: Json, photos: _Photos) -> It
     for (name, mask), score in zip(regions.items(), scores, strict=True):
         seen = math.nan if flips is None else float((flips if mask is None else flips[mask]).mean())
         numbers = (score.psnr_db, score.ssim, seen, score.psnr_db_se, score.pixels)
-        yield Row(*about, name, *numbers, seconds, gmacs, failure)
+        yield Row(*about, name, *numbers, seconds, peak_mib, failure=failure)
+
+
+def _gmacs(entry: Entry, meta: Json, photos: _Photos) -> float:
+    """Of a restoration, which is not timed."""
+    shot, known = photos.own(meta, entry)
+    try:
+        with FlopCounterMode(display=False) as counted:
+            entry.restored(shot.photo, known, shot.key)
+    except InputError:
+        return math.nan
+    return counted.get_total_flops() / 2e9 or math.nan
+
+
+def _peak_mib(*, reset: bool = False) -> float:
+    """The most memory that this process has held since it was reset, in MiB; NaN where Linux does not say."""
+    try:
+        if reset:
+            ctypes.CDLL(None).malloc_trim(0)  # what was freed and kept would be taken again, unseen
+            Path("/proc/self/clear_refs").write_text("5")
+        status = Path("/proc/self/status").read_text()
+    except (OSError, AttributeError, TypeError):
+        return math.nan
+    return int(status.partition("VmHWM:")[2].split()[0]) / 1024
 
 
 def regions_of(shot: Shot) -> Mapping[str, Tensor | None]:

@@ -90,7 +90,8 @@ def score(
     entry are named at the end (status 1), and scored as black images.
 
     Figures: {psnr_db,ssim,flip}.ENTRY.REGION, also .low and .high (95 %); psnr_db.ENTRY.family.FAMILY;
-    difference_db.ENTRY.ENTRY, also .low and .high; {failures,seconds,gmacs,parameters}.ENTRY; scenes, photos.
+    difference_db.ENTRY.ENTRY, also .low and .high; {failures,seconds,peak_mib,gmacs,parameters}.ENTRY;
+    scenes, photos.
     """
     how = spread_of(jobs, cluster, None)
     with begun("benchmark score", json, quiet=quiet) as progress:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch.utils.flop_counter import FlopCounterMode
 
+from edofsim.benchmark import score
 from edofsim.benchmark.definition import Benchmark
 from edofsim.benchmark.score import regions_of
 from edofsim.benchmark.statistics import differences, interval
@@ -19,32 +22,7 @@ from edofsim.recipe.load import load_dataset, shipped_folder
 from edofsim.restore.scores import psnr, within_scale
 
 Run = Callable[..., tuple[int, str]]
-SCENE = """
-name = "room"
-[bands]
-count = 4
-[frame]
-margin_px = 32
-[render]
-samples = 8
-[[objects]]
-kind = "wall"
-depth_m = 3.0
-[objects.surface]
-kind = "matt"
-texture = { kind = "checker", first = "#222222", second = "#dddddd", columns = 40, rows = 40 }
-[[objects]]
-kind = "panel"
-name = "card"
-depth_m = 0.8
-width_mm = 3
-height_mm = 3
-[[lights]]
-kind = "sky"
-[[family.vary]]
-key = "objects.card.depth_m"
-uniform = [0.6, 1.0]
-"""
+ROOM = (Path(__file__).parents[1] / "small" / "room.toml").read_text()
 CAMERA = 'name = "NAME"\n[mask]\nMASK\n[sensor]\nread_noise = 0.01\n[psf]\nwindow_px = 32\n'
 RECIPE = """
 name = "test-1"
@@ -75,7 +53,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from edofsim.cli import invoke
 
     folder = tmp_path_factory.mktemp("benchmark")
-    (folder / "room.toml").write_text(SCENE)
+    (folder / "room.toml").write_text(ROOM)
     for name, mask in (("clear", CLEAR), ("cubic", CUBIC)):
         (folder / f"{name}.toml").write_text(CAMERA.replace("NAME", name).replace("MASK", mask))
     (folder / "test.toml").write_text(RECIPE)
@@ -130,6 +108,32 @@ def test_entries_of_each_kind_are_scored_by_the_same_figures(
     # again: nothing is done anew, and the figures are those of before, seconds too
     assert edofsim(*command)[0] == 0
     assert figures(tmp_path / "out" / "benchmark.json") == found
+
+
+def test_seconds_are_without_the_counting_of_products_and_memory_is_the_peak(
+    edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    class Slow(FlopCounterMode):
+        def __enter__(self) -> FlopCounterMode:
+            until = time.process_time() + 0.5
+            while time.process_time() < until:
+                pass
+            return super().__enter__()
+
+    monkeypatch.setattr(score, "FlopCounterMode", Slow)
+    monkeypatch.chdir(tmp_path)
+    Path("large.py").write_text(
+        "import torch\n\n\ndef restore(photo, psfs, info):\n"
+        "    large = torch.ones(4, 1024, 1024)\n"  # 16 MiB
+        "    square = torch.ones(100, 100)\n"
+        "    return photo + 0 * float(large[0, 0, 0]) * float((square @ square)[0, 0])\n"
+    )
+    command = ["benchmark", "score", "large.py", "--data", place / "data", "--out", tmp_path / "out"]
+    assert edofsim(*command, "--quiet")[0] == 0
+    found = figures(tmp_path / "out" / "benchmark.json")
+    assert found["seconds.large"] < 0.4
+    assert found["gmacs.large"] == pytest.approx(100**3 / 1e9)
+    assert 15 < found["peak_mib.large"] < 40
 
 
 def level(image: torch.Tensor, truth: torch.Tensor) -> float:

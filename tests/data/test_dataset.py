@@ -18,39 +18,14 @@ import torch
 from torch.utils.data import DataLoader
 
 import edofsim as edof
-from edofsim.data import Pairs, PairStream
+from edofsim.data import Pairs, PairStream, live
 from edofsim.data.kept import SUMS
 from edofsim.data.make import write_camera
 from edofsim.data.pairs import turned
 from edofsim.errors import InputError
 
 Run = Callable[..., tuple[int, str]]
-SCENE = """
-name = "room"
-[bands]
-count = 4
-[frame]
-margin_px = 32
-[render]
-samples = 4
-[[objects]]
-kind = "wall"
-depth_m = 3.0
-[objects.surface]
-kind = "matt"
-texture = { kind = "checker", first = "#222222", second = "#dddddd", columns = 9, rows = 9 }
-[[objects]]
-kind = "panel"
-name = "card"
-depth_m = 0.8
-width_mm = 4
-height_mm = 4
-[[lights]]
-kind = "sky"
-[[family.vary]]
-key = "objects.card.depth_m"
-uniform = [0.6, 1.0]
-"""
+ROOM = (Path(__file__).parents[1] / "small" / "room.toml").read_text()
 CAMERA = 'name = "small"\n[mask]\nkind = "cubic"\nalpha_rad = 20\n[psf]\nwindow_px = 32\n'
 RECIPE = """
 name = "pairs"
@@ -79,7 +54,7 @@ shard = 3
 def recipe(folder: Path, kind: str = "folder") -> Path:
     if kind != "folder":
         pytest.importorskip(kind)
-    (folder / "room.toml").write_text(SCENE)
+    (folder / "room.toml").write_text(ROOM)
     (folder / "small.toml").write_text(CAMERA)
     path = folder / f"{kind}.toml"
     path.write_text(RECIPE.replace("KIND", kind))
@@ -255,13 +230,46 @@ def test_loaders_with_workers_give_what_one_process_gives(made: Path):
         Pairs(made, crop=33)
 
 
+def test_live_pairs_are_taken_anew_in_each_epoch(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Of the same views as `dataset make`: the same sharp images but for the exposure, other noise."""
+    recipe(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    fidelity = {"layers": 3, "band_groups": 1, "group_wavelengths": 1, "occlusion": "none"}
+    asked = {"exposure": [0.5, 1.0], "read_noise": [0.001, 0.02], "fidelity": fidelity}
+    pairs = live(
+        ["room.toml"], ["small.toml"], members=2, size=(32, 40), photos=asked, cache=tmp_path / "views"
+    )
+    first, same = list(pairs), list(pairs)
+    assert [each["key"] for each in first] == [each["key"] for each in same] and len(first) == len(pairs) == 2
+    assert all(torch.equal(one["photo"], two["photo"]) for one, two in zip(first, same, strict=True))
+    pairs.epoch = 1
+    alone = {each["key"]: each for each in pairs}
+    spread = DataLoader(pairs, batch_size=None, num_workers=2, multiprocessing_context="forkserver")
+    for each in spread:
+        assert torch.equal(each["photo"], alone[each["key"]]["photo"])
+    made_before = Pairs(made)
+    kept = {str(meta["scene"]): pair for meta, pair in zip(made_before.metas, made_before, strict=True)}
+    for early in first:
+        scene = early["key"].partition("_")[0]
+        late = next(each for key, each in alone.items() if key.startswith(scene))
+        assert torch.equal(early["inverse_depth"], late["inverse_depth"])
+        assert (early["photo"] - early["clean"]).std() > 0.0005
+        for other in (late["ideal"], kept[scene]["ideal"]):
+            factor = early["ideal"].sum() / other.sum()
+            assert abs(float(factor) - 1) > 1e-3
+            torch.testing.assert_close(other * factor, early["ideal"], rtol=0.01, atol=1e-3)
+    with pytest.raises(InputError, match="exposur"):
+        live(["room.toml"], ["small.toml"], photos={"exposur": [1, 1]})
+
+
 @pytest.mark.slow
 def test_the_network_of_the_page_learns_from_tar_files(edofsim: Run, tmp_path: Path):
     """As a user runs it, in a process of its own: 34 epochs of six batches are 204 steps. The truth has
     little noise of the rendering, which nothing learns, and all photos are well exposed."""
     source, out = recipe(tmp_path, "webdataset"), tmp_path / "data"
     for path, old, new in (
-        (tmp_path / "room.toml", "samples = 4", "samples = 64"),
+        (tmp_path / "room.toml", "samples = 8", "samples = 64"),
+        (tmp_path / "room.toml", "= 40", "= 9"),
         (source, "members = 4", "members = 16"),
         (source, "exposure = [0.5, 1.0]\n", ""),
     ):
