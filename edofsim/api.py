@@ -28,7 +28,7 @@ from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
 from .recipe.toml import validate
 from .render import render
-from .render.seen import as_looked_at, by_itself, told
+from .render.seen import as_looked_at, assumptions, by_itself
 from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
@@ -89,7 +89,7 @@ def camera(
         lens: dict[str, object] = {"kind": "ideal", "f_number": f_number}
         lens["focal_length_mm"] = focal_length * 1e3
         tables["lens"] = lens
-    told = recipe.model_dump(mode="json", exclude_unset=True)
+    given = recipe.model_dump(mode="json", exclude_unset=True)
     for table, key, value in (
         ("focus", "distance_m", focus),
         ("sensor", "pixel_um", None if pixel is None else pixel * 1e6),
@@ -100,29 +100,29 @@ def camera(
         ("psf", "window_px", window),
     ):
         if value is not None:
-            tables.setdefault(table, dict(told.get(table, {})))[key] = value
+            tables.setdefault(table, dict(given.get(table, {})))[key] = value
     relief = None if height is None else _heights(height)
     if mask is not None:
         tables["mask"] = dict(mask)
     if relief is not None and (pitch is not None or material is not None):
-        clear = CameraRecipe.model_validate(_told(told, tables) | {"mask": {"kind": "clear"}})
+        clear = CameraRecipe.model_validate(_with(given, tables) | {"mask": {"kind": "clear"}})
         across = 2 * Camera.from_recipe(clear, base).aperture_radius * (1 + 1e-12) / relief.shape[0]
         made_of: dict[str, object] = {} if material is None else {"material": material}
         pitch_um = (across if pitch is None else pitch) * 1e6
         tables["mask"] = {"kind": "height-map", "pitch_um": pitch_um, **made_of}
     if tables or name:
-        recipe = validate(CameraRecipe, _told(told, tables, name))
+        recipe = validate(CameraRecipe, _with(given, tables, name))
     if network is not None:
         return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
     made = Camera.from_recipe(recipe, base)
     return made if relief is None else made.with_height(relief)
 
 
-def _told(
-    told: Mapping[str, object], tables: Mapping[str, object], name: str | None = None
+def _with(
+    given: Mapping[str, object], tables: Mapping[str, object], name: str | None = None
 ) -> dict[str, object]:
     """What a recipe says with other tables, and under another name."""
-    return {**told, **tables, **({} if name is None else {"name": name})}
+    return {**given, **tables, **({} if name is None else {"name": name})}
 
 
 def _check_lengths(**lengths: float | None) -> None:
@@ -233,7 +233,7 @@ def look(
         named = load_camera(loaded.recipe.camera, loaded.base)
         recipe = framed(loaded.recipe, Camera.from_recipe(named.recipe, named.base))
     view = render(as_looked_at(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
-    return replace(view, metadata={**view.metadata, "assumed": told(view, whose)})
+    return replace(view, metadata={**view.metadata, "assumed": assumptions(view, whose)})
 
 
 def psfs(

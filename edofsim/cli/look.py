@@ -42,7 +42,7 @@ def look(
     loaded = load_scene(scene)
     folder = writable_folder(out or Path("out") / f"{loaded.recipe.name}-look")
     with begun("look", json, quiet=quiet) as progress:
-        from ..render.seen import as_looked_at, by_itself, told
+        from ..render.seen import as_looked_at, assumptions, by_itself
         from .angles import framed_by_own
 
         recipe, whose = by_itself(loaded.recipe, loaded.base)
@@ -66,7 +66,7 @@ def look(
             "picture": save_image(folder / "picture.png", view.picture()),
             "depth": depth_plot(inverse).save(folder / "depth.png"),
         }
-        lines = told(view, whose)
+        lines = assumptions(view, whose)
         if recipe.source is None or recipe.source.rendered:
             lines.append(f"rendered with {samples} samples a pixel; --samples for less noise")
         return finish("look", lines, numbers, outputs, json, inputs={"scene": str(loaded.path)})

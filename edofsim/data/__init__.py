@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .live import live
 from .pairs import Pairs, PairStream
 
-__all__ = ["PairStream", "Pairs"]
+__all__ = ["PairStream", "Pairs", "live"]

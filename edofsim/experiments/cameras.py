@@ -63,7 +63,7 @@ REFOCUSED_M = 0.8
 
 
 @dataclass(frozen=True)
-class Taker:
+class TestedCamera:
     """A camera with its mask as designed; said: in words; nearest_per_m: inverse depth up to which its
     pictures stand; scenes: that it photographs; own: what restores its photos alone, such as the network that
     was trained for it, None where there is none."""
@@ -76,7 +76,7 @@ class Taker:
     own: Restoration | None = None
 
 
-def takers() -> list[Taker]:
+def tested_cameras() -> list[TestedCamera]:
     """The six."""
     shipped = {name: load_camera(name) for name in ("lens-50mm-f2", "paper-cubic", "paper-rings")}
     found = {name: Camera.from_recipe(known.recipe, known.base) for name, known in shipped.items()}
@@ -88,30 +88,32 @@ def takers() -> list[Taker]:
     moved = learned.recipe.model_copy(update={"focus": focus})
     own, cubic = (ByNetwork.of(name) for name in (OWN_MAP, CUBIC))
     return [
-        Taker("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], FARTHER_PER_M, FARTHER),
-        Taker("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
-        Taker("cubic", "the cubic mask", found["paper-cubic"], own=cubic),
-        Taker("rings", "phase rings", found["paper-rings"]),
-        Taker(
+        TestedCamera("50mm", "50 mm, f/2, pixels of 3.45 µm", found["lens-50mm-f2"], FARTHER_PER_M, FARTHER),
+        TestedCamera("25mm", "25 mm, f/2.8, pixels of 3.45 µm", Camera.from_recipe(short)),
+        TestedCamera("cubic", "the cubic mask", found["paper-cubic"], own=cubic),
+        TestedCamera("rings", "phase rings", found["paper-rings"]),
+        TestedCamera(
             "height-map",
             "another height map",
             camera_with_mask(load_camera("paper-clear").recipe, own.checkpoint),
             own=own,
         ),
-        Taker("refocused", f"the paper's, focus at {REFOCUSED_M} m", Camera.from_recipe(moved, learned.base)),
+        TestedCamera(
+            "refocused", f"the paper's, focus at {REFOCUSED_M} m", Camera.from_recipe(moved, learned.base)
+        ),
     ]
 
 
-def asked_for(sources: Sequence[str], failures: Failures | None = None) -> list[Taker]:
+def asked_for(sources: Sequence[str], failures: Failures | None = None) -> list[TestedCamera]:
     """Cameras by their recipes or shipped names. A lens whose blur of half a metre takes more samples of its
     pupil than are allowed stands for itself from a metre on, as that of 50 mm does. failures: takes those
     that cannot be read, or are too large for that as well. Raises InputError for them otherwise, and for two
     of one name."""
     failed = Failures() if failures is None else failures
-    found: list[Taker] = []
+    found: list[TestedCamera] = []
     for source in sources:
         with failed.of(source):
-            found.append(_taker_of(load_camera(source)))
+            found.append(_tested_of(load_camera(source)))
     failed.check(0 if failures is None else 1)
     names = [each.name for each in found]
     if twice := sorted({name for name in names if names.count(name) > 1}):
@@ -119,13 +121,13 @@ def asked_for(sources: Sequence[str], failures: Failures | None = None) -> list[
     return found
 
 
-def _taker_of(found: Loaded[CameraRecipe]) -> Taker:
+def _tested_of(found: Loaded[CameraRecipe]) -> TestedCamera:
     network = network_of(found)
     own = None if network is None else ByNetwork(network, digest_of(network.path or network.name))
-    return _taker(found.recipe.name, Camera.from_recipe(found.recipe, found.base), own)
+    return _tested(found.recipe.name, Camera.from_recipe(found.recipe, found.base), own)
 
 
-def _taker(name: str, camera: Camera, own: Restoration | None) -> Taker:
+def _tested(name: str, camera: Camera, own: Restoration | None) -> TestedCamera:
     shortest = torch.tensor([420e-9], dtype=torch.float64)  # of the sensor's bands, in scenes
     window = camera.recipe.psf.window_px
     try:
@@ -133,8 +135,8 @@ def _taker(name: str, camera: Camera, own: Restoration | None) -> Taker:
     except InputError:
         plan_sampling(camera, shortest, torch.tensor([0.0, FARTHER_PER_M]), window)
         said = f"{name}, up to {1 / FARTHER_PER_M:g} m"
-        return Taker(name, said, camera, FARTHER_PER_M, FARTHER, own)
-    return Taker(name, name, camera, own=own)
+        return TestedCamera(name, said, camera, FARTHER_PER_M, FARTHER, own)
+    return TestedCamera(name, name, camera, own=own)
 
 
 def run(
@@ -187,32 +189,32 @@ def run(
             sources.append(system_of(text))
     failures.check(len(sources))
     restorers = by_name([source.restoration for source in sources if not source.names_camera])
-    every: list[Taker] = []
+    every: list[TestedCamera] = []
     if cameras or restorers:
-        every += asked_for(cameras, failures) if cameras else takers()
+        every += asked_for(cameras, failures) if cameras else tested_cameras()
     for source in (source for source in sources if source.names_camera):
         with failures.of(source.name):
-            every.append(_taker(source.name, source.camera(None), source.restoration))
+            every.append(_tested(source.name, source.camera(None), source.restoration))
     scores: dict[str, dict[str, dict[str, float]]] = {}
     errors: dict[str, dict[str, float]] = {}
     rows: list[PictureScore] = []
-    for number, taker in enumerate(every):
-        tell = part(progress, number / len(every), (number + 1) / len(every), taker.name)
-        judge = Judge(taker, {WIENER: ByWiener(), **restorers}, failures, folder, seed, cache)
-        with failures.of(taker.name):
+    for number, tested in enumerate(every):
+        tell = part(progress, number / len(every), (number + 1) / len(every), tested.name)
+        judge = Judge(tested, {WIENER: ByWiener(), **restorers}, failures, folder, seed, cache)
+        with failures.of(tested.name):
             own, planes = judge.planes(found, part(tell, 0.0, 0.6))
             rows += planes
-            scores[taker.name] = {RANDOM: own}
-        for index, scene in enumerate(taker.scenes if taker.name in scores else ()):
-            tell(0.6 + 0.4 * index / len(taker.scenes), scene)
-            with failures.of(f"{taker.name}, {scene}"):
+            scores[tested.name] = {RANDOM: own}
+        for index, scene in enumerate(tested.scenes if tested.name in scores else ()):
+            tell(0.6 + 0.4 * index / len(tested.scenes), scene)
+            with failures.of(f"{tested.name}, {scene}"):
                 judged = judge.deep(scene)
-                scores[taker.name][scene] = {what: level for what, (level, _) in judged.items()}
-                errors[f"{taker.name}.{scene}"] = {what: error for what, (_, error) in judged.items()}
+                scores[tested.name][scene] = {what: level for what, (level, _) in judged.items()}
+                errors[f"{tested.name}.{scene}"] = {what: error for what, (_, error) in judged.items()}
     failures.check(len(scores))
     figures = figures_of(scores, errors)
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
-    shown = table(scores, {taker.name: taker.said for taker in every}, errors)
+    shown = table(scores, {tested.name: tested.said for tested in every}, errors)
     page = Page(
         "Any camera",
         "Photos of any camera, and what is restored from them.",
@@ -242,7 +244,7 @@ def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:
 class Judge:
     """Scores of a camera by everything that restores its photos; by: Wiener deconvolution first."""
 
-    taker: Taker
+    tested: TestedCamera
     by: Mapping[str, Restoration]
     failures: Failures
     folder: Path
@@ -252,32 +254,32 @@ class Judge:
     @property
     def restorers(self) -> dict[str, Restoration]:
         """All, that which is for this camera alone last."""
-        return {**self.by, **({} if self.taker.own is None else {OWN: self.taker.own})}
+        return {**self.by, **({} if self.tested.own is None else {OWN: self.tested.own})}
 
     def planes(self, data: Photographs, progress: Progress) -> tuple[dict[str, float], list[PictureScore]]:
         """Means over the pictures at random depths, by three lines of light, and the rows."""
-        taker = self.taker
-        camera = of_three_lines(taker.camera)
+        tested = self.tested
+        camera = of_three_lines(tested.camera)
         lens = camera.without_mask()
         alone = Contestant(LENS_ALONE, lens, lambda photo, glare: photo, camera_digest(lens))
-        place = self.folder / taker.name
+        place = self.folder / tested.name
         place.mkdir(parents=True, exist_ok=True)
         contestants = [alone]
         for name, by in self.restorers.items():
-            contestants.append(with_restoration(name, camera, by, nearest_per_m=taker.nearest_per_m))
+            contestants.append(with_restoration(name, camera, by, nearest_per_m=tested.nearest_per_m))
         condition = Condition(RANDOM, None, READ_NOISE, paper_test(self.seed))
-        how = {"seed": self.seed, "nearest_per_m": taker.nearest_per_m}
+        how = {"seed": self.seed, "nearest_per_m": tested.nearest_per_m}
         rows: list[PictureScore] = []
         values: dict[str, float] = {}
         for index, contestant in enumerate(contestants):
             tell = part(progress, index / len(contestants), (index + 1) / len(contestants))
-            with self.failures.of(f"{taker.name}, {contestant.name}"):
+            with self.failures.of(f"{tested.name}, {contestant.name}"):
                 measured = measure(contestant, data.pictures, [condition], place, progress=tell, **how)
                 means = averages(measured)
                 if contestant is not alone:
                     values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
                 values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
-                rows += [replace(row, system=f"{taker.name} {row.system}") for row in measured]
+                rows += [replace(row, system=f"{tested.name} {row.system}") for row in measured]
         if not restored_in(values):
             raise InputError("nothing restored its photos")
         return values, rows
@@ -286,18 +288,18 @@ class Judge:
         """A scene with depth, the middle of its frame, as a sensor that saturates sees it: PSNR and its
         standard error."""
         loaded = load_scene(name)
-        recipe = _with_pixels(scored_version(loaded.recipe, quick=True), self.taker.camera)
+        recipe = _with_pixels(scored_version(loaded.recipe, quick=True), self.tested.camera)
         kept = Kept(self.folder / "finished.jsonl")
         digests = {name: by.digest for name, by in self.restorers.items()}
         scene = recipe.model_dump(mode="json")
         key = key_of(
-            errors=True, camera=camera_digest(self.taker.camera), by=digests, scene=scene, seed=self.seed
+            errors=True, camera=camera_digest(self.tested.camera), by=digests, scene=scene, seed=self.seed
         )
         known = kept.get(key)
         if known is not None:
             return known
         view = render(recipe, loaded.base, cache=self.cache)
-        camera = replace(self.taker.camera, recipe=saturating(self.taker.camera.recipe))
+        camera = replace(self.tested.camera, recipe=saturating(self.tested.camera.recipe))
         way = next(way for way in WAYS if way.name == OURS)
         found: dict[str, tuple[float, float]] = {}
 
@@ -313,7 +315,7 @@ class Judge:
                 judged(what, "photo", each)
             judged(WIENER, "wiener", taken)
             for what, by in self.restorers.items():
-                with self.failures.of(f"{self.taker.name}, {name}, {what}"):
+                with self.failures.of(f"{self.tested.name}, {name}, {what}"):
                     own = take(view, way, System(what, camera, by), self.seed, like=taken)
                     judged(what, "restored", own)
         if len(self.failures.found) == failed:

@@ -37,9 +37,9 @@ from ..report.pictures import picture_file
 from ..report.words import decibels, listed
 from ..restore.scores import image_psnr
 from .kept import Kept, key_of
+from .known_depth import at_known_depth
 from .photographs import Photograph, Photographs
 from .systems import NEAREST_PER_M, Contestant, described, made, truncated_share
-from .told_depth import told_depth
 
 RANDOM = "random"
 CHANNELS = ("red", "green", "blue")
@@ -78,7 +78,8 @@ class Shown:
 class PictureScore:
     """One picture by one system under one condition. inverse_depth in 1/m; PSNRs in dB, of a frame in a world
     that goes on, and, whole_, of the picture as it is, which its mirror images continue. Of a frame, where
-    asked for: channels_db, restored, red, green and blue; told_db, all and each by `told_depth`."""
+    asked for: channels_db, restored, red, green and blue; known_depth_db, all and each, see
+    `at_known_depth`."""
 
     system: str
     picture: str
@@ -90,7 +91,7 @@ class PictureScore:
     whole_restored_db: float
     shown: Shown | None = None
     channels_db: tuple[float, ...] = ()
-    told_db: tuple[float, ...] = ()
+    known_depth_db: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -109,12 +110,13 @@ def measure(
     *,
     seed: int,
     show: Sequence[str] = (),
-    told: bool = False,
+    known_depth: bool = False,
     nearest_per_m: float = NEAREST_PER_M,
     progress: Progress | None = None,
 ) -> list[PictureScore]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
-    errors; show: names of pictures whose middles are written, too; told: whether `told_depth` restores the
+    errors; show: names of pictures whose middles are written, too; known_depth:
+    whether `at_known_depth` restores the
     photos, too; nearest_per_m: inverse depth up to which random ones go.
     Raises InputError for systems whose PSF varies over the frame."""
     kept = Kept(out / "finished.jsonl")
@@ -131,7 +133,7 @@ def measure(
                 read_noise=condition.read_noise,
                 fabrication=described(condition.fabrication),
                 seed=seed,
-                told=told,
+                known_depth=known_depth,
                 scores="within scale",
             )
             jobs.append(Job(picture, condition, inverse, key))
@@ -154,7 +156,7 @@ def measure(
             if progress:
                 progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")
             psf = bank.values[wanted.index(job.inverse_depth)]
-            rows[job.key] = _finish(job, system, psf, kept, out, show, told)
+            rows[job.key] = _finish(job, system, psf, kept, out, show, known_depth)
     return [rows[job.key] for job in jobs]
 
 
@@ -252,7 +254,7 @@ def _known(
 
 
 def _finish(
-    job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str], told: bool
+    job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str], known_depth: bool
 ) -> PictureScore:
     whole = job.picture.values
     # the same noise for all systems and strengths, so that they alone make the difference
@@ -274,10 +276,10 @@ def _finish(
         image_psnr(whole_restored, whole),
     )
     found: Json = dict(zip(SCORES, scores, strict=True))
-    if told:
-        linear = told_depth(photo, psf, job.condition.read_noise)
+    if known_depth:
+        linear = at_known_depth(photo, psf, job.condition.read_noise)
         found["channels_db"] = channels(restored, sharp)
-        found["told_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]
+        found["known_depth_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]
     kept.put(job.key, found)
     return _row(job, system, found, files)
 
@@ -291,7 +293,7 @@ def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> Pict
         **{name: found[name] for name in SCORES},
         shown=files,
         channels_db=tuple(found.get("channels_db", ())),
-        told_db=tuple(found.get("told_db", ())),
+        known_depth_db=tuple(found.get("known_depth_db", ())),
     )
 
 

@@ -114,7 +114,14 @@ def run(
         begin, rest = part(whole, 0.0, 0.1), part(whole, 0.1, 1.0)
         with failures.of(system.name):
             first = measure(
-                system, [target], fixed, folder, seed=seed, show=[target.name], told=True, progress=begin
+                system,
+                [target],
+                fixed,
+                folder,
+                seed=seed,
+                show=[target.name],
+                known_depth=True,
+                progress=begin,
             )
             rows += measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=rest)
             chart_rows += first
@@ -219,9 +226,9 @@ def chart_figures(rows: Sequence[PictureScore]) -> dict[str, float]:
     for row in rows:
         for each in (GOES_ON, WHOLE):
             figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)
-        own, told = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
-        figures[told] = row.told_db[0]
-        for name, values in ((own, row.channels_db), (told, row.told_db[1:])):
+        own, linear = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
+        figures[linear] = row.known_depth_db[0]
+        for name, values in ((own, row.channels_db), (linear, row.known_depth_db[1:])):
             figures |= {f"{name}.{c}": v for c, v in zip(CHANNELS, values, strict=True)}
     return figures
 
@@ -236,7 +243,7 @@ def chart_table(result: Result) -> PageTable:
         *(Column(f"Given the depth, {name}", "dB", 2) for name in names),
     )
     rows = tuple(
-        (row.system, DEPTH_NAMES[row.condition], row.restored_db, *row.channels_db, *row.told_db)
+        (row.system, DEPTH_NAMES[row.condition], row.restored_db, *row.channels_db, *row.known_depth_db)
         for row in result.chart_rows
     )
     said = (

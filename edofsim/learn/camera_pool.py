@@ -108,12 +108,12 @@ def _pooled(
             continue
         # what it is given is of other depths than photos are taken by, as in use
         closer = closer_about_focus(drawn.camera, depths)
-        told = psf if torch.equal(closer, depths) else _psfs(drawn, table.window_px, closer)
-        if told is not None:
+        given = psf if torch.equal(closer, depths) else _psfs(drawn, table.window_px, closer)
+        if given is not None:
             break
     else:
         raise InputError("cameras: hardly one within these ranges keeps its light in window_px; widen it")
-    known = network.condition(told, drawn.read_noise)
+    known = network.condition(given, drawn.read_noise)
     optics = TrainingCamera(
         drawn.camera,
         table.window_px,

@@ -33,7 +33,7 @@ def as_looked_at(recipe: SceneRecipe, samples: int) -> SceneRecipe:
     return recipe.model_copy(update={"frame": frame, "render": paths})
 
 
-def told(view: View, angle_of: str) -> list[str]:
+def assumptions(view: View, angle_of: str) -> list[str]:
     """Lines that say what a view shows and what was assumed. angle_of: whose pixels' angle it has."""
     across = 2 * math.degrees(math.atan(view.width * view.pixel_angle / 2))
     lines = [view.caption()]

@@ -12,7 +12,7 @@ from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import cameras
 from edofsim.experiments.camera_figures import ANY, OWN, PHOTO, WIENER, figures_of, table
-from edofsim.experiments.cameras import Taker, asked_for, takers
+from edofsim.experiments.cameras import TestedCamera, asked_for, tested_cameras
 from edofsim.experiments.failures import Failures
 from edofsim.experiments.planes import RANDOM
 from edofsim.experiments.protocols import LENS_ALONE
@@ -59,29 +59,29 @@ def heights(camera: Camera) -> Tensor:
 
 def test_what_was_trained_for_a_camera_was_trained_for_its_mask() -> None:
     """Lens and focus are the same, and the mask to 10 nm, but for what lifts all of it."""
-    own = {taker.name: taker for taker in takers() if taker.own is not None}
+    own = {tested.name: tested for tested in tested_cameras() if tested.own is not None}
     assert list(own) == ["cubic", "height-map"]
-    for taker in own.values():
-        checkpoint = taker.own.checkpoint
+    for tested in own.values():
+        checkpoint = tested.own.checkpoint
         trained = camera_with_mask(trained_camera(checkpoint), checkpoint)
-        assert taker.camera.recipe.lens == trained.recipe.lens
-        assert taker.camera.recipe.focus == trained.recipe.focus
-        apart = heights(taker.camera) - heights(trained)
+        assert tested.camera.recipe.lens == trained.recipe.lens
+        assert tested.camera.recipe.focus == trained.recipe.focus
+        apart = heights(tested.camera) - heights(trained)
         assert float((apart - apart.mean()).abs().max()) < 1e-8
 
 
 def test_there_are_six_cameras_and_the_training_drew_none_of_them() -> None:
-    every = takers()
-    kinds = [taker.camera.mask.kind for taker in every]
+    every = tested_cameras()
+    kinds = [tested.camera.mask.kind for tested in every]
     assert kinds == ["clear", "clear", "cubic", "rings", "height-map", "height-map"]
-    assert len({taker.name for taker in every}) == 6
+    assert len({tested.name for tested in every}) == 6
     recipe = load_train("universal").recipe
     assert recipe.cameras is not None
     for number in range(recipe.cameras.count):
         drawn = random_camera(recipe.cameras, recipe.seed, number, 0, recipe.capture.read_noise).camera
-        for taker in every:
-            same = drawn.recipe.lens == taker.camera.recipe.lens
-            assert not (same and drawn.recipe.focus == taker.camera.recipe.focus)
+        for tested in every:
+            same = drawn.recipe.lens == tested.camera.recipe.lens
+            assert not (same and drawn.recipe.focus == tested.camera.recipe.focus)
 
 
 def test_all_three_gains_of_everything_that_is_restored() -> None:
@@ -105,8 +105,8 @@ def test_every_kind_of_system_by_its_camera(
         "def same(photo, psfs, info):\n    return photo\ndef flat(photo, psfs, info):\n    return photo[0]\n"
     )
 
-    def small(name: str, camera: Camera, own: object) -> Taker:
-        return Taker(name, name, camera, scenes=(), own=own)
+    def small(name: str, camera: Camera, own: object) -> TestedCamera:
+        return TestedCamera(name, name, camera, scenes=(), own=own)
 
     monkeypatch.setattr(cameras, "_taker", small)
     systems = [f"{tmp_path / 'f.py'}:{name}" for name in ("same", "flat")]

@@ -14,11 +14,11 @@ import torch
 from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import fabrication, noise, planes, robustness, table
+from edofsim.experiments.known_depth import at_known_depth
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
 from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
-from edofsim.experiments.told_depth import told_depth
 from edofsim.experiments.training import Training, training_of
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.report import page_html
@@ -232,7 +232,7 @@ def test_a_filter_that_is_told_the_depth_shows_what_a_photo_holds(
     truth = scene[:, 8:-8, 8:-8]
     # a fifth of light and noise alike, so that nothing is clamped: the filter is the same
     inside = (..., slice(16, -16), slice(16, -16))
-    found = planes.channels(told_depth(photo, psf, noise)[inside], truth[inside])
+    found = planes.channels(at_known_depth(photo, psf, noise)[inside], truth[inside])
     expected = -10 * (0.04 * colour_error(psf[None], noise)[0]).log10()
     assert found == pytest.approx(expected.tolist(), abs=1.0)
     # the table has it of the chart alone, each colour for itself

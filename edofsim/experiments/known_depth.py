@@ -16,7 +16,7 @@ from ..restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum, 
 from .systems import truncated_share
 
 
-def told_depth(photo: Tensor, psf: Tensor, noise: float) -> Tensor:
+def at_known_depth(photo: Tensor, psf: Tensor, noise: float) -> Tensor:
     """A photo [3, y, x] of a plane through PSFs [3, w, w], restored within [0, 1].
 
     At each frequency the filter is W = X R^-1, R the covariance of the photo's colours there and X the
