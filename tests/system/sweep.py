@@ -153,6 +153,7 @@ def numbers(folder: Path) -> Iterator[Try]:
         from edofsim.render.readers.pictures import picture_view
         from edofsim.render.rendering import render_foreign, render_model
         from edofsim.render.settings import RenderSettings
+        from edofsim.render.view import View
         from edofsim.scene import build_scene
         from edofsim.scene.foreign import NotCarried
 
@@ -160,9 +161,9 @@ def numbers(folder: Path) -> Iterator[Try]:
             return picture_view(recipe, folder)
         settings = RenderSettings.from_recipe(recipe)
         try:
-            return render_model(build_scene(recipe, folder), settings).view()
+            return View.of(render_model(build_scene(recipe, folder), settings))
         except NotCarried as reasons:
-            return render_foreign(recipe, folder, settings, reasons.problems).view()
+            return View.of(render_foreign(recipe, folder, settings, reasons.problems))
 
     light = [{"kind": "environment"}]
     yield from swept("scene", SceneRecipe, scene(objects=[CARD], lights=light), rendered)
@@ -491,9 +492,10 @@ def main() -> None:
     validated = SceneRecipe.model_validate(scene(objects=[CARD], lights=[{"kind": "environment"}]))
     from edofsim.render.rendering import render_model
     from edofsim.render.settings import RenderSettings
+    from edofsim.render.view import View
     from edofsim.scene import build_scene
 
-    render_model(build_scene(validated, folder), RenderSettings.from_recipe(validated)).view()
+    View.of(render_model(build_scene(validated, folder), RenderSettings.from_recipe(validated)))
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
     for number, each in enumerate(every[first:last], first):
