@@ -61,15 +61,23 @@ def camera(
     """A camera: a shipped one by name, a recipe's, or one given by numbers.
 
     source: name such as `paper-learned`, or a TOML file; None for the paper's lens without a mask.
-    focal_length: of an ideal lens in place of that one's [m], which takes an f_number too. f_number: focal
-    length over the width of the aperture. focus: the distance that is sharp [m]. pixel: pitch of the sensor
-    [m]. read_noise: standard deviation, full scale 1. full_well: electrons at full scale, for shot noise;
-    bits: of the quantisation; bayer: the mosaic's first four pixels, such as `RGGB`. window: width of the
-    PSFs in pixels. mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file`
-    in it is relative to the working folder. name: of the camera, in tables and reports. height: height map
-    of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor. pitch: of its samples
-    [m]; None where they just cover the pupil. material: that it is made of; None for the photoresist S1813.
+    focal_length: of an ideal lens in place of that one's [m], which takes an f_number too.
+    f_number: focal length over the width of the aperture.
+    focus: the distance that is sharp [m].
+    pixel: pitch of the sensor [m].
+    read_noise: standard deviation, full scale 1.
+    full_well: electrons at full scale, for shot noise.
+    bits: of the quantisation.
+    bayer: the mosaic's first four pixels, such as `RGGB`.
+    window: width of the PSFs, pixels.
+    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file` in it is relative
+        to the working folder.
+    name: of the camera, in tables and reports.
+    height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
+    pitch: of the height map's samples [m]; None where they just cover the pupil.
+    material: of the height map; None for the photoresist S1813.
     network: checkpoint whose mask the camera has.
+
     Raises InputError for what cannot be a camera, naming every problem.
     """
     given = CameraRecipe(name="paper-clear") if source is None else None
@@ -167,11 +175,15 @@ def view(
 ) -> View:
     """The view of a scene: rendered, or read from the cache or from the pictures that its recipe names.
 
-    scene: name of a shipped one such as `desk`, or a TOML file. seen_by: the camera that frames it; None for
-    the one that the scene names. samples: a pixel, in place of the recipe's: fewer are faster and noisier.
+    scene: name of a shipped one such as `desk`, or a TOML file.
+    seen_by: the camera that frames it; None for the one that the scene names.
+    samples: light paths a pixel, in place of the recipe's: fewer are faster and noisier.
     resample: where its pixels see another angle than the camera's, share its light among the camera's pixels.
-    cache: folder of rendered views. Raises InputError for what cannot be used, EngineError where nothing can
-    render.
+    cache: folder of rendered views; None for the default one.
+    device: `auto`, `cpu` or `cuda`, which renders.
+    progress: is given the finished share and a word.
+
+    Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     loaded = load_scene(scene)
     if seen_by is None:
@@ -196,8 +208,14 @@ def views(
 ) -> Iterator[View]:
     """Views of different members of a scene's family, one after another, as `view` gives them.
 
-    scene, seen_by, samples, cache, device: as for `view`; members: how many. Raises InputError for a scene
-    without a family, and what `view` raises.
+    scene: name of a shipped one, or a TOML file, with a table [family].
+    seen_by: the camera that frames them; None for the one that the scene names.
+    members: how many.
+    samples: light paths a pixel, in place of the recipe's.
+    cache: folder of rendered views; None for the default one.
+    device: `auto`, `cpu` or `cuda`, which renders.
+
+    Raises InputError for a scene without a family, and what `view` raises.
     """
     loaded = load_scene(scene)
     if seen_by is None:
@@ -221,11 +239,16 @@ def look(
     progress: Progress | None = None,
 ) -> View:
     """A scene as it is, all sharp, to look at: `.show()` draws it, `.caption()` and `.metadata` say what it
-    holds and what was assumed to read it.
+    holds and what was assumed to read it. Its pixels see the angle that the recipe gives, or its file; where
+    both leave that open, that of the scene's own camera.
 
-    scene: name of a shipped one such as `desk`, or a TOML file. samples: light paths a pixel, where it is
-    rendered. Its pixels see the angle that the recipe gives, or its file; where both leave that open, that of
-    the scene's own camera. Raises InputError for what cannot be read, EngineError where nothing can render.
+    scene: name of a shipped one such as `desk`, or a TOML file.
+    samples: light paths a pixel, where it is rendered.
+    cache: folder of rendered views; None for the default one.
+    device: `auto`, `cpu` or `cuda`, which renders.
+    progress: is given the finished share and a word.
+
+    Raises InputError for what cannot be read, EngineError where nothing can render.
     """
     loaded = load_scene(scene)
     recipe, whose = by_itself(loaded.recipe, loaded.base)
@@ -243,12 +266,16 @@ def psfs(
     *,
     window: int | None = None,
 ) -> PsfField:
-    """Point spread functions for depths [m] (`inf` is legal) and wavelengths [m].
+    """Point spread functions of a camera.
 
-    `values` of the result are [depth, band, y, x], the light in each pixel as a fraction of what the mask
-    lets through, the middle at pixel n // 2; gradients reach the camera's height map. window: width in
-    pixels, None for the camera's. Raises InputError for depths that are not above 0, wavelengths that the
-    glass has no data for, and more PSFs than fit into memory.
+    camera: its lens, mask and sensor; gradients reach its height map.
+    depths: [depth] in metres above 0; `inf` is legal.
+    wavelengths: [band] in metres.
+    window: width in pixels; None for the camera's.
+
+    Returns a field whose `values` are [depth, band, y, x], the light in each pixel as a fraction of what the
+    mask lets through, the middle at pixel n // 2. Raises InputError for depths that are not above 0,
+    wavelengths that the glass has no data for, and more PSFs than fit into memory.
     """
     metres = torch.as_tensor(depths, dtype=torch.float64)
     if not bool((metres > 0).all()):
@@ -269,10 +296,16 @@ def plan_for(
 ) -> Plan:
     """Which effects a photo calls for, what leaving each out would cost, and what each takes.
 
-    accuracy: `noise` (the default: less error than half of the sensor's noise), `restored` (so much nearer
-    that what a network makes of the photo keeps its PSNR), `full`, or decibels such as `45dB`; or time, such
-    as `2s`: the best within it. with_, without: names of effects that are simulated in full, or not at all,
-    whatever the plan says. network: of no effect any more.
+    view: what is photographed.
+    camera: that photographs it.
+    accuracy: `noise` (the default: less error than half of the sensor's noise), `restored` (near enough that
+        what a network makes of the photo keeps its PSNR), `full`, or decibels such as `45dB`.
+    time: such as `2s`, in place of an accuracy: the best within it.
+    with_: names of effects that are simulated in full, whatever the plan says.
+    without: names of effects that are not simulated, whatever the plan says.
+    network: of no effect any more.
+    progress: is given the finished share and a word.
+
     Raises InputError for what is not known.
     """
     overrule = {"with_": list(with_) or None, "without": list(without) or None}
@@ -308,15 +341,24 @@ def photograph(
     device: torch.device | str = "cpu",
     progress: Progress | None = None,
 ) -> Photo:
-    """A photo, simulated as a plan or a fidelity says.
+    """A photo, simulated as a plan or a fidelity says. Gradients reach the view's light and the camera's
+    height map.
 
-    view: one, or several of one size and the same bands, which share PSFs and exposure; the photo's images
-    are then [view, channel, y, x], and without a plan they are simulated in full.
-    plan: None for one for `accuracy` or `time`, which looks only at effects that can save time; the accuracy
-    `full` simulates all that view and camera have, without a plan. exposure: factor from radiance to full
-    scale; None for the camera's. seed: of the sensor's noise; several views have this and the next ones.
-    dtype: float32 or float64. Gradients reach the views' light and the camera's height map. Raises InputError
-    for a view that the camera cannot photograph, and for a plan beside an accuracy or time.
+    view: one, or several of one size and the same bands, which share PSFs and exposure.
+    camera: that photographs it.
+    plan: None for one for `accuracy` or `time`, which looks only at effects that can save time; several views
+        are simulated in full without one.
+    accuracy: as for `plan_for`; `full` simulates all that view and camera have, without a plan.
+    time: such as `2s`, in place of an accuracy: the best within it.
+    exposure: factor from radiance to full scale; None for the camera's.
+    seed: of the sensor's noise; several views have this and the next ones.
+    dtype: float32 or float64.
+    device: that computes.
+    progress: is given the finished share and a word.
+
+    Returns its image, [channel, y, x] or [view, channel, y, x], the one without noise and the ideal one.
+    Raises InputError for a view that the camera cannot photograph, and for a plan together with an accuracy
+    or time.
     """
     if plan is not None and (accuracy or time):
         raise InputError("photograph: give a plan, or an accuracy or time to make one for")
@@ -351,14 +393,18 @@ def restored(
     depths: tuple[float, float] = (NEAREST, math.inf),
     wavelengths: Sequence[float] | Tensor | None = None,
 ) -> Tensor:
-    """The sharp image [channel, y, x] of a photo, or of any linear image with full scale 1.
+    """The sharp image of a photo. The camera is taken as it is: a network that was trained with another mask
+    restores badly.
 
+    photo: a `Photo`, or any linear image [3, y, x], full scale 1.
+    camera: that took it.
     network: checkpoint (file or shipped name) that restores; `wiener` for Wiener deconvolution; None for the
-    network that was trained with the camera's mask, or the one for any camera where there is none. depths:
-    nearest and farthest [m] that the photo may hold, for Wiener deconvolution and the network for any camera;
-    wavelengths: [band] in metres that it was taken in, None for 31 from 420 to 720 nm. The camera is taken as
-    it is: a network that was trained with another mask restores badly.
-    Raises InputError for depths that are none, and a checkpoint that is damaged or of another camera.
+        network that was trained with the camera's mask, or the one for any camera where there is none.
+    depths: nearest and farthest [m] that the photo may hold, for Wiener deconvolution and `universal`.
+    wavelengths: [band] in metres that it was taken in; None for 31 from 420 to 720 nm.
+
+    Returns a linear image [3, y, x], full scale 1. Raises InputError for depths that are none, and a
+    checkpoint that is damaged or of another camera.
     """
     near, far = depths
     if not 0 < near <= far:

@@ -72,9 +72,10 @@ def write_image(path: Path, image: Tensor) -> Path:
 
 
 def save_image(path: str | Path, image: Tensor, colours: Tensor | None = None) -> Path:
-    """Write a linear image [3 or 1, y, x]. Returns the path.
+    """Write a linear image. Returns the path.
 
     path: `.exr` keeps the sensor's linear values; `.png` is sRGB, full scale 1 white.
+    image: linear, [3 or 1, y, x], full scale 1.
     colours: matrix [3, 3] from the sensor's colours to linear sRGB, for `.png`: `colours` of the photo; None
         leaves them as they are.
     Raises InputError for another suffix, and what `core.files.whole` raises.
@@ -89,9 +90,11 @@ def save_image(path: str | Path, image: Tensor, colours: Tensor | None = None) -
 
 
 def read_image(path: str | Path) -> Tensor:
-    """Any image as linear [3, y, x] float32: OpenEXR, PFM, Radiance and floats as they are; PNG, JPEG, TIFF
-    and their like are sRGB unless they say otherwise, and are decoded; all are upright. A PNG file of a photo
-    says how its colours were made, and becomes the sensor's again.
+    """Any image as linear [3, y, x] float32, upright.
+
+    path: OpenEXR, PFM, Radiance and floats are taken as they are; PNG, JPEG, TIFF and their like are sRGB
+        unless they say otherwise, and are decoded. A PNG file of a photo says how its colours were made, and
+        becomes the sensor's again.
 
     Raises InputError for a file that is missing or no image.
     """

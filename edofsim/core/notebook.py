@@ -43,8 +43,14 @@ def picture_png(image: Tensor, colours: Tensor | None = None) -> bytes:
 
 
 def show(image: Tensor, title: str = "", axes: Axes | None = None, colours: Tensor | None = None) -> Axes:
-    """Draw a linear image [3 or 1, y, x] with Matplotlib, full scale 1 white. Returns the axes, new ones
-    unless they are given; colours: see `srgb_pixels`. Raises InputError for another shape."""
+    """Draw an image with Matplotlib.
+
+    image: linear, [3 or 1, y, x], full scale 1 is white.
+    title: above it.
+    axes: to draw in; None for new ones.
+    colours: matrix [3, 3] from the sensor's colours to linear sRGB; None leaves them as they are.
+
+    Returns the axes. Raises InputError for another shape."""
     from matplotlib import pyplot
 
     pixels = srgb_pixels(image, colours)

@@ -85,11 +85,16 @@ class View(FragmentFields[Tensor]):
         margin: int = 0,
         metadata: Json | None = None,
     ) -> View:
-        """A view of one opaque fragment a pixel, and nothing behind.
+        """A view of one opaque fragment a pixel, and nothing behind. It has the type and the device of the
+        radiance, and shares its memory.
 
-        radiance: [band, y, x] of the frame with its margin, linear; inverse_depth: [y, x] in 1/m, or a number
-        for all pixels; the others as in `View`. The view has the type and the device of the radiance, and
-        shares its memory.
+        radiance: [band, y, x] of the frame with its margin, linear.
+        inverse_depth: [y, x] in 1/m, or a number for all pixels.
+        wavelengths: [band] in metres.
+        pixel_angle: tangent of the angle that one pixel sees, on the axis.
+        margin: pixels around the frame.
+        metadata: what else is known of it.
+
         Raises InputError for shapes that do not fit each other, a radiance that is not finite, and depths
         that are not in front of the lens.
         """
@@ -142,14 +147,16 @@ class View(FragmentFields[Tensor]):
         """A view of an sRGB picture with a depth map, as `[source] kind = "rgbd"` of a recipe reads them.
 
         rgb: a picture file (PNG, JPEG, TIFF, OpenEXR, PFM), or [y, x, 3], uint8 or floats from 0 to 1, as
-        such files hold them; its colours become smooth reflectances under `illuminant`. depth: a file (PNG,
-        TIFF, PFM, NPY, NPZ, MAT, EXR, CSV) in metres along the axis, or in millimetres where it holds whole
-        numbers, as `edofsim new scene` takes it; or [y, x], floats in metres, or one number for all; `inf` is
-        background; NaN, 0 and negative values are holes, filled with the farther neighbour in the row.
+            such files hold them; its colours become smooth reflectances under `illuminant`.
+        depth: a file (PNG, TIFF, PFM, NPY, NPZ, MAT, EXR, CSV) in metres along the axis, or in millimetres
+            where it holds whole numbers; or [y, x], floats in metres, or one number for all. `inf` is
+            background; NaN, 0 and negative values are holes, filled with the farther neighbour in the row.
         pixel_angle: tangent of the angle that a pixel sees; None for that of the paper's camera, else take
-        the `pixel_angle` of the camera that will photograph it. wavelengths: [band] in metres, None for 31
-        from 420 to 720 nm. margin: pixels around the frame that light comes from, the picture's mirror image;
-        None for 64.
+            the `pixel_angle` of the camera that will photograph it.
+        wavelengths: [band] in metres; None for 31 from 420 to 720 nm.
+        illuminant: of the picture, a name such as `D65`.
+        margin: pixels around the frame, the picture's mirror image, from which light comes; None for 64.
+
         Raises InputError for files that cannot be read, for shapes that do not fit each other, for a depth
         map that holds no depth, and for an array of whole numbers, which may be of any unit.
         """
@@ -234,13 +241,19 @@ class View(FragmentFields[Tensor]):
         return replace(self, **whole, **{name: value.to(device, dtype) for name, value in held.items()})
 
     def with_light(self, radiance: Tensor, wavelengths: Tensor | None = None) -> View:
-        """The same surfaces with other light [band, fragment], whose noise is not known; wavelengths: [band]
-        in metres, None for earlier ones."""
+        """The same surfaces with other light, whose noise is not known.
+
+        radiance: [band, fragment], premultiplied by coverage.
+        wavelengths: [band] in metres; None for those of this view.
+        """
         wavelengths = self.wavelengths if wavelengths is None else wavelengths
         return replace(self, radiance=radiance, wavelengths=wavelengths, half_difference=None)
 
     def crop_margin(self, image: Tensor) -> Tensor:
-        """Cut the margin off an image of the padded frame: [..., y, x] to [..., height, width]."""
+        """Cut the margin off, to [..., height, width].
+
+        image: of the frame with its margin, [..., y, x].
+        """
         m = self.margin
         return image[..., m : m + self.height, m : m + self.width]
 
