@@ -87,11 +87,15 @@ def samples_for(score: Score, samples: int, wanted_db: float = 0.05) -> int | No
 def score(
     image: Photo | Tensor, photo: Photo, *, by_depth: bool | Sequence[float] = False
 ) -> Score | tuple[DepthScore, ...]:
-    """PSNR and SSIM of an image [channel, y, x], or of a photo, against the ideal image of a photo.
+    """PSNR and SSIM against the ideal image of a photo, within full scale 1. The noise of a rendered view
+    counts as an error.
 
-    Both are taken within full scale 1; the noise of a rendered view counts as an error. by_depth: scores of
-    the pixels in each depth range that holds any: True for the ranges that reports have, or their limits [m],
-    ascending. Raises InputError for images of other sizes, and for a photo whose depths are not known.
+    image: [channel, y, x], or a photo.
+    photo: that has the ideal image.
+    by_depth: scores of the pixels in each depth range that holds any: True for the ranges that reports have,
+        or their limits [m], ascending.
+
+    Raises InputError for images of other sizes, and for a photo whose depths are not known.
     """
     shown = image.image if isinstance(image, Photo) else image
     if by_depth is False:
