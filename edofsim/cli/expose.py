@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -43,11 +43,60 @@ from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, check_alone, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
 if TYPE_CHECKING:
+    import torch
     from torch import Tensor
 
+    from ..capture import Fidelity, Photo
+    from ..optics import Camera
+    from ..pipeline import Stopwatch
     from ..plan import Target
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
     from ..reference.pinhole import Crop
+    from ..render.view import View
+
+    Pair = tuple[Loaded[SceneRecipe], Loaded[CameraRecipe]]
+    Part = tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path]
+
+
+BandsOption = Annotated[
+    int | None,
+    typer.Option(
+        "--bands", min=1, help="Groups that each channel's bands are blurred in; default: as planned."
+    ),
+]
+ReferenceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--reference",
+        metavar="thinlens|pupil",
+        help="A slow, true photo of --crop beside it.",
+        autocompletion=completion.one_of("thinlens", "pupil"),
+    ),
+]
+CropOption = Annotated[
+    str | None,
+    typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
+]
+FamilyOption = Annotated[
+    int | None, typer.Option("--members", min=1, help="In place of each scene, members of its family.")
+]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of each photo. wanted: by --fidelity; where: the part of the frame for the reference."""
+
+    overrule: dict[str, object]
+    target: Target
+    bands: int | None
+    reference: str | None
+    where: Crop | None
+    resample: bool
+    seed: int
+    raw_colours: bool
+    wanted: str | None
+    cache: Path | None
+    device: str
 
 
 def expose(
@@ -63,30 +112,10 @@ def expose(
     time: TimeOption = None,
     with_: WithOption = None,
     without: WithoutOption = None,
-    bands: Annotated[
-        int | None,
-        typer.Option(
-            "--bands",
-            min=1,
-            help="Groups that each channel's bands are blurred in; default: as planned.",
-        ),
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            "--reference",
-            metavar="thinlens|pupil",
-            help="A slow, true photo of --crop beside it.",
-            autocompletion=completion.one_of("thinlens", "pupil"),
-        ),
-    ] = None,
-    crop: Annotated[
-        str | None,
-        typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
-    ] = None,
-    members: Annotated[
-        int | None, typer.Option("--members", min=1, help="In place of each scene, members of its family.")
-    ] = None,
+    bands: BandsOption = None,
+    reference: ReferenceOption = None,
+    crop: CropOption = None,
+    members: FamilyOption = None,
     raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,
     jobs: JobsOption = 1,
@@ -117,38 +146,30 @@ def expose(
     if members is not None:
         pairs = [(each, taker) for scene, taker in pairs for each in _members(scene, members)]
     how = spread_of(jobs, cluster, shard)
-    names = [f"{scene.recipe.name}-{taker.recipe.name}" for scene, taker in pairs]
     with begun("expose", json, quiet=quiet) as progress:
-        from ..capture.device import torch_device
-        from ..optics import Camera
         from ..plan import checked_overrule, parse_target
-        from ..reference import check_reference, crop_of
+        from ..reference import crop_of
 
         overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
         overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
         check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time, "bands": bands})
-        overrule = dict(checked_overrule(overrule))
-        torch_device(device.value)
-        for _, taker in pairs if reference is not None else ():
-            check_reference(reference or "", Camera.from_recipe(taker.recipe, taker.base))
-        top = writable_folder(out or Path("out"))
-        folders = [top if out and len(names) == 1 else writable_folder(top / name) for name in names]
-        work = partial(
-            photographed,
-            overrule=overrule,
+        asked = Asked(
+            overrule=dict(checked_overrule(overrule)),
             target=parse_target(accuracy, time),
-            wanted=fidelity,
             bands=bands,
             reference=reference,
-            resample=resample,
-            raw_colours=raw_colours,
             where=None if crop is None else crop_of(crop),
+            resample=resample,
             seed=seed,
+            raw_colours=raw_colours,
+            wanted=fidelity,
             cache=seen_by(how, cache),
             device=device.value,
         )
+        folders = _folders(pairs, asked, out)
         parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
-        found = of_each(parts, [scene.recipe.name for scene, _ in pairs], work, how, progress)
+        names = [scene.recipe.name for scene, _ in pairs]
+        found = of_each(parts, names, partial(photographed, asked=asked), how, progress)
         inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}
         if len(pairs) == 1:
             inputs = inputs_of(*pairs[0], crop=crop, reference=reference)
@@ -157,47 +178,33 @@ def expose(
         return replace(done, problems=found.problems, failures=found.failures)
 
 
-def photographed(
-    part: tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path],
-    progress: Progress,
-    *,
-    overrule: Mapping[str, object],
-    target: Target,
-    wanted: str | None,
-    bands: int | None,
-    reference: str | None,
-    where: Crop | None,
-    resample: bool,
-    raw_colours: bool,
-    seed: int,
-    cache: Path | None,
-    device: str,
-) -> OfScene:
+def _folders(pairs: Sequence[Pair], asked: Asked, out: Path | None) -> list[Path]:
+    """Where the photos are written, once it is known that they can be made. Raises InputError."""
+    from ..capture.device import torch_device
+    from ..optics import Camera
+    from ..reference import check_reference
+
+    torch_device(asked.device)
+    for _, taker in pairs if asked.reference is not None else ():
+        check_reference(asked.reference or "", Camera.from_recipe(taker.recipe, taker.base))
+    top = writable_folder(out or Path("out"))
+    if out and len(pairs) == 1:
+        return [top]
+    return [writable_folder(top / f"{scene.recipe.name}-{taker.recipe.name}") for scene, taker in pairs]
+
+
+def photographed(part: Part, progress: Progress, *, asked: Asked) -> OfScene:
     """One scene through its camera, into the folder that is given with them, unless the photo is there."""
     from .photo_files import keep_taken, photo_key, taken
 
     scene, taker, folder = part
-    options = {"overrule": dict(overrule), "target": target, "bands": bands, "reference": reference}
-    options |= {"where": where, "resample": resample, "seed": seed}
-    options["raw_colours"] = raw_colours
-    key = photo_key(scene, taker, wanted, options)
+    options = {
+        name: value for name, value in vars(asked).items() if name not in ("wanted", "cache", "device")
+    }
+    key = photo_key(scene, taker, asked.wanted, options)
     if (there := taken(folder, key)) is not None:
         return there
-    found = _photographed(
-        part,
-        progress,
-        overrule=overrule,
-        target=target,
-        wanted=wanted,
-        bands=bands,
-        reference=reference,
-        where=where,
-        resample=resample,
-        raw_colours=raw_colours,
-        seed=seed,
-        cache=cache,
-        device=device,
-    )
+    found = _photographed(part, progress, asked)
     keep_taken(folder, key, found)
     return found
 
@@ -208,81 +215,47 @@ def _members(scene: Loaded[SceneRecipe], count: int) -> list[Loaded[SceneRecipe]
     return [replace(scene, recipe=recipe) for recipe in family_members(scene.recipe, count)]
 
 
-def _photographed(
-    part: tuple[Loaded[SceneRecipe], Loaded[CameraRecipe], Path],
-    progress: Progress,
-    *,
-    overrule: Mapping[str, object],
-    target: Target,
-    wanted: str | None,
-    bands: int | None,
-    reference: str | None,
-    where: Crop | None,
-    resample: bool,
-    raw_colours: bool,
-    seed: int,
-    cache: Path | None,
-    device: str,
-) -> OfScene:
+def _photographed(part: Part, progress: Progress, asked: Asked) -> OfScene:
     """One scene through its camera, into the folder that is given with them."""
-    from ..capture import capture, save_image, write_image, write_photo
+    from ..capture import capture, save_image, write_photo
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
-    from ..capture.noise import photographed_noise
     from ..optics import Camera
     from ..pipeline import Stopwatch, planned_view
     from ..plan import learn_rates, plan_figures, with_predicted
-    from ..reference import check_crop, reference_photo
+    from ..reference import check_crop
     from ..render import is_picture
     from ..render.keys import view_key
-    from ..restore.scores import level_and_error, psnr
-    from ..restore.truth import SAID, Truth
 
     scene, taker, folder = part
-    compute, optics = torch_device(device), Camera.from_recipe(taker.recipe, taker.base)
+    compute, optics = torch_device(asked.device), Camera.from_recipe(taker.recipe, taker.base)
     watch = Stopwatch(progress)
     view, plan, _ = planned_view(
         scene,
         optics,
         watch,
-        resample=resample,
-        overrule=overrule,
-        target=target,
-        fidelity=wanted,
-        cache=cache,
-        device=device,
+        resample=asked.resample,
+        overrule=asked.overrule,
+        target=asked.target,
+        fidelity=asked.wanted,
+        cache=asked.cache,
+        device=asked.device,
     )
-    fidelity = plan.fidelity.of_photo()
-    if bands is not None:  # in place of what the plan gathers them in
-        if bands > view.bands:
-            raise InputError(f"--bands {bands}: the view has {view.bands} bands; give 1 to {view.bands}")
-        # the reference has one wavelength a group, and so has the photo beside it
-        wavelengths = 1 if reference == "pupil" else 0
-        fidelity = fidelity.changed({"band_groups": bands, "group_wavelengths": wavelengths})
-    if where is not None:
-        check_crop(view, where)
+    fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
+    if asked.where is not None:
+        check_crop(view, asked.where)
     with watch.stage("expose", 0.7, 0.8):
-        photo = capture(view, optics, fidelity, seed=seed, device=compute)
-    if raw_colours:
-        photo = replace(photo, colours=None)
-    if bands is None:
+        photo = capture(view, optics, fidelity, seed=asked.seed, device=compute)
+    photo = replace(photo, colours=None) if asked.raw_colours else photo
+    if asked.bands is None:
         photo = with_predicted(photo, plan)
-    if compute == "cpu" and bands is None:
-        learn_rates(plan.seconds, photo.seconds)
+        if compute == "cpu":
+            learn_rates(plan.seconds, photo.seconds)
     origin = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
     origin |= {"camera": taker.recipe.model_dump(mode="json", exclude_unset=True)}
     photo = replace(photo, how={**photo.how, **origin})
-    noise = photographed_noise(view, optics, fidelity, photo, compute)
-    level, error = level_and_error(*Truth(photo.ideal, noise).compared(photo.image, noise.image))
-    numbers = {
-        "psnr_db.photo": level,
-        "psnr_db_se.photo": error,
-        **plan_figures(plan, watch.seconds["plan"]),
-        **{
-            f"truncated_energy.{name}": float(value)
-            for name, value in zip("rgb", photo.truncated, strict=False)
-        },
-    }
+    numbers, lines = _scored(view, optics, fidelity, photo, compute)
+    numbers |= plan_figures(plan, watch.seconds["plan"])
     outputs = {
         "photo (EXR, linear)": write_photo(folder / "photo.exr", photo),
         "photo (PNG, sRGB)": save_image(folder / "photo.png", photo.image, photo.colours),
@@ -290,35 +263,68 @@ def _photographed(
     }
     if is_picture(scene.recipe):
         outputs["all in focus, as it was given (PNG)"] = save_image(folder / "given.png", view.colours())
-    lines = [
-        *plan_lines(plan, watch.seconds["plan"]),
-        f"photo {numbers['psnr_db.photo']:.2f} dB against the ideal image",
-        *([SAID[noise.state]] if noise.state == "included" else []),
-    ]
-    if reference is not None and where is not None:
-        with watch.stage("reference", 0.8, 1.0) as tell:
-            true = photo.exposure * reference_photo(
-                reference,
-                view,
-                scene.recipe,
-                scene.base,
-                optics,
-                where,
-                groups=bands,
-                device=device,
-                progress=tell,
-            )
-        numbers["psnr_db.against_reference"] = psnr(_part(photo.clean, where).cpu(), true)
-        outputs["reference (EXR, linear)"] = write_image(folder / "reference.exr", true)
-        outputs["reference (PNG, sRGB)"] = save_image(folder / "reference.png", true, photo.colours)
-        lines.append(
+    printed = [*plan_lines(plan, watch.seconds["plan"]), *lines]
+    if asked.where is not None:
+        numbers["psnr_db.against_reference"], more = _reference(part, view, optics, photo, asked, watch)
+        outputs |= more
+        printed.append(
             f"there the photo without noise {numbers['psnr_db.against_reference']:.2f} dB against the "
-            f"{reference} reference, which took {watch.seconds['reference']:.0f} s"
+            f"{asked.reference} reference, which took {watch.seconds['reference']:.0f} s"
         )
     numbers |= {f"seconds.{stage}": seconds for stage, seconds in watch.seconds.items()}
     numbers["peak_memory_mib"] = peak_memory_mib()
     plan_of = {"fidelity": values_of(fidelity), "plan": plan_rows(plan)}
-    return OfScene(scene.recipe.name, lines, numbers, outputs, plan_of)
+    return OfScene(scene.recipe.name, printed, numbers, outputs, plan_of)
+
+
+def _fidelity(planned: Fidelity, view: View, asked: Asked) -> Fidelity:
+    """As planned, but for --bands. Raises InputError for more bands than the view has."""
+    if asked.bands is None:
+        return planned
+    if asked.bands > view.bands:
+        raise InputError(f"--bands {asked.bands}: the view has {view.bands} bands; give 1 to {view.bands}")
+    # the reference has one wavelength a group, and so has the photo beside it
+    wavelengths = 1 if asked.reference == "pupil" else 0
+    return planned.changed({"band_groups": asked.bands, "group_wavelengths": wavelengths})
+
+
+def _scored(
+    view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: torch.device | str
+) -> tuple[dict[str, float], list[str]]:
+    """Figures of a photo against its ideal image, and what to say of them."""
+    from ..capture.noise import photographed_noise
+    from ..restore.scores import level_and_error
+    from ..restore.truth import SAID, Truth
+
+    noise = photographed_noise(view, camera, fidelity, photo, device)
+    level, error = level_and_error(*Truth(photo.ideal, noise).compared(photo.image, noise.image))
+    lost = zip("rgb", photo.truncated, strict=False)
+    numbers = {"psnr_db.photo": level, "psnr_db_se.photo": error}
+    numbers |= {f"truncated_energy.{name}": float(value) for name, value in lost}
+    said = [SAID[noise.state]] if noise.state == "included" else []
+    return numbers, [f"photo {level:.2f} dB against the ideal image", *said]
+
+
+def _reference(
+    part: Part, view: View, camera: Camera, photo: Photo, asked: Asked, watch: Stopwatch
+) -> tuple[float, dict[str, Path]]:
+    """PSNR of the photo without noise against the reference, and the files of that."""
+    from ..capture import save_image, write_image
+    from ..reference import reference_photo
+    from ..restore.scores import psnr
+
+    scene, _, folder = part
+    assert asked.where is not None and asked.reference is not None
+    how = {"groups": asked.bands, "device": asked.device}
+    with watch.stage("reference", 0.8, 1.0) as tell:
+        true = photo.exposure * reference_photo(
+            asked.reference, view, scene.recipe, scene.base, camera, asked.where, progress=tell, **how
+        )
+    outputs = {
+        "reference (EXR, linear)": write_image(folder / "reference.exr", true),
+        "reference (PNG, sRGB)": save_image(folder / "reference.png", true, photo.colours),
+    }
+    return psnr(_part(photo.clean, asked.where).cpu(), true), outputs
 
 
 def _part(image: Tensor, where: Crop) -> Tensor:
