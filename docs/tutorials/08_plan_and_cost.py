@@ -28,7 +28,7 @@ plan
 
 # %%
 # Ask for more, and more is simulated; ask for a time, and the best within it is chosen. Seconds are
-# foretold from how fast your machine is, and from what photos on it took before.
+# predicted from how fast your machine is, and from what photos on it took before.
 
 for asked in ("35dB", "45dB", "55dB"):
     chosen = edofsim.plan_for(view, camera, accuracy=asked)
