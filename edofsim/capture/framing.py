@@ -25,8 +25,7 @@ def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> Scene
         return recipe.seen_at(camera.pixel_angle, chief_rays_of(recipe, camera))
     given, own = recipe.frame.pixel_angle * 1e3, camera.pixel_angle * 1e3
     if abs(given / own - 1) <= PIXEL_ANGLE_SLACK:
-        seen = {"chief_rays": chief_rays_of(recipe, camera)}
-        return recipe.model_copy(update={"frame": recipe.frame.model_copy(update=seen)})
+        return recipe.seen_along(chief_rays_of(recipe, camera))
     if not resample:
         raise InputError(
             f"a pixel of the scene {recipe.name} sees {given:.6g} mrad and one of the camera "

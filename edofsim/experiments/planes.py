@@ -23,14 +23,16 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..capture import capture
 from ..capture.planes import photograph, surroundings
 from ..core.images import mirrored, write_png
 from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
-from ..optics import PAPER_COLOURS, psf_bank
+from ..optics import PAPER_COLOURS, Camera, psf_bank
 from ..recipe.fabrication import Fabrication
 from ..record import write_csv
+from ..render.view import View
 from ..report import Gallery, Notes, Picture
 from ..report.page import Block
 from ..report.pictures import picture_file
@@ -39,7 +41,7 @@ from ..restore.scores import image_psnr
 from .kept import Kept, key_of
 from .known_depth import at_known_depth
 from .photographs import Photograph, Photographs
-from .systems import NEAREST_PER_M, Contestant, described, made, truncated_share
+from .systems import NEAREST_PER_M, Contestant, described, made, of_three_lines, truncated_share
 
 RANDOM = "random"
 CHANNELS = ("red", "green", "blue")
@@ -115,10 +117,9 @@ def measure(
     progress: Progress | None = None,
 ) -> list[PictureScore]:
     """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
-    errors; show: names of pictures whose middles are written, too; known_depth:
-    whether `at_known_depth` restores the
-    photos, too; nearest_per_m: inverse depth up to which random ones go.
-    Raises InputError for systems whose PSF varies over the frame."""
+    errors; show: names of pictures whose middles are written, too; known_depth: whether `at_known_depth`
+    restores the photos, too; nearest_per_m: inverse depth up to which random ones go.
+    Raises InputError where `at_known_depth` is to restore what a lens took whose PSFs vary over the frame."""
     kept = Kept(out / "finished.jsonl")
     depths = random_depths(pictures, seed, nearest_per_m)
     jobs = []
@@ -145,18 +146,19 @@ def measure(
         whole = [job for job in jobs if described(job.condition.fabrication) == fabrication]
         wanted = sorted({job.inverse_depth for job in whole})
         camera = made(system.camera, part[0].condition.fabrication)
-        if camera.lens.varies:
+        varies = camera.lens.varies
+        if varies and known_depth:
             raise InputError(
-                f"pictures as planes are photographed with one PSF for the frame, and that of {system.name}"
-                " varies over it: take views with depth (edofsim run, edofsim evaluate scene3d)"
+                f"the linear restoration that is given the depth has one PSF for the frame, and that of"
+                f" {system.name} varies over it: leave that camera out here"
             )
         _check_sizes(system, part, camera.recipe.psf.window_px)
-        bank = psf_bank(camera, PAPER_COLOURS, wanted)
+        bank = None if varies else psf_bank(camera, PAPER_COLOURS, wanted)
         for job in part:
             if progress:
                 progress(len(rows) / len(jobs), f"{system.name}: {job.condition.label}, {job.picture.name}")
-            psf = bank.values[wanted.index(job.inverse_depth)]
-            rows[job.key] = _finish(job, system, psf, kept, out, show, known_depth)
+            psf = None if bank is None else bank.values[wanted.index(job.inverse_depth)]
+            rows[job.key] = _finish(job, system, camera, psf, kept, out, show, known_depth)
     return [rows[job.key] for job in jobs]
 
 
@@ -184,11 +186,25 @@ def random_depths(
 
 def through(sharp: Tensor, psf: Tensor) -> Tensor:
     """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it."""
-    before, after = surroundings(psf.shape[-1])
+    return photograph(_continued(sharp, *surroundings(psf.shape[-1]))[None], psf[None])[0]
+
+
+def over_field(sharp: Tensor, inverse_depth: float, camera: Camera) -> tuple[Tensor, Tensor]:
+    """The same through a lens whose PSFs vary over the frame, its axis in the middle; and the fraction of the
+    light [band] that the PSFs' windows truncate."""
+    margin = camera.recipe.psf.window_px // 2
+    how = {"wavelengths": PAPER_COLOURS, "pixel_angle": camera.pixel_angle, "margin": margin}
+    view = View.flat(_continued(sharp, margin, margin), inverse_depth, **how, metadata={"hidden": "none"})
+    photo = capture(view, of_three_lines(camera), exposure=1.0)
+    return photo.clean, photo.truncated
+
+
+def _continued(sharp: Tensor, before: int, after: int) -> Tensor:
+    """A picture [band, y, x] that its mirror images continue by this many pixels."""
     rows, columns = sharp.shape[-2:]
     down = mirrored(torch.arange(-before, rows + after), rows)
     across = mirrored(torch.arange(-before, columns + after), columns)
-    return photograph(sharp[:, down][:, :, across][None], psf[None])[0]
+    return sharp[:, down][:, :, across]
 
 
 def noisy(photo: Tensor, read_noise: float, key: str) -> Tensor:
@@ -254,13 +270,24 @@ def _known(
 
 
 def _finish(
-    job: Job, system: Contestant, psf: Tensor, kept: Kept, out: Path, show: Sequence[str], known_depth: bool
+    job: Job,
+    system: Contestant,
+    camera: Camera,
+    psf: Tensor | None,
+    kept: Kept,
+    out: Path,
+    show: Sequence[str],
+    known_depth: bool,
 ) -> PictureScore:
+    """psf: None where it varies over the frame."""
     whole = job.picture.values
+    if psf is None:
+        clean, glare = over_field(whole, job.inverse_depth, camera)
+    else:
+        clean, glare = through(whole, psf), truncated_share(psf)
     # the same noise for all systems and strengths, so that they alone make the difference
-    taken = noisy(through(whole, psf), job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
-    glare = truncated_share(psf)
-    sharp, photo = (framed(image, psf.shape[-1] // 2) for image in (whole, taken))
+    taken = noisy(clean, job.condition.read_noise, f"{job.picture.sha256} {job.inverse_depth}")
+    sharp, photo = (framed(image, camera.recipe.psf.window_px // 2) for image in (whole, taken))
     with torch.inference_mode():
         restored, whole_restored = (
             system.restored(image, glare, job.inverse_depth) for image in (photo, taken)
@@ -276,7 +303,7 @@ def _finish(
         image_psnr(whole_restored, whole),
     )
     found: Json = dict(zip(SCORES, scores, strict=True))
-    if known_depth:
+    if known_depth and psf is not None:
         linear = at_known_depth(photo, psf, job.condition.read_noise)
         found["channels_db"] = channels(restored, sharp)
         found["known_depth_db"] = [image_psnr(linear, sharp), *channels(linear, sharp)]

@@ -23,8 +23,8 @@ SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least 
 @dataclass(frozen=True)
 class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
-    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates, broadband:
-    see `Planes`."""
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates, broadband,
+    places: see `Planes`."""
 
     sharp: Tensor
     cover: Tensor
@@ -33,23 +33,30 @@ class Edges:
     mean: Tensor | None = None
     saturates: bool = False
     broadband: bool = False
+    places: Tensor | None = None
 
     def photograph(self, optics: TrainingCamera) -> Captured:
         """With the light of `Planes`."""
         sharp, cover = self.sharp.to(optics.device), self.cover.to(optics.device)
-        psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
         far = torch.arange(len(sharp)) - 1
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first
+        if optics.varies:  # both of a patch are at its place
+            psf, light = optics.of_planes(self.inverse_depths[near], self.broadband, self.places)
+            behind = optics.of_planes(self.inverse_depths[far], self.broadband, self.places)[0]
+            over = psf
+        else:
+            psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
+            light, over, behind = None, psf[near], psf[far]
         means = sharp.mean((-1, -2)) if self.mean is None else self.mean.to(optics.device)
         covered = cover.mean((-1, -2))
-        front = photograph(cover * sharp[near], psf[near], covered * means[near])
-        shade = photograph(cover.expand_as(sharp), psf[near])
-        clean = front + (1 - shade) * photograph(sharp[far], psf[far], means[far])
+        front = photograph(cover * sharp[near], over, covered * means[near])
+        shade = photograph(cover.expand_as(sharp), over)
+        clean = front + (1 - shade) * photograph(sharp[far], behind, means[far])
         before, after = surroundings(optics.window)
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]
-        how = {"saturates": self.saturates, "broadband": self.broadband}
+        how = {"saturates": self.saturates, "broadband": self.broadband, "light": light}
         return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Edges:

@@ -127,5 +127,5 @@ class PairSource:
         return Taken(draw_patches(self.training, count, self.patch, (0, 0), generator, turned=False)[0])
 
     def validation(self, count: int) -> list[Scenes]:
-        patches, _ = central_patches(self.held_back, count, self.patch, (0, 0))
+        patches = central_patches(self.held_back, count, self.patch, (0, 0))[0]
         return [Taken(part) for part in patches.split(VALIDATION_BATCH)]

@@ -92,7 +92,8 @@ class PlaneSource:
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
         low, high = self.depths
-        sharp, means = draw_patches(self.training, count, self.patch, surroundings(self.window), generator)
+        around = surroundings(self.window)
+        sharp, means, places = draw_patches(self.training, count, self.patch, around, generator)
         depths = low + (high - low) * torch.rand(count, generator=generator)
         if self.vary.changes:
             sharp, means = varied(sharp, means, self.vary, generator)
@@ -101,20 +102,22 @@ class PlaneSource:
             sharp = with_highlights(sharp, self.saturated_highlights, generator)
             saturates = float(torch.rand((), generator=generator)) < 0.5
         broadband = self.broadband > 0 and float(torch.rand((), generator=generator)) < self.broadband
-        planes = Planes(sharp, depths, mean=means, saturates=saturates, broadband=broadband)
+        how = {"mean": means, "saturates": saturates, "broadband": broadband, "places": places}
+        planes = Planes(sharp, depths, **how)
         if self.edges == 0:
             return planes
         depths = depths.sort().values  # as the parts of a step share their PSFs
         if count == 1 or float(torch.rand((), generator=generator)) >= self.edges:
             return replace(planes, inverse_depths=depths)
         covers = draw_covers(count, sharp.shape[-1], generator)
-        return Edges(sharp, covers, depths, mean=means, saturates=saturates, broadband=broadband)
+        return Edges(sharp, covers, depths, **how)
 
     def validation(self, count: int) -> list[Scenes]:
-        sharp, means = central_patches(self.held_back, count, self.patch, surroundings(self.window))
+        sharp, means, places = central_patches(self.held_back, count, self.patch, surroundings(self.window))
         if self.vary.changes:
             dim, dim_means = evenly(sharp, means, self.vary)
             sharp, means = torch.cat([sharp, dim]), torch.cat([means, dim_means])
+            places = torch.cat([places, places])
             count *= 2
         depths = torch.linspace(*self.depths, count)
         # neighbouring pictures of a folder are alike: walk through the depths in strides
@@ -123,7 +126,7 @@ class PlaneSource:
         parts = [slice(i, i + step) for i in range(0, count, step)]
         lines = [float(index) >= self.broadband * len(parts) for index in range(len(parts))]
         return [
-            Planes(sharp[part], depths[part], mean=means[part], broadband=not line)
+            Planes(sharp[part], depths[part], mean=means[part], broadband=not line, places=places[part])
             for part, line in zip(parts, lines, strict=True)
         ]
 

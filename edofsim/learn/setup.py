@@ -97,11 +97,6 @@ def prepare(
     else:
         mask, sampling, relief = build_mask(recipe, camera, base)
     optics = TrainingCamera(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
-    if optics.camera.lens.varies:
-        raise InputError(
-            f"trainings have one PSF for the whole frame, and that of the lens {camera.lens.kind!r} varies"
-            ' over it: train for a lens that does not, such as "ideal" or "achromat"'
-        )
     with torch.no_grad():
         designed = optics.with_height(mask.to(workers.device)())
     if given is not None and given.source is not None:
@@ -109,6 +104,8 @@ def prepare(
     else:
         training_data = gather(recipe, designed, loaded.base, data, cache, progress)
     network, history = _network(recipe, camera) if given is None else (given.network, ())
+    if optics.camera.lens.varies:
+        _check_varying(recipe, camera, network)
     with torch.no_grad():
         network, beside = _beside(recipe, camera, network, mask())
     loss = None if given is None else given.loss
@@ -130,6 +127,21 @@ def prepare(
     system.network.to(memory_format=torch.channels_last)
     pool = camera_pool(recipe, network, workers.device, progress)
     return Setup(recipe, camera, system, training_data, sampling, workers.device, history, beside, pool)
+
+
+def _check_varying(recipe: TrainRecipe, camera: CameraRecipe, network: Restorer) -> None:
+    """Raises InputError for what asks for one set of PSFs, where a lens has others at each place."""
+    problems = []
+    if network.psfs != "none":
+        problems.append(
+            f"network.kind = {network.kind!r} is conditioned on one set of PSFs: train one that is not, such"
+            ' as "local-unet"'
+        )
+    if recipe.doe.design_steps:
+        problems.append("doe.design_steps design for one set of PSFs: leave them out")
+    varies = f"the PSFs of the lens {camera.lens.kind!r} vary over the frame"
+    if problems:
+        raise InputError([f"{varies}, and {problem}" for problem in problems])
 
 
 def use_bfloat16(precision: str, device: torch.device) -> bool:

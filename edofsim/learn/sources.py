@@ -141,9 +141,10 @@ def draw_patches(
     around: tuple[int, int],
     generator: torch.Generator,
     turned: bool = True,
-) -> tuple[Tensor, Tensor]:
-    """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1], and the means
-    of the pictures that they are from, [count, 3].
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Patches with their surroundings, [count, 3, patch + sum(around), ...], float32 in [0, 1], the means of
+    the pictures that they are from, [count, 3], and where in these they are: [count, 2], pixels (right, up)
+    from the middle of the picture, which is turned with the patch.
 
     A picture is chosen by its area, so that every place is as likely; patches are mirrored and turned at
     random, where `turned`. Where the surroundings leave the picture, its mirror image continues it.
@@ -152,6 +153,7 @@ def draw_patches(
     span = torch.arange(-around[0], patch + around[1])
     patches: list[Tensor] = []
     means: list[Tensor] = []
+    places: list[tuple[float, float]] = []
     for index in chosen:
         picture, mean = images.at(index)
         rows, columns = picture.shape[-2:]
@@ -162,22 +164,31 @@ def draw_patches(
         cut = cut.transpose(-1, -2) if turns[0] else cut
         patches.append(cut.flip([axis for axis, turn in ((-2, turns[1]), (-1, turns[2])) if turn]))
         means.append(mean)
-    return _full_scale(torch.stack(patches)), torch.stack(means)
+        away = [top + (patch - rows) / 2, left + (patch - columns) / 2]
+        down, right = away[::-1] if turns[0] else away
+        places.append((-right if turns[2] else right, down if turns[1] else -down))
+    return _full_scale(torch.stack(patches)), torch.stack(means), torch.tensor(places)
 
 
-def central_patches(images: Images, count: int, patch: int, around: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """The same `count` patches each time: the middles of pictures, evenly spaced through the list, and the
-    pictures' means, [count, 3]."""
+def central_patches(
+    images: Images, count: int, patch: int, around: tuple[int, int]
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The same `count` patches each time: the middles of pictures, evenly spaced through the list, the
+    pictures' means, [count, 3], and places [count, 2] as of `draw_patches`: evenly spaced from the middle to
+    a corner, as though the pictures were moved there."""
     span = torch.arange(-around[0], patch + around[1])
     patches: list[Tensor] = []
     means: list[Tensor] = []
+    corners: list[list[float]] = []
     for index in range(count):
         picture, mean = images.at(index * len(images.pictures) // count % len(images.pictures))
         rows, columns = picture.shape[-2:]
         top, left = ((n - patch) // 2 for n in (rows, columns))
         patches.append(picture[:, mirrored(top + span, rows)][:, :, mirrored(left + span, columns)])
         means.append(mean)
-    return _full_scale(torch.stack(patches)), torch.stack(means)
+        corners.append([(columns - patch) / 2, (rows - patch) / 2])
+    places = torch.linspace(0, 1, count)[:, None] * torch.tensor(corners)
+    return _full_scale(torch.stack(patches)), torch.stack(means), places
 
 
 def _full_scale(patches: Tensor) -> Tensor:

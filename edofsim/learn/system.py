@@ -19,15 +19,18 @@ from .training_camera import TrainingCamera
 @dataclass(frozen=True)
 class Captured:
     """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; truncated: scalar, the
-    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one;
-    broadband: whether the sensor saw all wavelengths through its response, in place of three lines; noisy:
-    whether the photo has its noise already."""
+    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one
+    that others may have, too; broadband: whether the sensor saw all wavelengths through its response, in
+    place of three lines; light: [batch], on the sensor over that on the axis, where it differs: photos are
+    brought to the light of the axis, as `restore` does it, and their noise is as much larger;
+    noisy: whether the photo has its noise already."""
 
     clean: Tensor
     ideal: Tensor
     truncated: Tensor
     psf: Tensor | None = None
     broadband: bool = False
+    light: Tensor | None = None
     noisy: bool = False
 
 
@@ -39,10 +42,13 @@ def captured(
     *,
     saturates: bool,
     broadband: bool = False,
+    light: Tensor | None = None,
 ) -> Captured:
-    """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates."""
-    clean = clean.clamp_max(1) if saturates else clean
-    return Captured(clean, ideal.clamp_max(1), truncated, psf, broadband)
+    """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates: with
+    less light on it, full scale is brighter."""
+    if saturates:
+        clean = clean.clamp_max(1) if light is None else clean.minimum(1 / light[:, None, None, None])
+    return Captured(clean, ideal.clamp_max(1), truncated, psf if light is None else None, broadband, light)
 
 
 class Scenes(Protocol):
@@ -60,7 +66,7 @@ class Planes:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
     of an earlier photo, [batch, 3, window, window], in place of the depths; mean: of the pictures that the
     patches are from, [batch, 3], None for the patches' own; saturates: whether the photo is clipped at full
-    scale; broadband: see `Captured`."""
+    scale; broadband: see `Captured`; places: [batch, 2] in the frame, see `TrainingCamera.of_planes`."""
 
     sharp: Tensor
     inverse_depths: Tensor
@@ -68,16 +74,19 @@ class Planes:
     mean: Tensor | None = None
     saturates: bool = False
     broadband: bool = False
+    places: Tensor | None = None
 
     def photograph(self, optics: TrainingCamera) -> Captured:
         """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees."""
         sharp = self.sharp.to(optics.device)
-        psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
+        psf, light = self.psf, None
+        if psf is None:
+            psf, light = optics.of_planes(self.inverse_depths, self.broadband, self.places)
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
         truncated = 1 - psf.sum((-1, -2)).mean()
-        how = {"saturates": self.saturates, "broadband": self.broadband}
+        how = {"saturates": self.saturates, "broadband": self.broadband, "light": light}
         return captured(photograph(sharp, psf, mean), ideal, truncated, psf, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
@@ -237,7 +246,9 @@ def with_noise(captured: Captured, draw: Draw) -> Tensor:
     clean = captured.clean
     if captured.noisy:
         return clean
-    return clean + draw.read_noise.to(clean)[:, None, None, None] * _normal(clean, draw.generator)
+    noise = draw.read_noise.to(clean)
+    noise = noise if captured.light is None else noise / captured.light
+    return clean + noise[:, None, None, None] * _normal(clean, draw.generator)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response_curves
+from ..optics.field import relative_light
 from ..optics.sampling import coarsest_pitch
 
 WAVELENGTHS = 8
@@ -51,6 +52,29 @@ class TrainingCamera:
     def with_height(self, height: Tensor | None) -> TrainingCamera:
         """The same with the height map [n, n] in metres of a step; None for a mask without relief."""
         return replace(self, camera=self.camera.with_height(height))
+
+    @property
+    def varies(self) -> bool:
+        """Whether PSFs are others at other places in the frame."""
+        return self.stored is None and self.camera.lens.varies
+
+    def seen_at(self, right: float, up: float) -> TrainingCamera:
+        """The same that looks at a place in the frame, in pixels from the optical axis."""
+        angle = self.camera.pixel_angle
+        return replace(self, camera=self.camera.seen_at((right * angle, up * angle)))
+
+    def of_planes(
+        self, inverse_depths: Tensor, broadband: bool = False, places: Tensor | None = None
+    ) -> tuple[Tensor, Tensor | None]:
+        """PSFs [plane, 3, window, window] of planes, each at its inverse depth [plane] and its place in the
+        frame [plane, 2] (right, up, in pixels from the optical axis; None: all on it); and the light there
+        [plane] over that on the axis, None where it is the same everywhere. Raises InputError as `psfs`."""
+        if not self.varies or places is None:
+            return self.psfs(inverse_depths, broadband), None
+        there = [self.seen_at(right, up) for right, up in places.tolist()]
+        psfs = [one.psfs(depth[None], broadband) for one, depth in zip(there, inverse_depths, strict=True)]
+        light = torch.tensor([relative_light(one.camera) for one in there], device=self.device)
+        return torch.cat(psfs), light
 
     def psfs(
         self,

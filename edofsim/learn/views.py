@@ -29,6 +29,7 @@ from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, PsfField
 from ..optics import cache as bank_cache
 from ..optics.fabrication import unscattered_fraction
+from ..optics.field import relative_light
 from ..optics.sampling import plan_sampling
 from ..recipe.base import NotNegative, Positive
 from ..recipe.load import load_scene
@@ -88,6 +89,11 @@ class Views(TrainingReader):
                 "views for the many [cameras] are photographed by stored PSFs, anew each time: leave out "
                 "once, bands, sub_apertures and guess"
             )
+        if self.once and wanted.optics.varies:
+            raise InputError(
+                f"once = true: through the lens {wanted.optics.camera.lens.kind!r}, whose PSFs vary over the"
+                " frame, parts of views are photographed, each at its place; leave it out"
+            )
         if self.once and doe.learn and (doe.learning_rate_rad > 0 or doe.design_steps > 0):
             raise InputError(
                 "once = true: photos of a mask that learns are soon of another mask; leave it out, or keep "
@@ -129,15 +135,24 @@ class ViewParts:
     table: Views
 
     def photograph(self, optics: TrainingCamera) -> Captured:
-        """With layers, occlusion and hidden surfaces."""
-        shots = [
-            part if isinstance(part, Shot) else photographed(part, self.table, optics) for part in self.parts
-        ]
+        """With layers, occlusion and hidden surfaces; each part by the PSFs of its middle's place."""
+        shots: list[Shot] = []
+        light: list[float] = []
+        for part in self.parts:
+            if isinstance(part, View) and optics.varies:
+                y, x = part.axis_px
+                seen_by = optics.seen_at(part.width / 2 - x, y - part.height / 2)
+                light.append(relative_light(seen_by.camera))
+                shots.append(photographed(part, self.table, seen_by))
+            else:
+                shots.append(part if isinstance(part, Shot) else photographed(part, self.table, optics))
         factors = self.factors.to(optics.device)[..., None, None]
         clean = torch.stack([shot.clean for shot in shots]).to(optics.device) * factors
         ideal = torch.stack([shot.ideal for shot in shots]).to(optics.device) * factors
         truncated = torch.stack([shot.truncated for shot in shots]).mean().to(optics.device)
-        return captured(clean, ideal, truncated, saturates=True, broadband=self.table.bands == "all")
+        there = torch.tensor(light, device=optics.device) if light else None
+        how = {"saturates": True, "broadband": self.table.bands == "all", "light": there}
+        return captured(clean, ideal, truncated, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
         return self
@@ -156,6 +171,7 @@ def photographed(view: View, table: Views, optics: TrainingCamera) -> Shot:
         sub_apertures=table.sub_apertures,
         window_px=optics.window,
         hidden_surfaces=table.guess,
+        field_step_px=0,  # a part is seen from one place
     )
     photo = capture(view, camera, fidelity, device=optics.device)
     return Shot(photo.clean, photo.ideal, photo.truncated)

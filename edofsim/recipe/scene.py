@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, model_validator
 
 from ..errors import InputError
 from .base import NonNegative, Positive, RecipeModel
@@ -54,10 +55,6 @@ class Frame(RecipeModel):
     """tangent of the angle that a pixel sees on the axis, mrad; "auto" follows the camera"""
     margin_px: Annotated[int, Field(ge=0, le=1024)] = 64
     """pixels rendered around the frame, whose light the blur brings in; at least half the widest blur"""
-    chief_rays: tuple[tuple[NonNegative, Positive, float], ...] = ()
-    """chief rays of a lens that distorts, filled in by the camera, at equal steps of the square of where they
-    land: the tangent that a lens without distortion images there, the ray's own over that, and where it
-    crosses the axis, mm behind the entrance pupil"""
 
     @property
     def pixel_angle(self) -> float:
@@ -69,6 +66,19 @@ class Frame(RecipeModel):
                 "(`capture.framing.framed`), or give a number"
             )
         return self.pixel_angle_mrad * 1e-3
+
+
+class SeenFrame(Frame):
+    """A frame as a camera sees it whose lens distorts: no recipe says this, `capture.framing.framed` does."""
+
+    chief_rays: tuple[tuple[NonNegative, Positive, float], ...]
+    """at equal steps of the square of where they land: the tangent that a lens without distortion images
+    there, the ray's own over that, and where it crosses the axis, mm behind the entrance pupil"""
+
+
+def _seen(frame: object) -> object:
+    """What was written of a frame that a camera saw is one again."""
+    return SeenFrame.model_validate(frame) if isinstance(frame, Mapping) and "chief_rays" in frame else frame
 
 
 class Render(RecipeModel):
@@ -105,7 +115,7 @@ class SceneRecipe(RecipeModel):
     """seed of everything random in the scene and its rendering"""
     bands: Bands = Bands()
     """spectral bands"""
-    frame: Frame = Frame()
+    frame: Annotated[SerializeAsAny[Frame], BeforeValidator(_seen)] = Frame()
     """pixels of the view"""
     render: Render = Render()
     """settings of the path tracer"""
@@ -139,5 +149,11 @@ class SceneRecipe(RecipeModel):
         """The scene in pixels that see an angle of this tangent, rounded to `ANGLE_DIGITS`; along chief rays,
         if any."""
         rounded = float(f"{pixel_angle * 1e3:.{ANGLE_DIGITS}g}")
-        seen = {"pixel_angle_mrad": rounded, "chief_rays": chief_rays}
-        return self.model_copy(update={"frame": self.frame.model_copy(update=seen)})
+        frame = self.frame.model_copy(update={"pixel_angle_mrad": rounded})
+        return self.model_copy(update={"frame": frame}).seen_along(chief_rays)
+
+    def seen_along(self, chief_rays: tuple[tuple[float, float, float], ...]) -> SceneRecipe:
+        """The scene along chief rays; none for those of a pinhole."""
+        frame = self.frame.model_dump(exclude_unset=True, exclude={"chief_rays"})
+        seen = SeenFrame(**frame, chief_rays=chief_rays) if chief_rays else Frame(**frame)
+        return self.model_copy(update={"frame": seen})

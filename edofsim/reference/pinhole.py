@@ -36,7 +36,7 @@ def pixel_directions(
     if view.metadata.get("chief_rays"):
         raise InputError(
             "the references look through a pinhole, and this view was rendered along the chief rays of a lens"
-            " that distorts; render it without frame.chief_rays"
+            " that distorts; render it for a camera whose lens does not"
         )
     columns = crop.width + 2 * margin
     row = pixel // columns - margin + crop.top + shift[0]

@@ -34,8 +34,6 @@ def canonical(recipe: SceneRecipe) -> Json:
     """A recipe as JSON-able data, defaults filled in; independent of how and in which order it was
     written."""
     data = recipe.model_dump(mode="json")
-    if not recipe.frame.chief_rays:
-        del data["frame"]["chief_rays"]
     return {key: value for key, value in data.items() if key not in IGNORED}
 
 

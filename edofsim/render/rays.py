@@ -27,7 +27,7 @@ MAX_SURFACES = 256
 @dataclass(frozen=True)
 class Lens:
     """The pinhole that a view is rendered through: padded frame in pixels, tangent of one pixel's angle.
-    chief_rays: those that take the place of its rays, none for a pinhole (see `recipe.scene.Frame`)."""
+    chief_rays: those that take the place of its rays, none for a pinhole (see `recipe.scene.SeenFrame`)."""
 
     width: int
     height: int

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..recipe.scene import SceneRecipe
+from ..recipe.scene import SceneRecipe, SeenFrame
 
 INTEGRATOR = 5
 """Version of what turns a scene into numbers. Raised whenever the same recipe would give another view."""
@@ -18,7 +18,7 @@ LARGEST_PASS = 64
 @dataclass(frozen=True)
 class RenderSettings:
     """height, width, margin: of the frame in pixels (see `View`); pixel_angle: tangent of one pixel's angle;
-    chief_rays: those of a lens that distorts (see `recipe.scene.Frame`);
+    chief_rays: those of a lens that distorts (see `recipe.scene.SeenFrame`);
     samples: a pixel; max_depth: 2 is direct light alone; fragments: visible surfaces a pixel at most; gap:
     difference of inverse depth in 1/m that parts two surfaces; hidden: whether to look behind edges;
     pupil_radius: in metres, of the widest pupil that may look behind them; noise: relative standard error to
@@ -65,7 +65,7 @@ class RenderSettings:
             pupil_radius=render.pupil_radius_mm * 1e-3,
             seed=recipe.seed,
             noise=noise,
-            chief_rays=frame.chief_rays,
+            chief_rays=frame.chief_rays if isinstance(frame, SeenFrame) else (),
         )
 
 

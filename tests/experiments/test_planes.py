@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import math
+import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from edofsim.capture import capture
 from edofsim.core.progress import silent
 from edofsim.errors import InputError
 from edofsim.experiments import fabrication, noise, planes, robustness, table
@@ -20,11 +23,16 @@ from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
 from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
 from edofsim.experiments.training import Training, training_of
-from edofsim.optics import PAPER_COLOURS, psf_bank
+from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
+from edofsim.optics.field import relative_light
+from edofsim.recipe import CameraRecipe
 from edofsim.report import page_html
 from edofsim.restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 from edofsim.restore.linear import colour_error
 from edofsim.restore.photograph_statistics import COLOUR_CORRELATION, power_spectrum
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "example_package"))
+from edofsim_example.off_axis_lens import OffAxisLens
 
 pytestmark = pytest.mark.usefixtures("coarse")
 Echo = Callable[..., Contestant]
@@ -82,6 +90,58 @@ def test_a_frame_is_a_middle_and_nobody_is_told_what_lies_beyond(
         (row.whole_restored_db, picture.values),
     ):
         assert db == pytest.approx(-10 * math.log10(float(truth.square().mean())), abs=1e-3)
+
+
+def _varying(system: Contestant) -> Contestant:
+    """With a lens that has coma and loses light towards the corners of a small picture."""
+    lens = {"kind": "ideal", "focal_length_mm": 25, "f_number": 5}
+    focus, psf = {"distance_m": 1.0, "wavelength_nm": 550}, {"window_px": 12}
+    recipe = CameraRecipe.model_validate({"name": "c", "lens": lens, "focus": focus, "psf": psf})
+    varying = OffAxisLens(**{**lens, "kind": "off-axis"}, coma=60.0, shadow=8.0)
+    return replace(system, camera=replace(Camera.from_recipe(recipe), lens=varying))
+
+
+def test_a_plane_through_a_lens_that_varies_is_the_sum_over_its_places(
+    echo: Echo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pixels of the photo, each the sum over sources around it by the PSFs of their own places."""
+    monkeypatch.setattr("edofsim.capture.field.step_for", lambda *of: 16)
+    photographed = sys.modules[capture.__module__]
+    glare_of = photographed.glare_of
+    monkeypatch.setattr(photographed, "glare_of", lambda *of: tuple(0 * each for each in glare_of(*of)))
+    camera, depth, half = _varying(echo()).camera, 1.1, 6
+    picture = torch.rand(3, 12, 16, generator=torch.Generator().manual_seed(1))
+    picture = picture.repeat_interleave(3, 1).repeat_interleave(3, 2)
+    clean, truncated = planes.over_field(picture, depth, camera)
+    assert clean.shape == picture.shape and truncated.shape == (3,)
+    rows, columns = picture.shape[1:]
+    world = torch.from_numpy(np.pad(picture.numpy(), ((0, 0), (half, half), (half, half)), "symmetric"))
+    apart: list[torch.Tensor] = []
+    for y, x in ((3, 4), (30, 44)):
+        total = torch.zeros(3, dtype=torch.float64)
+        for row in range(12):
+            for column in range(12):
+                down, right = y - (row - half), x - (column - half)  # the source of this pixel of the PSF
+                field = ((right + 0.5 - columns / 2), (rows / 2 - down - 0.5))
+                there = camera.at_field((field[0] * camera.pixel_angle, field[1] * camera.pixel_angle))
+                psf = psf_bank(there, PAPER_COLOURS, [depth]).values[0, :, row, column].double()
+                total += psf * world[:, down + half, right + half] * relative_light(there)
+        apart.append(clean[:, y, x].double() - total)
+    assert float(torch.stack(apart).abs().max()) < 4e-3
+    by_axis = planes.through(picture, psf_bank(camera, PAPER_COLOURS, [depth]).values[0])
+    assert float((clean - by_axis).abs().max()) > 0.05
+
+
+def test_pictures_through_a_lens_that_varies_are_restored_and_scored(
+    folder: Path, tmp_path: Path, echo: Echo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("edofsim.capture.field.step_for", lambda *of: 64)
+    system = _varying(echo())
+    pictures = photographs(folder).pictures[:1]
+    row = measure(system, pictures, [at(0.9)], tmp_path, seed=0)[0]
+    assert row.restored_db == row.photo_db > 5
+    with pytest.raises(InputError, match="given the depth has one PSF"):
+        measure(system, pictures, [at(0.9)], tmp_path / "known", seed=0, known_depth=True)
 
 
 def test_defocus_blurs(folder: Path, tmp_path: Path, echo: Echo) -> None:

@@ -134,10 +134,3 @@ def test_it_is_trained_beside_a_d_cnn_which_is_kept(tmp_path: Path) -> None:
         train(_with_network(kind="local-unet", beside=str(first)), tmp_path / "refused")
     with pytest.raises(InputError, match="it was trained with another mask"):
         train(_with_network(kind="filter-bank", settings=SMALL, beside="paper-dcnn"), tmp_path / "refused")
-
-
-def test_a_lens_that_varies_over_the_frame_is_no_camera_of_a_training() -> None:
-    loaded = _recipe()
-    recipe = loaded.recipe.model_copy(update={"camera": "doublet-25mm-f6"})
-    with pytest.raises(InputError, match="varies over"):
-        prepare(Loaded(recipe, Path("bank.toml"), ""), None, WORKERS)

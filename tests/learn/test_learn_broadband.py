@@ -56,7 +56,7 @@ def _loaded(broadband: float, steps: int = 2, share: int = 1, **network: object)
 
 def _photo_of(setup: Setup, broadband: bool) -> Draw:
     """Of four photographs, out of focus."""
-    sharp, _ = draw_patches(packaged_images(96), 4, 64, (15, 16), torch.Generator().manual_seed(2))
+    sharp = draw_patches(packaged_images(96), 4, 64, (15, 16), torch.Generator().manual_seed(2))[0]
     scenes = Planes(sharp, torch.full((4,), 1.25), broadband=broadband)
     return Draw(scenes, torch.full((4,), 0.003), torch.Generator().manual_seed(3))
 

@@ -242,7 +242,7 @@ def test_the_closed_form_predicts_a_trained_network(name: str) -> None:
     depths = torch.linspace(0, 2, 9, dtype=torch.float64)
     psf = optics.psfs(depths)
     predicted = -10 * local_error(psf).mean(1).log10()
-    sharp, _ = central_patches(packaged_images(128), 6, 128, surroundings(96))
+    sharp = central_patches(packaged_images(128), 6, 128, surroundings(96))[0]
     generator, found = torch.Generator().manual_seed(0), []
     for index in range(len(depths)):
         planes = Planes(sharp, depths[index].expand(6), psf[index].expand(6, -1, -1, -1))

@@ -59,7 +59,7 @@ def test_patches_follow_the_seed_and_come_from_the_pictures(tmp_path: Path) -> N
     _pictures(tmp_path, [(16, 20), (16, 20), (64, 80)])
     images = read_folder(tmp_path, 8)
     seeds = (torch.Generator().manual_seed(seed) for seed in (1, 1, 2))
-    draws, means = zip(*(draw_patches(images, 300, 8, (3, 2), seed) for seed in seeds), strict=True)
+    draws, means, _ = zip(*(draw_patches(images, 300, 8, (3, 2), seed) for seed in seeds), strict=True)
     assert torch.equal(means[0], draws[0].mean((2, 3)))  # pictures without detail
     assert draws[0].shape == (300, 3, 13, 13)
     assert torch.equal(draws[0], draws[1]) and not torch.equal(draws[0], draws[2])
@@ -71,5 +71,5 @@ def test_patches_follow_the_seed_and_come_from_the_pictures(tmp_path: Path) -> N
 
 def test_pictures_are_continued_by_their_mirror_image() -> None:
     images = packaged_images(190)
-    patches, means = central_patches(images, 3, 190, (40, 39))  # one of them is only 191 pixels high
+    patches, means, _ = central_patches(images, 3, 190, (40, 39))  # one of them is only 191 pixels high
     assert patches.shape == (3, 3, 269, 269) and means.shape == (3, 3)

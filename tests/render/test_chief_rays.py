@@ -15,7 +15,7 @@ from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.optics.prescription.trace import trace
 from edofsim.recipe.load import load_camera, load_scene
-from edofsim.recipe.scene import SceneRecipe
+from edofsim.recipe.scene import SceneRecipe, SeenFrame
 from edofsim.render.keys import canonical
 from edofsim.render.rendering import render_model
 from edofsim.render.view import View
@@ -117,7 +117,8 @@ def test_cameras_frame_scenes_along_their_chief_rays(phone):
     assert framed(seen, phone) == seen
     assert SceneRecipe.model_validate(seen.model_dump()) == seen
     plain = framed(recipe, Camera.from_recipe(load_camera("paper-cubic").recipe))
-    assert not plain.frame.chief_rays and "chief_rays" not in canonical(plain)["frame"]
+    assert not isinstance(plain.frame, SeenFrame) and "chief_rays" not in canonical(plain)["frame"]
+    assert framed(plain, phone, resample=True) == plain and framed(seen.seen_along(()), phone) == seen
     assert canonical(seen)["frame"]["chief_rays"]
 
 
