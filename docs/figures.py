@@ -119,7 +119,8 @@ def runs_page(root: Path = ROOT) -> str:
         "# Runs that figures are of\n\n"
         "Each file is what a command wrote by `--json`: its figures, with the versions of what it ran on.\n"
         "This page is made of them by `python docs/figures.py --write`, as are the marked figures of README\n"
-        "and results.\n\n"
+        "and results. Networks have their names of today: those who run a commit before 6caec39 type\n"
+        "`told-dcnn` for `depth-dcnn`, and `any-bank` for `universal`.\n\n"
         "| file | command | commit | day | machine |\n|---|---|---|---|---|\n"
     )
     return head + "\n".join(rows) + "\n"
