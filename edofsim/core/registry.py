@@ -85,7 +85,8 @@ class Registry(Mapping[str, T], Generic[T]):
         return len(self._places)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        # what this package adds is known before modules of others are imported, which may import this package
+        return name in self._own or name in self._places
 
     def about(self, name: str) -> str:
         """The docstring of a thing, or of its module if it is no function or class, read from the source

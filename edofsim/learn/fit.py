@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,7 +15,6 @@ from torch import Tensor, nn
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
-from ..optics.cache import identity
 from ..recipe.load import Loaded, load_camera
 from ..recipe.toml import validate
 from ..recipe.train import TrainRecipe
@@ -68,7 +68,7 @@ def fit(
     data: a folder of pictures; a `Dataset` of images [3, y, x], the same each time, or the one of a
         `DataLoader`; one of pairs, such as `edofsim.data.Pairs`, from which no mask learns; None for the
         photographs of scikit-image.
-    mask: gives a height map [n, n] in metres, that just covers the pupil; None keeps the camera's.
+    mask: gives a height map [n, n] in metres that just covers the pupil; None keeps the camera's.
     loss: of restored and ideal images [batch, 3, y, x]; None for the paper's.
     settings: what the network's class is called with to build such a one, for the checkpoint; None for its
         attributes of the same names.
@@ -89,7 +89,7 @@ def fit(
     own = network if isinstance(network, Restorer) else OwnNetwork.around(network, settings)
     table = {
         "name": re.sub(r"[^A-Za-z0-9]+", "-", Path(out).resolve().name).strip("-")[:64] or "fit",
-        "camera": f"{camera.recipe.name} {identity(camera)[:12]}",
+        "camera": f"{camera.recipe.name} {_digest(camera)}",
         "seed": seed,
         "network": {"kind": own.kind, "settings": own.settings()},
         "doe": {
@@ -192,6 +192,12 @@ def _camera(camera: Camera | str | Path) -> Camera:
         return camera
     loaded = load_camera(camera)
     return Camera.from_recipe(loaded.recipe, loaded.base)
+
+
+def _digest(camera: Camera) -> str:
+    """What tells a camera from others of its name, for a training that goes on."""
+    height = b"" if camera.height_map is None else camera.height_map.detach().cpu().numpy().tobytes()
+    return hashlib.sha256(camera.recipe.model_dump_json().encode() + height).hexdigest()[:12]
 
 
 def _source(data: object, recipe: TrainRecipe, window: int, *, whole: bool = False) -> Source:

@@ -342,9 +342,7 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
     """Keep what a person needs to find out why the loss is no longer finite, and say where."""
     state, batch = loop.out / "nan-state.safetensors", loop.out / "nan-batch.safetensors"
     if loop.workers.first:
-        setup = loop.setup
-        recipe, sha256 = _plain(setup.recipe), setup.data.sha256
-        save_state(state, setup.system, loop.optimiser, loop.position, recipe, sha256)
+        _save_state(loop, state)
         images = {name: getattr(outcome, name) for name in ("photo", "restored", "ideal")}
         save_arrays(batch, images, {"step": json.dumps(loop.position.step)})
     raise EdofsimError(
@@ -355,10 +353,12 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
 
 def _save(loop: _Loop) -> None:
     loop.setup.system.tell(broadband=False)
-    recipe, sha256 = _plain(loop.setup.recipe), loop.setup.data.sha256
-    save_state(
-        loop.out / "state.safetensors", loop.setup.system, loop.optimiser, loop.position, recipe, sha256
-    )
+    _save_state(loop, loop.out / "state.safetensors")
+
+
+def _save_state(loop: _Loop, path: Path) -> None:
+    setup = loop.setup
+    save_state(path, setup.system, loop.optimiser, loop.position, _plain(setup.recipe), setup.data.sha256)
 
 
 def _plain(recipe: TrainRecipe) -> Json:
