@@ -21,8 +21,8 @@ camera = edofsim.camera("paper-learned")
 camera
 
 # %%
-# The photo. What is simulated is decided by a plan, which asks for less error than half of the sensor's
-# noise. Things at all depths are blurred alike: that is what the mask is for.
+# The photo. A plan decides what is simulated: it asks for less error than half of the sensor's noise. The
+# mask blurs things at all depths alike: that is what it is for.
 
 photo = edofsim.photograph(view, camera)
 photo

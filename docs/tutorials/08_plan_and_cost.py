@@ -27,8 +27,8 @@ plan = edofsim.plan_for(view, camera)
 plan
 
 # %%
-# Ask for more, and more is simulated; ask for a time, and the best within it is chosen. Seconds are
-# predicted from how fast your machine is, and from what photos on it took before.
+# Ask for more, and the plan simulates more; ask for a time, and it takes the best within it. It predicts
+# seconds from how fast your machine is, and from what photos on it took before.
 
 for asked in ("35dB", "45dB", "55dB"):
     chosen = edofsim.plan_for(view, camera, accuracy=asked)

@@ -72,7 +72,7 @@ read_noise = 0.0
 view = edofsim.view(folder / "card.toml", cache=folder)
 
 # %%
-# ``edofsim expose --reference`` sets a slow and true photo of a crop beside the fast one. ``thinlens`` traces
+# ``edofsim expose --reference`` adds a slow and true photo of a crop to the fast one. ``thinlens`` traces
 # rays from the whole lens to the scene; ``pupil`` clips the pupil of each point and diffracts at what is in
 # the way, with any mask.
 

@@ -22,7 +22,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..core.files import whole, write_text
-from ..core.images import openexr, read_exr, write_exr
+from ..core.images import openexr, read_exr, srgb_encode, write_exr, write_png
 from ..core.json_values import Json
 from ..errors import InputError
 from ..recipe.dataset import Split
@@ -109,6 +109,15 @@ def pack_folder(folder: Folder, block: str, pairs: Sequence[tuple[str, Planes, J
     """Leave the pairs as they are."""
 
 
+def pack_png(folder: Folder, block: str, pairs: Sequence[tuple[str, Planes, Json]]) -> None:
+    """Pictures of the pairs in addition, as loaders of image restoration read them: png/SPLIT/photo/KEY.png
+    and png/SPLIT/ideal/KEY.png, 8 bits, sRGB, in the sensor's colours."""
+    for key, planes, _ in pairs:
+        for name in ("photo", "ideal"):
+            place = folder.path / "png" / block.rsplit("-", 1)[0] / name / f"{key}.png"
+            write_png(place, srgb_encode(planes[name].astype(np.float32)))
+
+
 def pack_tar(folder: Folder, block: str, pairs: Sequence[tuple[str, Planes, Json]]) -> None:
     """A tar file as WebDataset reads it: KEY.photo.npy, KEY.ideal.npy, ..., KEY.json."""
     webdataset = needed("webdataset")
@@ -156,7 +165,11 @@ def pack_zarr(folder: Folder, block: str, pairs: Sequence[tuple[str, Planes, Jso
         array[first : first + len(pairs)] = stack
 
 
-PACKS: Mapping[str, Pack] = {"folder": pack_folder, "webdataset": pack_tar, "zarr": pack_zarr}
+FILES = ("folder", "png")
+"""Kinds whose pairs stay files of their own."""
+PACKS: Mapping[str, Pack] = {
+    "folder": pack_folder, "png": pack_png, "webdataset": pack_tar, "zarr": pack_zarr
+}  # fmt: skip
 
 
 def needed(name: str) -> ModuleType:
@@ -176,7 +189,7 @@ def pack(folder: Folder, block: str, kind: str) -> None:
     PACKS[kind](folder, block, pairs)
     lines = [json.dumps(meta, sort_keys=True) for _, _, meta in pairs]
     write_text(folder.index(block), "\n".join(lines) + "\n")
-    if kind != "folder":
+    if kind not in FILES:
         for key in keys:
             with suppress(FileNotFoundError):
                 folder.sample(key).unlink()

@@ -23,7 +23,7 @@ from ..render.engine import thread_count
 from ..render.jobs import Task
 from ..render.jobs import forecast as views_forecast
 from ..render.spread import duration
-from .kept import ABOUT, FORMAT, SUMS, Folder, blocks_of, needed, pack, write_sums
+from .kept import ABOUT, FILES, FORMAT, SUMS, Folder, blocks_of, needed, pack, write_sums
 from .parts import Work
 
 SECONDS_A_PHOTO, SECONDS_A_MEGAPIXEL = 0.5, 30.0
@@ -88,7 +88,7 @@ def begun(work: Work, path: Path) -> Folder:
     """The folder that a recipe's pairs go into. Raises InputError for one that holds others, and where a
     package for the asked-for files is missing."""
     recipe = work.recipe
-    if recipe.store.kind != "folder":
+    if recipe.store.kind not in FILES:
         needed(recipe.store.kind)
     folder = Folder(path, blocks_of(work.ordered(), recipe.store.shard), recipe.store.keep_views)
     digest = work.digest()

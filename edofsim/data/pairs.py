@@ -128,7 +128,7 @@ class Pairs(Dataset[Pair]):
         """What gives a plane of a pair. Raises InputError for one that is not kept."""
         meta, block = self.metas[number], self.block_of[number]
         match self.recipe["store"]["kind"]:
-            case "folder":
+            case "folder" | "png":
                 every = read_sample(self.folder / "samples" / f"{meta['key']}.exr")[0]
             case "webdataset":
                 every = _Tar(self.folder / f"{block}.tar", str(meta["key"]))

@@ -79,8 +79,9 @@ class DatasetSplits(RecipeModel):
 class DatasetStore(RecipeModel):
     """How the pairs are kept."""
 
-    kind: Literal["folder", "webdataset", "zarr"] = "folder"
-    """"folder": an OpenEXR file a pair; "webdataset": tar files; "zarr": one Zarr group"""
+    kind: Literal["folder", "png", "webdataset", "zarr"] = "folder"
+    """"folder": an OpenEXR file a pair; "png": also 8-bit sRGB pictures of photo and truth; "webdataset": tar
+    files; "zarr": one Zarr group"""
     shard: Annotated[int, Field(ge=1, le=100_000)] = 256
     """pairs in a tar file, or in a file of a Zarr array"""
     precision: Literal["half", "float"] = "half"

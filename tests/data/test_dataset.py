@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from torch.utils.data import DataLoader
 
 import edofsim as edof
@@ -52,7 +53,7 @@ shard = 3
 
 
 def recipe(folder: Path, kind: str = "folder") -> Path:
-    if kind != "folder":
+    if kind not in ("folder", "png"):
         pytest.importorskip(kind)
     (folder / "room.toml").write_text(ROOM)
     (folder / "small.toml").write_text(CAMERA)
@@ -128,6 +129,22 @@ def test_other_files_hold_the_same_numbers(edofsim: Run, made: Path, tmp_path: P
         read = list(webdataset.WebDataset(tars, shardshuffle=False).decode())
         assert [each["__key__"] for each in read] == [meta["key"] for meta in theirs.metas]
         np.testing.assert_array_equal(read[0]["ideal.npy"].astype(np.float32), theirs[0]["ideal"])
+
+
+def test_pictures_of_the_pairs_are_their_srgb(edofsim: Run, made: Path, tmp_path: Path):
+    """By the transfer curve of IEC 61966-2-1, written out once more."""
+    out = tmp_path / "data"
+    assert edofsim("dataset", "make", recipe(tmp_path, "png"), "--out", out)[0] == 0
+    assert edofsim("dataset", "verify", out)[0] == 0
+    pairs = Pairs(out, "test")
+    assert len(list((out / "png").rglob("*.png"))) == 2 * 8
+    for number, pair in enumerate(pairs):
+        for name in ("photo", "ideal"):
+            assert torch.equal(pair[name], Pairs(made, "test")[number][name])
+            linear = pair[name].double().numpy().clip(0, 1)
+            curve = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+            picture = np.asarray(Image.open(out / "png" / "test" / name / f"{pair['key']}.png"))
+            assert np.abs(picture.transpose(2, 0, 1) - 255 * curve).max() <= 0.501
 
 
 def test_made_by_shares_and_after_a_kill_it_has_the_same_bytes(edofsim: Run, made: Path, tmp_path: Path):
