@@ -18,7 +18,7 @@ from ..optics import Camera
 from ..render.view import View
 from .fragments import hat
 
-PIXELS = 20_000
+PIXELS = 30_000
 """Pixels of the coarse frame with its surroundings, or somewhat more."""
 BINS = 512
 """Over the view's inverse depths: what lies in one pixel and bin, seen or hidden, becomes one fragment."""
