@@ -22,12 +22,14 @@ import hashlib
 import json
 import re
 import statistics
+import sys
 import tomllib
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # also where the package is not installed
 from edofsim.core.shipped import RENAMED
 
 SPEC = Path("docs/results/tables.toml")

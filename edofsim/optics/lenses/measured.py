@@ -38,7 +38,7 @@ class MeasuredLens(IdealLens):
     wavelengths_nm: Annotated[tuple[Positive, ...], Key(max_length=MOST)] = ()
     """wavelengths of the PSFs, nm"""
     fields_deg: Annotated[tuple[NotNegative, ...], Key(max_length=MOST)] = ()
-    """angles above the axis, deg; beside the axis, PSFs are turned, as round lenses do"""
+    """angles above the axis, deg; off it, PSFs are turned, as round lenses do"""
     pixel_um: Positive | None = None
     """pitch of the samples of the PSFs, um"""
     orientation: Literal["upright", "sensor"] | None = None
