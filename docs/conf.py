@@ -128,13 +128,13 @@ def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, line
         names = "|".join(sorted(inspect.signature(obj).parameters, key=len, reverse=True))
     except (TypeError, ValueError):
         names = ""
-    told = re.compile(rf"(?:^|(?<=[.;,] )|(?<=\n))((?:{names})(?:, (?:{names}))*): ")
+    given = re.compile(rf"(?:^|(?<=[.;,] )|(?<=\n))((?:{names})(?:, (?:{names}))*): ")
     found: list[str] = []
     for paragraph in re.split(r"\n\s*\n", "\n".join(lines)):
         text = re.sub(r"\n\s*", "\n", paragraph.strip()).replace("``", "`").replace("`", "``")
         text, _, raises = text.partition("Raises ")
-        if names and told.match(text):
-            parts = [" ".join(part.split()) for part in told.split(text)]
+        if names and given.match(text):
+            parts = [" ".join(part.split()) for part in given.split(text)]
             pairs = zip(parts[1::2], parts[2::2], strict=True)
             found += [f":param {each}: {said}" for each, said in pairs] + [""]
         elif text:

@@ -99,7 +99,7 @@ def write(root: Path = ROOT) -> None:
             head = mark[0][: mark.start(4) - mark.start()]
             return head + " to ".join(_said(value, mark[4 + k]) for k, value in enumerate(found))
 
-        new = PLACE.sub(lambda place: _made(place[1], root), MARK.sub(figure, text))
+        new = PLACE.sub(lambda place: _made(place, root), MARK.sub(figure, text))
         if new != text:
             page.write_text(new, encoding="utf-8")
     (root / RUNS).write_text(runs_page(root), encoding="utf-8")
@@ -169,10 +169,13 @@ def _is_before_head(commit: str, root: Path) -> bool:
     return subprocess.run(asked, capture_output=True, check=False).returncode == 0
 
 
-def _made(name: str, root: Path) -> str:
-    """A table's place, filled in, with its plot drawn."""
-    plot(name, root)
-    return block(name, root)
+def _made(place: re.Match[str], root: Path) -> str:
+    """A table's place, filled in, with its plot drawn; as it is where the files do not have its figures."""
+    try:
+        plot(place[1], root)
+        return block(place[1], root)
+    except (ValueError, OSError):
+        return place[0]  # `check` says why
 
 
 def _of_tables(text: str, name: str, root: Path) -> Iterator[Wrong]:

@@ -38,7 +38,7 @@ validation their mean is better than either, and seldom worse than Wiener deconv
 LITTLE_PSNR = 24.0
 SEEN_SHARE = 0.15
 """The same of a network that sees Wiener deconvolution, chosen alike."""
-BETWEEN = 3  # PSFs for each distance that is distinguished
+PSFS_A_DEPTH = 3  # PSFs for each distance that is distinguished
 BLIND = (1.0, 4.0)  # of the noise, for which there are filters for the whole range: dim photos have more
 BRIGHTENED = 0.7
 """Of full scale: so much the brightest place of a dim photo has at most when it is brightened, to be restored
@@ -91,7 +91,7 @@ class CameraBank(FilterBank):
             self.register_buffer(name, value, persistent=False)
         self.register_buffer("expected", torch.zeros(groups + 1), persistent=False)
         self.noise = NOISE
-        self._told: tuple[Tensor, float] | None = None
+        self._given: tuple[Tensor, float] | None = None
         self._brightened: dict[int, CameraBank] = {}
         point = torch.zeros(3, 3, support, support)
         point[range(3), range(3), support // 2, support // 2] = 1
@@ -116,9 +116,9 @@ class CameraBank(FilterBank):
         return {**super().settings(), **({"linear": True} if self.sees_linear else {})}
 
     def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
-        """`BETWEEN` for each distance that it tells apart: the middles of equal parts of the range."""
+        """`PSFS_A_DEPTH` for each distance that it tells apart: the middles of equal parts of the range."""
         low, high = depth_range
-        count = BETWEEN * self.depths
+        count = PSFS_A_DEPTH * self.depths
         return low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
 
     def set_psfs(self, psf: Tensor) -> None:
@@ -126,14 +126,14 @@ class CameraBank(FilterBank):
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         self.use(self.condition(psf, noise))
-        self._told = psf.to(torch.float16), noise
+        self._given = psf.to(torch.float16), noise
         self._brightened.clear()
 
     def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
         factor = brightening(photo)
-        if factor == 1 or self._told is None:
+        if factor == 1 or self._given is None:
             return self, 1.0
-        psf, noise = self._told
+        psf, noise = self._given
         if factor not in self._brightened:
             other = CameraBank(**self.settings())  # pyrefly: ignore[bad-argument-type] - its own
             other.load_state_dict(self.state_dict())
@@ -152,7 +152,7 @@ class CameraBank(FilterBank):
         psf, noise = without_truncated(psf, max(noise, LEAST_NOISE))
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
-        matrix, constant = explain(transfer.to(torch.complex64), BETWEEN)
+        matrix, constant = explain(transfer.to(torch.complex64), PSFS_A_DEPTH)
         filters = torch.cat(
             [
                 local_filters(psf, self.support, self.groups, noise),

@@ -51,7 +51,7 @@ def conditioned_on(
     network = checkpoint.network
     if network.any_camera:
         assert inverse_depths is not None
-        return _told(network, camera, wavelengths, inverse_depths)
+        return _conditioned(network, camera, wavelengths, inverse_depths)
     if network.psfs != "mean" or response_curves(camera) is None:
         return network
     weights = response(camera, wavelengths)
@@ -75,7 +75,7 @@ def refusal(checkpoint: Checkpoint, camera: Camera) -> str | None:
     return f"the window of the camera's PSFs has {window} pixels, and {checkpoint.name} takes {WIDEST_PX}"
 
 
-def _told(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Restorer:
+def _conditioned(network: Restorer, camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> Restorer:
     """A network for any camera, for this one."""
     wavelengths, inverse_depths = wavelengths.double().cpu(), inverse_depths.double().cpu()
     low, high = (float(end) for end in inverse_depths.aminmax())

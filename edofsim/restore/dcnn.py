@@ -11,19 +11,19 @@ from torch.nn import functional
 from ..errors import InputError
 from .blur_likelihood import STEP
 from .borders import continued
-from .distances import DistanceTold
+from .distances import DepthConditioned
 from .restorer import Restorer
 
 KERNELS = 32
 DILATIONS = (1, 2, 3, 2, 1)
 LEAK = 0.01
-BETWEEN = 2  # distances in each part that is distinguished
+PSFS_A_DEPTH = 2  # distances in each part that is distinguished
 BELIEF = (0.027, 0.075)
 """How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
 REFINED = 2  # pixels that the transposed convolutions see around them
 
 
-class DCnn(DistanceTold):
+class DCnn(DepthConditioned):
     """Dilated convolution blocks estimate what the photo does not have; it is added, then refined and
     clamped.
 
@@ -39,7 +39,7 @@ class DCnn(DistanceTold):
     """
 
     kind = "dcnn"
-    told = ("transfer", "_matrix", "_constant")
+    psf_buffers = ("transfer", "_matrix", "_constant")
 
     def __init__(
         self, kernels: int = KERNELS, dilations: tuple[int, ...] = DILATIONS, distances: int = 0
@@ -55,7 +55,7 @@ class DCnn(DistanceTold):
         self.radius = self.reach + REFINED
         if distances:
             self.psfs = "mean"
-            self._ask_distances(BETWEEN * distances)
+            self._ask_distances(PSFS_A_DEPTH * distances)
             self.radius += self.reach_of_distances
             self.multiple = STEP
         layers: list[nn.Module] = []

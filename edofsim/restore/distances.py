@@ -14,7 +14,7 @@ from .photograph_statistics import transfer_functions
 from .restorer import Restorer
 
 
-class DistanceTold(Restorer):
+class DepthConditioned(Restorer):
     """A network that knows the PSFs of a camera at `depths` distances, and asks a photo which they are.
 
     transfer: real and imaginary part of the transfer functions of a block, [depths * 3, BLOCK,
@@ -73,5 +73,5 @@ class DistanceTold(Restorer):
         return spread(likely)[..., :rows, :columns]
 
 
-def _loaded(network: DistanceTold, _: object) -> None:
+def _loaded(network: DepthConditioned, _: object) -> None:
     network._explain()

@@ -21,7 +21,7 @@ from ..errors import InputError
 from .blur_likelihood import STEP
 from .borders import continued
 from .dcnn import DCnn
-from .distances import DistanceTold
+from .distances import DepthConditioned
 from .linear import colour_error, local_filters
 from .local_unet import Trunk
 from .restorer import Restorer
@@ -40,7 +40,7 @@ TILE = 120
 BELIEF = (0.01, 0.05)
 
 
-class FilterBank(DistanceTold):
+class FilterBank(DepthConditioned):
     """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they do
     not have.
 
@@ -53,7 +53,7 @@ class FilterBank(DistanceTold):
 
     kind = "filter-bank"
     psfs = "mean"
-    told = ("filters", "transfer", "_matrix", "_constant")
+    psf_buffers = ("filters", "transfer", "_matrix", "_constant")
 
     def __init__(
         self,

@@ -24,7 +24,7 @@ class Restorer(nn.Module):
     of a training, those of the mask as it is then, so that gradients reach the mask through them; the
     last ones are kept.
 
-    told: names of its buffers that `set_psfs` fills.
+    psf_buffers: names of its buffers that `set_psfs` fills.
 
     glare: of each colour, the part of the light that was spread evenly over the photos that it was trained
     on, by the errors of its mask's making; None: not known. Photos are given as much before it sees them: one
@@ -36,7 +36,7 @@ class Restorer(nn.Module):
 
     kind: ClassVar[str]
     psfs: Literal["none", "mean", "designed"] = "none"
-    told: ClassVar[tuple[str, ...]] = ()
+    psf_buffers: ClassVar[tuple[str, ...]] = ()
     any_camera: ClassVar[bool] = False
     sees_linear: bool = False
     radius: int | None = None
@@ -64,12 +64,12 @@ class Restorer(nn.Module):
 
     def known(self) -> object:
         """What it was given by `set_psfs`, for `use`."""
-        return tuple(getattr(self, name) for name in self.told)
+        return tuple(getattr(self, name) for name in self.psf_buffers)
 
     def use(self, known: object) -> None:
         """Go by that again."""
         assert isinstance(known, tuple)
-        for name, value in zip(self.told, known, strict=True):
+        for name, value in zip(self.psf_buffers, known, strict=True):
             setattr(self, name, value)
 
     def set_camera(self, psf: Tensor, noise: float) -> None:

@@ -193,7 +193,8 @@ def test_tables_and_plots_of_other_figures_are_named_and_made_anew(with_table: P
         SPEC.replace('"times.{}"\n', '[["z", "z"]]\n').replace("*", "q")
     )
     with_table.write_text(PLACE)
-    assert "all: no file has a figure of z" in said()
+    figures.write(checkout)
+    assert with_table.read_text() == PLACE and "all: no file has a figure of z" in said()
 
 
 def test_a_paragraph_of_many_figures_is_to_be_a_table(checkout: Path):

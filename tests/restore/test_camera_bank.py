@@ -18,7 +18,7 @@ from edofsim.recipe import load_camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.load import Loaded
 from edofsim.restore import choice
-from edofsim.restore.camera_bank import BETWEEN, BLIND, SHARES, CameraBank
+from edofsim.restore.camera_bank import BLIND, PSFS_A_DEPTH, SHARES, CameraBank
 from edofsim.restore.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from edofsim.restore.choice import choose_network, said_of, usual_network
 from edofsim.restore.conditioning import conditioned_on, refusal
@@ -70,7 +70,7 @@ def test_grown_from_a_bank_it_restores_as_that_does() -> None:
     grown = CameraBank.grown(bank)
     psf = _discs([1, 3, 5, 7])
     bank.set_psfs(psf)
-    grown.set_psfs(psf.repeat_interleave(BETWEEN, 0))
+    grown.set_psfs(psf.repeat_interleave(PSFS_A_DEPTH, 0))
     bank.filters.copy_(grown.filters[: 3 * bank.groups])
     bank._matrix, bank._constant = grown._matrix, grown._constant
     photo = torch.rand(1, 3, 64, 64)
@@ -88,7 +88,7 @@ def test_grown_to_see_wiener_deconvolution_it_restores_as_before() -> None:
     grown = CameraBank.grown(before, {"linear": True})
     assert grown.settings() == {**before.settings(), "linear": True}
     for network in (before.eval(), grown.eval()):
-        network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0), 0.01)
+        network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0), 0.01)
     photo, linear = torch.rand(2, 3, 64, 64).unbind()
     expected = apply_network(before, photo)
     torch.testing.assert_close(apply_network(grown, photo, linear=linear), expected, atol=1e-5, rtol=0)
@@ -108,7 +108,7 @@ def test_it_grows_out_of_nothing_else() -> None:
 def test_light_that_leaves_the_windows_of_psfs_is_taken_off_first() -> None:
     """Half of the light of a plane spread evenly: its photo is restored as one of twice the noise that lost
     nothing."""
-    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0)
     whole, half = CameraBank(**SMALL).eval(), CameraBank(**SMALL).eval()
     whole.set_camera(psf, 0.01)
     half.set_camera(psf / 2, 0.005)
@@ -131,7 +131,7 @@ def test_photos_side_by_side_are_deconvolved_as_each_by_itself() -> None:
 def test_a_camera_that_it_is_told_is_no_part_of_its_weights() -> None:
     network = CameraBank(**SMALL)
     before = {name: value.clone() for name, value in network.state_dict().items()}
-    network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0), 0.01)
+    network.set_camera(_discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0), 0.01)
     assert network.state_dict().keys() == before.keys()
     assert all(torch.equal(value, before[name]) for name, value in network.state_dict().items())
 
@@ -140,7 +140,7 @@ def test_told_a_blur_it_takes_it_away_untrained() -> None:
     """An untrained U-Net adds nothing: what is gained is the filters'."""
     network = CameraBank(**SMALL).eval()
     psf = _discs([4.0, 4.2, 4.4, 4.6])
-    network.set_camera(psf.repeat_interleave(BETWEEN, 0), 0.002)
+    network.set_camera(psf.repeat_interleave(PSFS_A_DEPTH, 0), 0.002)
     generator = torch.Generator().manual_seed(0)
     grey = torch.rand(1, 1, 20, 20, generator=generator).expand(1, 3, 20, 20)
     world = torch.nn.functional.interpolate(grey, size=(120, 120))
@@ -155,7 +155,7 @@ def test_told_a_blur_it_takes_it_away_untrained() -> None:
 def test_a_dim_photo_is_restored_as_one_of_more_noise() -> None:
     """Brightened by a power of 2; single bright pixels do not keep it from that."""
     network = CameraBank(**SMALL).eval()
-    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0)
     photo = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
     photo[:, 20:40, 20:40] = 1.0
     assert network.brightened_for(photo / 8) == (network, 1)  # told no camera
@@ -179,7 +179,7 @@ def test_a_dim_photo_is_restored_as_one_of_more_noise() -> None:
 
 def test_filters_are_those_of_the_noise_and_of_the_whole_range() -> None:
     network = CameraBank(**SMALL)
-    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0)
     known = network.condition(psf, 0.01)
     blind = known.filters.unflatten(0, (-1, 3))[network.groups :]
     for filters, share in zip(blind, BLIND, strict=True):
@@ -190,7 +190,7 @@ def test_filters_are_those_of_the_noise_and_of_the_whole_range() -> None:
 def test_expected_errors_are_in_order() -> None:
     """One filter for all distances is no better than each one's own, on the mean error; noise costs."""
     network = CameraBank(**SMALL)
-    psf = _discs([1, 3, 5, 7]).repeat_interleave(BETWEEN, 0)
+    psf = _discs([1, 3, 5, 7]).repeat_interleave(PSFS_A_DEPTH, 0)
     quiet, loud = (network.condition(psf, noise).expected for noise in (0.002, 0.02))
     error = 10 ** (-quiet.double())
     assert error[:-1].mean() < error[-1]
