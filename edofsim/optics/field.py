@@ -18,10 +18,10 @@ from torch import Tensor
 
 from ..errors import InputError
 from .camera import Camera, focus_distance
+from .contrast import CONTRAST_DB, contrast_transfer, transfers_apart
 from .grid import PupilGrid
 from .lenses.base import AXIS, Field, Lens
 from .masks import Mask, mask_amplitude
-from .nodes import contrast_transfer, transfers_apart
 from .psf import carries_gradients, psf_bank
 from .psf_field import PsfField
 from .sensor import response
@@ -32,10 +32,10 @@ LIGHT_SAMPLES = 258
 """Across the pupil, for the light that comes from a place in the field."""
 HELD_BYTES = 1 << 29
 """Largest PSFs that are held in memory as a whole."""
-CONTRAST_DB = 12.0
-"""PSNR less the ratio of a picture's contrast to an error: its contrast is a quarter of full scale."""
 MEAN = 1.6
 """Of a picture, in units of its contrast."""
+BLUR_PX = 16.0
+"""Blur of the depths that cells are looked at in: farther out of focus, PSFs change less."""
 WAY = (0.0, 0.5, 0.999)
 """Parts of the way to the farthest corner at which cells are looked at."""
 
@@ -176,12 +176,15 @@ def errors_by_step(
 
     Looked at along a diagonal, from the axis to the corner that is farthest from it: at the middle of a cell
     the PSF, with its light, stands against the mean of the cell's corners, by the contrast of a picture whose
-    power spectrum falls with the square of the frequency. ends: least and largest inverse depth [1/m];
-    between them, the distance in focus is looked at as well. Nothing of a picture decides.
+    power spectrum falls with the square of the frequency. ends: least and largest inverse depth [1/m]: looked
+    at are the distance in focus and those whose blur is `BLUR_PX`, or what is nearest to them between the
+    ends. Nothing of a picture decides.
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours = response(camera, bands) @ bands
-    depths = sorted({*ends, min(max(1 / float(focus_distance(camera, float(colours[1]))), ends[0]), ends[1])})
+    focus = 1 / float(focus_distance(camera, float(colours[1])))
+    blur = BLUR_PX * camera.pixel / (2 * camera.aperture_radius * camera.sensor_distance)
+    depths = sorted({min(max(focus + aside, ends[0]), ends[1]) for aside in (-blur, 0.0, blur)})
     corners = [(y, x) for y in (0.0, float(frame.height)) for x in (0.0, float(frame.width))]
     y, x = max(corners, key=lambda c: math.hypot(c[0] - frame.axis[0], c[1] - frame.axis[1]))
     along = (y - frame.axis[0], x - frame.axis[1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import torch
@@ -10,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from .camera import Camera
+from .contrast import contrast_transfer, transfers_apart
 from .psf import axes_of, psf_bank
 from .sampling import sampled_alike
 from .sensor import response
@@ -24,8 +24,6 @@ HALVINGS = 14
 """Of a part, at most."""
 STRAIGHT = 0.9
 """Of the sum of a part's halves: where photos at its ends differ by as much, nothing happens in between."""
-WIDEST_PX = 256
-"""PSFs in wider windows are compared in larger pixels: their transforms would take much memory."""
 
 
 def nodes_between(
@@ -114,20 +112,3 @@ def _transfers(camera: Camera, colours: Tensor, places: Sequence[float]) -> dict
         psf = psf_bank(camera, colours, depths[some]).values
         found |= zip(depths[some].tolist(), contrast_transfer(psf), strict=True)
     return found
-
-
-def contrast_transfer(psf: Tensor) -> Tensor:
-    """Transfer functions [..., y, x // 2 + 1] of PSFs [..., y, x], each frequency by its share of the
-    contrast of a picture whose power spectrum falls with the square of the frequency; nothing at 0."""
-    psf = functional.avg_pool2d(psf, math.ceil(psf.shape[-1] / WIDEST_PX), divisor_override=1)
-    size = psf.shape[-1]
-    fy, fx = torch.fft.fftfreq(size)[:, None], torch.fft.rfftfreq(size)[None, :]
-    spectrum = 1 / (fy.square() + fx.square())
-    spectrum[0, 0] = 0  # light is kept
-    return torch.fft.rfft2(psf) * (spectrum / spectrum.sum()).sqrt()
-
-
-def transfers_apart(one: Tensor, other: Tensor) -> float:
-    """How pictures differ that such transfer functions make, in the root mean square relative to the
-    contrast, in the worst PSF."""
-    return float((one - other).abs().square().sum((-1, -2)).max().sqrt())

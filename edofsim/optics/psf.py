@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 
 import torch
@@ -16,14 +16,16 @@ from ..errors import InputError
 from . import cache as bank_cache
 from .band_limited import band_limited_nodes, band_limited_weights, fewest_nodes
 from .camera import Camera, defocus, defocus_per_dioptre
+from .contrast import CONTRAST_DB, contrast_transfer, transfers_apart
 from .fabrication import unscattered_fraction
+from .lenses.base import AXIS
 from .masks import PhaseMask
 from .masks.height_map import HeightMapMask
 from .precision import own_precision
 from .propagation import Wave, energies, propagate
 from .psf_field import PsfField
 from .pupil import Aperture, aperture, chirp, pupil_function
-from .sampling import plan_sampling
+from .sampling import plan_sampling, sampled_alike
 from .sensor import response
 from .transform import SensorWindow, make_bases
 
@@ -34,6 +36,9 @@ HELD_BYTES = 256 << 20
 """Of PSFs of single bands, at a time, where channels are all that is asked for."""
 LARGEST_BYTES = 8 << 30
 """Largest bank that is computed; beyond it the work is refused before it is begun."""
+STILL_DB = 60.0
+"""PSFs of a place in the field that make photos differ by less from those of the axis are taken for these,
+where depths farther out of focus are concerned: these differ by less still."""
 
 
 @own_precision
@@ -67,15 +72,20 @@ def psf_bank(
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
     if dtype not in (torch.float32, torch.float64):
         raise InputError(f"PSFs are computed in float32 or float64, not {dtype}")
+    shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
+    _check_size(shape, dtype)
     trainable = carries_gradients(camera)
+    if camera.lens.varies and not trainable:
+        bank = partial(psf_bank, seed=seed, dtype=dtype, device=device, cache=cache)
+        shared = _from_others(bank, camera, wavelengths, inverse_depths, pixels)
+        if shared is not None:
+            return PsfField(shared, inverse_depths, wavelengths)
     key = None
     if not trainable:
         key = bank_cache.key(camera, wavelengths, inverse_depths, pixels, seed, dtype)
         known = bank_cache.find(key, cache)
         if known is not None:
             return PsfField(known.to(device), inverse_depths, wavelengths)
-    shape = (len(inverse_depths), len(wavelengths), pixels, pixels)
-    _check_size(shape, dtype)
     if camera.lens.measured:
         if camera.height_map is not None:
             raise InputError("measured PSFs hold what stood in the pupil: no height map can be added")
@@ -111,6 +121,49 @@ def psf_bank(
     if key is not None:
         bank_cache.keep(key, values.cpu(), cache)
     return PsfField(values, inverse_depths, wavelengths)
+
+
+def _from_others(
+    bank: Callable[..., PsfField], camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, pixels: int
+) -> Tensor | None:
+    """PSFs of a place in the field [depth, band, y, x] from banks of others; None where it is one by itself.
+
+    Of a lens that is the same all round, one place stands for all that are as far from the axis, mirrored.
+    Depths that the same sampling of the pupil does for have a bank of their own; of those so far out of focus
+    that the place hardly matters (`STILL_DB`), it is that of the axis.
+    """
+    (right, up), odd = camera.field, pixels | 1
+    first = max(abs(right), abs(up)), min(abs(right), abs(up))
+    if _same_all_round(camera) and (camera.field != first or pixels != odd):
+        one = bank(replace(camera, field=first), wavelengths, inverse_depths, window_px=odd).values
+        if abs(up) > abs(right):  # rows go down
+            one = one.transpose(-1, -2).flip(-1, -2)
+        mirrored = [axis for axis, place in ((-1, right), (-2, up)) if place < 0]
+        return one.flip(mirrored)[..., :pixels, :pixels].contiguous()
+    alike = sampled_alike(camera, wavelengths, inverse_depths, pixels)
+    if len(alike) == 1 or camera.recipe.psf.pupil_sampling_um != "auto":
+        return None
+    banks: list[Tensor] = []
+    order: list[Tensor] = []
+    still = False
+    for some, _ in reversed(alike):  # from focus on
+        depths, axial = inverse_depths[some], camera.at_field(AXIS)
+        found = bank(axial if still else camera, wavelengths, depths, window_px=pixels).values
+        if camera.field != AXIS and not still:
+            last = int(defocus(camera, wavelengths[0], depths).abs().argmax())
+            there, central = (
+                contrast_transfer(each[last])
+                for each in (found, bank(axial, wavelengths, depths, window_px=pixels).values)
+            )
+            still = transfers_apart(there, central) < 10 ** ((CONTRAST_DB - STILL_DB) / 20)
+        banks.append(found)
+        order.append(some)
+    return torch.cat(banks)[torch.cat(order).argsort().to(banks[0].device)]
+
+
+def _same_all_round(camera: Camera) -> bool:
+    clear = camera.mask.kind == "clear" and camera.height_map is None and camera.recipe.fabrication is None
+    return camera.lens.round and clear
 
 
 def mean_psfs(

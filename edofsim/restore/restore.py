@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from ..capture.sensor import noise_deviation
-from ..optics import Camera, channel_psfs
+from ..optics import Camera, channel_psfs, response
 from ..optics.field import Frame
 from ..optics.nodes import node_shares, nodes_between
 from .checkpoint import Checkpoint
@@ -16,6 +16,9 @@ from .network import apply_network
 from .places import restored_by_place, step_of
 from .restorer import Restorer
 from .wiener import wiener
+
+PLACE_BANDS = 12
+"""At most, of the PSFs that each place in the field is restored by."""
 
 
 def restore(
@@ -51,12 +54,24 @@ def restore(
         inverse_depths if psfs is not None else nodes_between(camera, wavelengths, *inverse_depths.aminmax())
     )
 
+    few, weights = _fewer_bands(wavelengths, response(camera, wavelengths))
+
     def one(part: Tensor, there: Camera) -> tuple[Tensor, str]:
-        own = channel_psfs(there, wavelengths, nodes)
+        own = channel_psfs(there, few, nodes, weights=weights)
         return _restored(part, there, wavelengths, nodes, psfs=own, **how)
 
     given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
     return restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
+
+
+def _fewer_bands(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+    """Neighbours of bands as one: mean wavelengths, and their weights [channel, band]."""
+    at_once = -(-len(wavelengths) // PLACE_BANDS)
+    parts = torch.arange(len(wavelengths)).split(at_once)
+    light = weights.sum(0) + 1e-12
+    means = [float((light[some] @ wavelengths.to(light)[some]) / light[some].sum()) for some in parts]
+    shares = torch.stack([weights[:, some].sum(1) for some in parts], 1)
+    return torch.tensor(means, dtype=torch.float64), shares
 
 
 def _restored(

@@ -76,6 +76,12 @@ class Lens(KindModel):
         `field_open` or `illumination` say anything."""
         return False
 
+    @property
+    def round(self) -> bool:
+        """Whether a lens that `varies` is the same all round its axis: PSFs of places as far from it are each
+        other, turned."""
+        return False
+
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         """Phase [rad] that is added to `phase` for light from `field`, at places [m] of the pupil seen from
         the sensor towards the scene, float64; right [1, n] and up [n, 1] broadcast. Positive where light
@@ -193,6 +199,10 @@ class _Simpler(Lens):
     @property
     def varies(self) -> bool:
         return self.lens.varies
+
+    @property
+    def round(self) -> bool:
+        return self.lens.round
 
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         return self.lens.field_phase(right, up, wavelength, field)

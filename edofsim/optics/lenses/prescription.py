@@ -94,6 +94,10 @@ class PrescriptionLens(Lens):
     def varies(self) -> bool:
         return True
 
+    @property
+    def round(self) -> bool:
+        return True
+
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         tangent, squared = math.hypot(*field), right.square() + up.square()
         if tangent < NEARBY:
