@@ -15,7 +15,7 @@ from scipy.optimize import nnls
 
 from edofsim.capture.fidelity import Fidelity
 from edofsim.capture.occlusion.slabs import cuts, hides
-from edofsim.capture.photograph import capture, nodes_of
+from edofsim.capture.photograph import capture, depths_of
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.core.threads import one_thread
 from edofsim.optics import Camera
@@ -125,7 +125,7 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
         for run in runs:
             found = _fastest(view, with_mask, run, times_each, time.process_time)
             moments.append(paces())
-            layers = int(nodes_of([view], with_mask, run).numel())
+            layers = int(depths_of([view], with_mask, run)[0].numel())
             groups = 3 * run.band_groups or view.bands
             colours = (
                 groups * max(run.group_wavelengths, 1)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import NamedTuple, TypeVar, cast
 
 import torch
 from pydantic import BaseModel
@@ -200,29 +200,19 @@ class Fidelity:
         return read_fidelity(Path(path), Fidelity)
 
 
-@dataclass(frozen=True)
-class Knob:
+class Knob(NamedTuple):
     """A field of `Fidelity`, described."""
 
     name: str
+    default: object
     effect: str
     unit: str
-    default: object
     meaning: str
 
 
 def describe() -> tuple[Knob, ...]:
-    """All fields of `Fidelity` with the effect of a plan that sets them, unit, default and meaning."""
-    return tuple(
-        Knob(
-            each.name,
-            each.metadata["effect"],
-            each.metadata["unit"],
-            None if each.default is MISSING else each.default,
-            each.metadata["meaning"],
-        )
-        for each in fields(Fidelity)
-    )
+    """All fields of `Fidelity` with default, the effect of a plan that sets them, unit and meaning."""
+    return tuple(Knob(each.name, each.default, **each.metadata) for each in fields(Fidelity))
 
 
 def full_fidelity(camera: Camera, view: View, edges: int | None = None) -> Fidelity:

@@ -42,18 +42,18 @@ def write_photo(path: Path, photo: Photo) -> Path:
     return write_exr(path, channels, {"exposure": float(photo.exposure), **texts})
 
 
-def read_photo(path: Path) -> tuple[Tensor, Tensor, Tensor, float, Tensor, Json, Tensor | None]:
-    """What `write_photo` wrote, float32: image, clean, ideal, exposure, truncated, how and inverse depth of a
-    `Photo`. Raises InputError for any other file."""
+def read_photo(path: Path) -> Json:
+    """What `write_photo` wrote, float32, by the fields of a `Photo`. Raises InputError for any other file."""
     planes = read_exr(path, "photo")
     try:
         with openexr().File(str(path), header_only=True) as file:
             header = file.header()
-            exposure, how = float(header["exposure"]), json.loads(header["how"])
-            truncated = json.loads(header["truncated"])
-        image, clean, ideal = (_image_of(planes, prefix) for prefix in ("", "clean.", "ideal."))
-        depth = torch.from_numpy(planes["Z"]).reciprocal() if "Z" in planes else None
-        return image, clean, ideal, exposure, torch.tensor(truncated), how, depth
+            found = {"exposure": float(header["exposure"]), "how": json.loads(header["how"])}
+            found["truncated"] = torch.tensor(json.loads(header["truncated"]))
+        images = {"image": "", "clean": "clean.", "ideal": "ideal."}
+        found |= {name: _image_of(planes, prefix) for name, prefix in images.items()}
+        depth = {"inverse_depth": torch.from_numpy(planes["Z"]).reciprocal()} if "Z" in planes else {}
+        return {**found, **depth, "colours": read_colour_matrix(path)}
     except (KeyError, ValueError, TypeError):
         raise InputError(
             f"photo: {str(path)!r} is not one that edofsim saved, or of an older version; "

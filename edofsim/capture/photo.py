@@ -55,10 +55,9 @@ class Photo:
     @classmethod
     def load(cls, path: str | Path) -> Photo:
         """One that was saved as `.exr`. Raises InputError for any other file."""
-        from .files import read_colour_matrix, read_photo
+        from .files import read_photo
 
-        image, clean, ideal, exposure, truncated, how, depth = read_photo(Path(path))
-        return cls(image, clean, ideal, exposure, truncated, how, {}, depth, read_colour_matrix(path))
+        return cls(**read_photo(Path(path)))
 
     def _repr_png_(self) -> bytes:
         return picture_png(self.image, self.colours)

@@ -17,6 +17,7 @@ from torch import Tensor
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera, response
+from ..optics.camera import defocus_per_dioptre
 from ..optics.precision import own_precision
 from ..optics.pupil import transmission
 from ..recipe import CameraRecipe
@@ -33,7 +34,7 @@ from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imagin
 from .light import hat_weights, seen
 from .occlusion.hidden import Layout
 from .photo import Photo
-from .prepare import channel_weights, choose_nodes, fewer_nodes
+from .prepare import channel_weights, depth_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
 from .stopwatch import Stopwatch
 
@@ -243,21 +244,13 @@ def _behind(views: Sequence[View], fidelity: Fidelity) -> str:
     return "missing" if unknown and not fidelity.hidden_surfaces else "none"
 
 
-def nodes_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> Tensor:
-    """The depth nodes [node] of a fidelity for views, ascending inverse depths in 1/m."""
-    return depths_of(views, camera, fidelity)[0]
-
-
 def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tuple[Tensor, BandLimit | None]:
-    """The depth nodes of a fidelity for views, and how light between them is blurred, as in `Axes`."""
+    """The depth nodes [node] of a fidelity for views, ascending inverse depths in 1/m, and how light between
+    them is blurred, as in `Axes`."""
     shortest = float(views[0].wavelengths.min())
-    nodes = choose_nodes(
-        torch.cat([view.inverse_depth for view in views]),
-        camera,
-        shortest,
-        "auto" if fidelity.layers is None else fidelity.layers,
-        fidelity.layers_db,
-    )
+    depths = torch.cat([view.inverse_depth for view in views])
+    per_dioptre = defocus_per_dioptre(camera, shortest)
+    nodes = depth_nodes(depths, fidelity.layers or "auto", per_dioptre, fidelity.layers_db)
     # layers that hide each other are at the nodes themselves
     if fidelity.layers is None and fidelity.occlusion in ("none", "hidden"):
         return fewer_nodes(nodes, camera, shortest, fidelity.layers_db)

@@ -29,24 +29,10 @@ def blur_per_dioptre(camera: Camera) -> float:
     return 2 * camera.aperture_radius * camera.sensor_distance / camera.pixel
 
 
-def choose_nodes(
-    inverse_depth: Tensor,
-    camera: Camera,
-    shortest: float,
-    layers: int | str,
-    tolerance_db: float = 50.0,
-) -> Tensor:
-    """Depth nodes [node], ascending inverse depths in 1/m, for fragments [fragment].
-
-    shortest: wavelength in metres whose defocus changes fastest.
-    """
-    return depth_nodes(inverse_depth, layers, defocus_per_dioptre(camera, shortest), tolerance_db)
-
-
 def fewer_nodes(
     nodes: Tensor, camera: Camera, shortest: float, tolerance_db: float
 ) -> tuple[Tensor, BandLimit | None]:
-    """In place of many nodes of `choose_nodes`, those from which band-limited PSFs at all depths between are
+    """In place of many nodes of `depth_nodes`, those from which band-limited PSFs at all depths between are
     known, and how light is blurred with them; the same nodes and None where they are no fewer."""
     per_dioptre = defocus_per_dioptre(camera, shortest)
     held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, BETWEEN)

@@ -30,11 +30,12 @@ from torch import Tensor
 from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
 from ..capture.fidelity import MOST_LAYERS
 from ..capture.noise import PhotoNoise, photographed_noise
-from ..capture.prepare import channel_weights, choose_nodes
+from ..capture.prepare import channel_weights, depth_nodes
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode
 from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera
+from ..optics.camera import defocus_per_dioptre
 from ..optics.fabrication import unscattered_fraction
 from ..recipe import CameraRecipe, Loaded
 from ..render.view import View
@@ -249,9 +250,8 @@ def converged_db(view: View, way: Way, system: System) -> float:
     few = replace(how, band_groups=1, group_wavelengths=1, sub_apertures=1)
     ideal = view.crop_margin(ideal_image(view, camera, 1.0))
     exposure = automatic_exposure(ideal, noisy=view.noise > 0)
-    layers = few.layers or "auto"
-    shortest = float(view.wavelengths.min())
-    nodes = choose_nodes(view.inverse_depth, camera, shortest, layers, few.layers_db)
+    per_dioptre = defocus_per_dioptre(camera, float(view.wavelengths.min()))
+    nodes = depth_nodes(view.inverse_depth, few.layers or "auto", per_dioptre, few.layers_db)
     twice = replace(few, layers=min(2 * len(nodes), MOST_LAYERS))
     once, more = (capture(view, camera, how, exposure=exposure).clean for how in (few, twice))
     return psnr(once, more)

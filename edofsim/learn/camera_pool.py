@@ -140,7 +140,7 @@ def _psfs(drawn: RandomCamera, window: int, inverse: Tensor) -> Tensor | None:
     """[depth, 3, window, window] at inverse depths in 1/m; None for a camera whose pupil would have to be
     sampled too finely."""
     try:
-        if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).grid.samples > LARGEST_PUPIL:
+        if plan_sampling(drawn.camera, PAPER_COLOURS, inverse, window).samples > LARGEST_PUPIL:
             return None
         return TrainingCamera(drawn.camera, window, torch.device("cpu")).psfs(inverse, drawn.broadband)
     except InputError:

@@ -4,7 +4,7 @@ from .camera import Camera, best_focus_distance, defocus, focal_length, focus_di
 from .materials import MATERIALS, Material, material
 from .psf import channel_psfs, mean_psfs, psf_bank
 from .psf_field import PsfField
-from .sampling import Sampling, plan_sampling, sampling_bound
+from .sampling import plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, response, response_curves
 from .sub_apertures import share_told, sub_aperture_psfs
 
@@ -14,7 +14,6 @@ __all__ = [
     "Camera",
     "Material",
     "PsfField",
-    "Sampling",
     "defocus",
     "focal_length",
     "best_focus_distance",

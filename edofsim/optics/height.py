@@ -10,10 +10,8 @@ from typing import TypeVar
 import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor
 
-from ..core.files import whole
 from ..core.limits import existing
 from ..core.measurements import read_numbers
 from ..errors import InputError, first_line
@@ -28,14 +26,6 @@ Phase = TypeVar("Phase", Tensor, float)
 
 TRAINED, TRAINED_SAMPLING = "mask.height_m", "mask.sampling_m"
 """Keys of the map, and of its sampling in metres, in the checkpoint of a training."""
-
-
-def save_height_map(path: Path, height: Tensor, pitch: float) -> Path:
-    """Write a height map [n, n] in metres with its pitch [m] as safetensors. Returns the path."""
-    about = {"edofsim": json.dumps({"pitch_um": pitch * 1e6})}
-    with whole(path) as temporary:
-        save_file({KEY: height.detach().cpu().contiguous()}, temporary, about)
-    return path
 
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
@@ -159,18 +149,13 @@ def natural_samples(camera: Camera, pitch: float) -> int:
 def check_size(camera: Camera, samples: int, pitch: float) -> None:
     """Raise InputError unless `samples` cells of `pitch` [m] cover the pupil, a cell to spare at most."""
     width, diameter = samples * pitch, 2 * camera.aperture_radius
-    if width > diameter + 2 * pitch:
-        raise InputError(
-            f"the mask is larger than the pupil: {samples} samples of {pitch * 1e6:g} um make"
-            f" {width * 1e3:.4g} mm, the pupil is {diameter * 1e3:.4g} mm across; use"
-            f" {natural_samples(camera, pitch)} samples"
-        )
-    if width < diameter - 1e-9:
-        raise InputError(
-            f"the mask does not cover the pupil: {samples} samples of {pitch * 1e6:g} um make"
-            f" {width * 1e3:.4g} mm, the pupil is {diameter * 1e3:.4g} mm across; use"
-            f" {natural_samples(camera, pitch)} samples"
-        )
+    if diameter - 1e-9 <= width <= diameter + 2 * pitch:
+        return
+    wrong = "is larger than" if width > diameter else "does not cover"
+    raise InputError(
+        f"the mask {wrong} the pupil: {samples} samples of {pitch * 1e6:g} um make {width * 1e3:.4g} mm, the"
+        f" pupil is {diameter * 1e3:.4g} mm across; use {natural_samples(camera, pitch)} samples"
+    )
 
 
 def given_pitch(camera: Camera) -> float | None:

@@ -45,7 +45,6 @@ def otf(
     *,
     angle_deg: float = 0.0,
     with_pixel: bool = False,
-    seed: int | None = None,
 ) -> Tensor:
     """Optical transfer function along one direction, complex128 [depth, frequency], 1 at frequency 0.
 
@@ -53,11 +52,11 @@ def otf(
     counter-clockwise from the right. The Fourier transform of the whole PSF (Goodman, Introduction to Fourier
     Optics, section 6.3: the autocorrelation of the pupil function), sampled at the rate of the pupil's own
     bandwidth, so that it is free of the sensor's aliasing. with_pixel: times the transform of a square pixel.
-    seed: as in `psf_bank`. Of a measured lens, the pixel is in it in any case.
+    Of a measured lens, the pixel is in it in any case.
 
     Raises InputError as `psf_bank` does.
     """
-    return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel, seed)[0]
+    return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel)[0]
 
 
 def _otfs(
@@ -67,7 +66,6 @@ def _otfs(
     frequencies: Tensor | Sequence[float],
     angles_deg: Sequence[float],
     with_pixel: bool = False,
-    seed: int | None = None,
 ) -> Tensor:
     """`otf` along several directions, complex128 [direction, depth, frequency], of the same pupils."""
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
@@ -77,7 +75,7 @@ def _otfs(
     if camera.lens.measured:
         return torch.stack([_of_measured(camera, wavelength, inverse_depths, *way) for way in ways])
     transform = torch.zeros(len(angles_deg), len(inverse_depths), len(frequencies), dtype=torch.complex128)
-    for depth, (plane, place) in enumerate(_focal_planes(camera, wavelength, inverse_depths, seed)):
+    for depth, (plane, place) in enumerate(_focal_planes(camera, wavelength, inverse_depths)):
         for side, ((across, up), angle) in enumerate(zip(ways, angles_deg, strict=True)):
             transform[side, depth] = plane.transform(place, across, up, angle % 180)
     # exactly 0 beyond the cut-off, where the samples would repeat the spectrum
@@ -136,7 +134,6 @@ def strehl(
     inverse_depths: Tensor | Sequence[float],
     *,
     on_axis: bool = False,
-    seed: int | None = None,
 ) -> Tensor:
     """Peak of each PSF over that of the same amplitude without aberration, float64 [depth, band].
 
@@ -147,7 +144,7 @@ def strehl(
     for wavelength in torch.as_tensor(wavelengths, dtype=torch.float64).flatten().tolist():
         peaks = [
             (plane.centre(place) if on_axis else plane.peak(place)) / plane.amplitude**2
-            for plane, place in _focal_planes(camera, wavelength, inverse_depths, seed)
+            for plane, place in _focal_planes(camera, wavelength, inverse_depths)
         ]
         ratios.append(torch.tensor(peaks, dtype=torch.float64))
     return torch.stack(ratios, dim=1)
@@ -273,31 +270,29 @@ class _FocalPlane:
 
 
 def _focal_planes(
-    camera: Camera, wavelength: float, inverse_depths: Tensor, seed: int | None
+    camera: Camera, wavelength: float, inverse_depths: Tensor
 ) -> Iterator[tuple[_FocalPlane, int]]:
     """For each inverse depth [depth] a plane and its place in it: one for all, but of a large pupil."""
     wavelengths = torch.tensor([wavelength], dtype=torch.float64)
     window = camera.recipe.psf.window_px
-    grid = plan_sampling(camera, wavelengths, inverse_depths, window).grid
-    if grid.samples <= LARGE_PUPIL and aperture(camera, grid, seed).bend is None:
-        plane = _focal_plane(camera, wavelength, inverse_depths, grid, seed)
+    grid = plan_sampling(camera, wavelengths, inverse_depths, window)
+    if grid.samples <= LARGE_PUPIL and aperture(camera, grid).bend is None:
+        plane = _focal_plane(camera, wavelength, inverse_depths, grid)
         yield from ((plane, place) for place in range(len(inverse_depths)))
         return
     for depth in inverse_depths.split(1):
-        grid = plan_sampling(camera, wavelengths, depth, window).grid
+        grid = plan_sampling(camera, wavelengths, depth, window)
         if grid.samples > LARGE_PUPIL:
-            grid = plan_sampling(camera, wavelengths, depth, window, by_bound=False).grid
-        yield _focal_plane(camera, wavelength, depth, grid, seed), 0
+            grid = plan_sampling(camera, wavelengths, depth, window, by_bound=False)
+        yield _focal_plane(camera, wavelength, depth, grid), 0
 
 
-def _focal_plane(
-    camera: Camera, wavelength: float, inverse_depths: Tensor, grid: PupilGrid, seed: int | None
-) -> _FocalPlane:
+def _focal_plane(camera: Camera, wavelength: float, inverse_depths: Tensor, grid: PupilGrid) -> _FocalPlane:
     """What comes of waves from inverse depths [depth], two samples to a cell of diffraction each way."""
     if grid.samples < FEWEST_SAMPLES:
         pitch = 2 * camera.aperture_radius / (FEWEST_SAMPLES - 2)
         grid = PupilGrid(FEWEST_SAMPLES, pitch, camera.aperture_radius)
-    opening = aperture(camera, grid, seed)
+    opening = aperture(camera, grid)
     amplitude = float(reduce(torch.add, (part for part, _ in opening.regions)).sum())
     pupil = pupil_function(camera, opening, wavelength, dtype=torch.float64)
     if opening.bend is not None:

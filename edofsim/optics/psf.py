@@ -93,7 +93,7 @@ def psf_bank(
         assert key is not None  # nothing is learned of it
         bank_cache.keep(key, found, cache)
         return PsfField(found.to(device), inverse_depths, wavelengths)
-    opening = aperture(camera, plan_sampling(camera, wavelengths, inverse_depths, pixels).grid, seed)
+    opening = aperture(camera, plan_sampling(camera, wavelengths, inverse_depths, pixels), seed)
     where = torch.device(device)
 
     if trainable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -28,22 +28,6 @@ SCATTERED_ORDERS = 2
 between its samples, a map is smooth but for what lies within them."""
 
 
-@dataclass(frozen=True)
-class Sampling:
-    """The grid of the pupil and what it was chosen by. Lengths in metres.
-
-    largest_defocus: Psi of largest size among those asked for; bound: the coarsest pitch that Akpinar et al.,
-    Eq. `MinSampling`, allows for it; replica_period: the smallest lambda z_i / pitch, the distance on the
-    sensor after which a sampled pupil repeats its PSF; window: the width of the PSF window.
-    """
-
-    grid: PupilGrid
-    largest_defocus: float
-    bound: float
-    replica_period: float
-    window: float
-
-
 def sampling_bound(camera: Camera, largest_defocus: float) -> float:
     """Coarsest pitch of the pupil [m] for defocus up to |Psi|: r pi / (8 Psi), Akpinar et al., Eq.
     `MinSampling`.
@@ -57,7 +41,7 @@ def plan_sampling(
     inverse_depths: Tensor,
     window_px: int,
     by_bound: bool = True,
-) -> Sampling:
+) -> PupilGrid:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
     A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay
@@ -74,7 +58,6 @@ def plan_sampling(
     largest = float(psi.flatten()[psi.abs().argmax()])
     bound = sampling_bound(camera, largest)
     window = window_px * camera.pixel
-    reach = float(wavelengths.min()) * camera.sensor_distance
     fixed = camera.recipe.psf.pupil_sampling_um
     if camera.lens.measured:
         samples, pitch = FEWEST_SAMPLES, 2 * camera.aperture_radius / FEWEST_SAMPLES
@@ -90,8 +73,7 @@ def plan_sampling(
             f"PSFs at Psi = {largest:.4g} need {samples:.6g} samples across the pupil"
             f" ({pitch * 1e6:.3g} um), more than {LARGEST_PUPIL}; {_what_helps(camera, wavelengths, psi)}"
         )
-    grid = PupilGrid(samples, pitch, camera.aperture_radius)
-    return Sampling(grid, largest, bound, reach / pitch, window)
+    return PupilGrid(samples, pitch, camera.aperture_radius)
 
 
 def _check_near(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor) -> None:

@@ -80,7 +80,7 @@ def sub_aperture_psfs(
             alike = [(groups[0][0], min(pitch for _, pitch in alike))]
         groups = [(depths, camera.with_pupil_sampling(pitch)) for depths, pitch in alike]
     grids = [
-        plan_sampling(sampled, wavelengths, inverse_depths[depths], pixels).grid for depths, sampled in groups
+        plan_sampling(sampled, wavelengths, inverse_depths[depths], pixels) for depths, sampled in groups
     ]
     where = torch.device(device)
     pixels = coarse_window(pixels, side)

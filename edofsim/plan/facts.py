@@ -17,7 +17,7 @@ from ..capture.field import frame_of
 from ..capture.guessed import guessed_fragments, with_guessed
 from ..capture.imaging import spectrum_of
 from ..capture.occlusion.slabs import Hides, cuts, hides
-from ..capture.photograph import all_in_focus, nodes_of
+from ..capture.photograph import all_in_focus, depths_of
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..capture.sensor import automatic_exposure
 from ..core.once import Once
@@ -125,7 +125,7 @@ class Facts:
 
     @cached_property
     def _finest_layers(self) -> int:
-        return int(nodes_of([self.view], self.camera, self.full).numel())
+        return int(depths_of([self.view], self.camera, self.full)[0].numel())
 
     @property
     def scene(self) -> SceneRecipe:

@@ -133,7 +133,7 @@ def _optics_of(shape: Shape, camera: Camera, fidelity: Fidelity, window: int) ->
     """Samples across the pupil, and along a pixel."""
     wavelengths = torch.tensor(shape.wavelengths, dtype=torch.float64)
     depths = torch.tensor(shape.ends, dtype=torch.float64)
-    samples = plan_sampling(simpler_camera(camera, fidelity), wavelengths, depths, window).grid.samples
+    samples = plan_sampling(simpler_camera(camera, fidelity), wavelengths, depths, window).samples
     return samples, fidelity.oversampling or camera.oversampling(min(shape.wavelengths))
 
 

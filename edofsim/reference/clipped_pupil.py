@@ -286,7 +286,7 @@ def _clipped(
     if not which.numel():
         return [canvas[inside] for canvas in canvases]
     depths = part.inverse_depth[which]
-    grids = [plan_sampling(each, part.wavelengths, depths, window, by_bound=False).grid for each in cameras]
+    grids = [plan_sampling(each, part.wavelengths, depths, window, by_bound=False) for each in cameras]
     grid = max(grids, key=lambda each: each.samples)
     openings = [aperture(camera, grid) for camera in cameras]
     lets_by = torch.from_numpy(np.ascontiguousarray(seen[which.numpy()]))

@@ -41,7 +41,7 @@ def _light(camera: Camera, inverse_depth: float) -> float:
 
 
 def _finer(camera: Camera, inverse_depth: float) -> float:
-    pitch = plan_sampling(camera, GREEN, torch.tensor([inverse_depth]), SIDE_PX).grid.pitch
+    pitch = plan_sampling(camera, GREEN, torch.tensor([inverse_depth]), SIDE_PX).pitch
     psf = camera.recipe.psf.model_copy(update={"pupil_sampling_um": FINER_BY * pitch * 1e6})
     finer = replace(camera, recipe=camera.recipe.model_copy(update={"psf": psf}))
     return distance(_psf(finer, inverse_depth)[0], _psf(camera, inverse_depth)[0])

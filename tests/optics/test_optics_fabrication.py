@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import save_file
 
 from edofsim.errors import InputError
 from edofsim.optics import Camera, material, plan_sampling, psf_bank
 from edofsim.optics.fabrication import make, wave_height
 from edofsim.optics.grid import PupilGrid, bicubic_matrix, resample
-from edofsim.optics.height import load_height_map, natural_samples, save_height_map, surface
+from edofsim.optics.height import load_height_map, natural_samples, surface
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.fabrication import Fabrication
 
@@ -25,6 +28,12 @@ def camera(**recipe) -> Camera:
 
 def ramp(deepest_um: float, samples: int = 64) -> torch.Tensor:
     return torch.linspace(0, deepest_um * 1e-6, samples, dtype=torch.float64).expand(samples, samples)
+
+
+def write_height_map(path: Path, height: torch.Tensor, pitch_um: float) -> Path:
+    """As `load_height_map` documents it."""
+    save_file({"height_m": height}, path, {"edofsim": json.dumps({"pitch_um": pitch_um})})
+    return path
 
 
 def test_upsampling_reproduces_parabolas():
@@ -158,7 +167,7 @@ def test_made_surface_is_sampled_at_its_own_pitch():
     made = camera(mask={"kind": "cubic"}, fabrication={"preset": "paper-device", "wrap_wavelength_nm": 543.0})
     assert natural_samples(made, 3e-6) == 1667
     bank = psf_bank(made, [GREEN], [0.5], window_px=8)
-    assert plan_sampling(made, bank.wavelengths, bank.inverse_depths, 8).grid.pitch == pytest.approx(3e-6)
+    assert plan_sampling(made, bank.wavelengths, bank.inverse_depths, 8).pitch == pytest.approx(3e-6)
     # errors scatter 1 - exp(-(2 pi (n - 1) sigma / lambda)^2) of the light, almost all out of the window
     ideal = camera(mask={"kind": "cubic"})
     flat = psf_bank(ideal, [GREEN], [0.5], window_px=128)
@@ -185,7 +194,7 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
     np.save(tmp_path / "broken.npy", np.full((239, 239), np.nan))
     np.save(tmp_path / "micrometres.npy", np.full((239, 239), 0.5))
     (tmp_path / "text.npy").write_text("not a map")
-    save_height_map(tmp_path / "other.safetensors", torch.zeros(239, 239), 30e-6)
+    write_height_map(tmp_path / "other.safetensors", torch.zeros(239, 239), 30)
     words = {
         "large.npy": "larger than the pupil",
         "small.npy": "does not cover the pupil",
@@ -208,5 +217,5 @@ def test_height_maps_that_do_not_fit_are_refused(tmp_path):
 
 def test_height_maps_keep_their_pitch_on_disk(tmp_path):
     height = torch.rand(5, 5, dtype=torch.float64) * 1e-6
-    loaded, pitch = load_height_map(save_height_map(tmp_path / "map.safetensors", height, 21e-6))
+    loaded, pitch = load_height_map(write_height_map(tmp_path / "map.safetensors", height, 21))
     assert torch.equal(loaded, height) and pitch == pytest.approx(21e-6)

@@ -69,7 +69,7 @@ def test_a_part_sends_its_light_where_its_rays_go():
     depths, window, across = [0.2, 1.2, 2.2], 96, 2
     axis = torch.arange(window, dtype=torch.float64) - window // 2
     bands, at = torch.tensor([546e-9]).double(), torch.tensor(depths).double()
-    grid = plan_sampling(camera, bands, at, window).grid
+    grid = plan_sampling(camera, bands, at, window)
     disc = disc_coverage(grid, grid.radius)
     windows = pupil_windows(grid, across, disc)
     right, up = grid.normalised()

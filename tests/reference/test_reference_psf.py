@@ -20,7 +20,7 @@ DEPTHS = torch.tensor([0.0, 0.8, 1.7], dtype=torch.float64)
 
 def through(camera, window: int, wave=None):
     """PSFs of points at DEPTHS whose light reaches the pupil as `wave` (default: freely), and the grid."""
-    grid = plan_sampling(camera, torch.tensor([BAND], dtype=torch.float64), DEPTHS, window).grid
+    grid = plan_sampling(camera, torch.tensor([BAND], dtype=torch.float64), DEPTHS, window)
     opening = aperture(camera, grid)
     wave = torch.ones(len(DEPTHS), grid.samples, grid.samples) if wave is None else wave(grid)
     psi = defocus(camera, BAND, DEPTHS)

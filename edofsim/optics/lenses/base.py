@@ -204,6 +204,14 @@ class _Simpler(Lens):
     def round(self) -> bool:
         return self.lens.round
 
+    @property
+    def aberrates(self) -> bool:
+        return self.lens.aberrates
+
+    @property
+    def disperses(self) -> bool:
+        return self.lens.disperses
+
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         return self.lens.field_phase(right, up, wavelength, field)
 
@@ -241,10 +249,6 @@ class WithoutSphericalAberration(_Simpler):
     def aberrates(self) -> bool:
         return False
 
-    @property
-    def disperses(self) -> bool:
-        return self.lens.disperses
-
 
 class WithoutDispersion(_Simpler):
     """A lens that delays all wavelengths as much as another one delays `wavelength` [m]."""
@@ -263,10 +267,6 @@ class WithoutDispersion(_Simpler):
     def phases(self, radius_squared: Tensor) -> Callable[[float], Tensor]:
         known = self.lens.phase(radius_squared, self.wavelength)
         return lambda wavelength: known * (self.wavelength / wavelength)
-
-    @property
-    def aberrates(self) -> bool:
-        return self.lens.aberrates
 
     @property
     def disperses(self) -> bool:

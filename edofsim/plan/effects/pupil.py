@@ -32,8 +32,7 @@ def pitch_um(facts: Facts) -> float:
     """Pitch of the automatic sampling."""
     ends = torch.tensor(facts.ends, dtype=torch.float64)
     window = facts.camera.recipe.psf.window_px
-    found = plan_sampling(facts.camera, facts.view.wavelengths, ends, window)
-    return found.grid.pitch * 1e6
+    return plan_sampling(facts.camera, facts.view.wavelengths, ends, window).pitch * 1e6
 
 
 def why(facts: Facts) -> str:

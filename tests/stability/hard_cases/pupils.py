@@ -94,7 +94,7 @@ def _strong_defocus(psi: float) -> Callable[[], Iterator[Finding]]:
         yield timed("light in the window, float64", 0.05, lambda: _off_geometry(psi))
         if psi > 500:
             return  # a finer pupil would be larger than the largest that is computed
-        grid = plan_sampling(camera, GREEN, pair[0].inverse_depths, SIDE).grid
+        grid = plan_sampling(camera, GREEN, pair[0].inverse_depths, SIDE)
         finer = camera_of(2.5, pupil_um=0.8 * grid.pitch * 1e6)
         yield timed(
             "against a finer pupil, float64",

@@ -6,6 +6,7 @@ from ....errors import InputError
 from .rows import LensFile, Row, number
 
 ASPHERES = {"AD": 4, "AE": 6, "AF": 8, "AG": 10}
+NUMBERS = {"CV": "curvature", "TH": "thickness", "CC": "conic"}
 REFUSED = {"RFL", "RFH", "TLA", "TLB", "TLC", "DCX", "DCY", "DCZ", "TCE", "GRX", "DT", "BEN", "PFL", "CVX"}
 PASSED = {
     "ANG", "DES", "WV", "WW", "RST", "F", "LEN", "WRSP", "ASP", "DLRS", "SDAD", "DLMN", "DLFD", "CSD", "LSD",
@@ -38,12 +39,8 @@ def read(text: str, name: str) -> LensFile:
         elif key == "RD":
             radius = number(words, 1, where)
             row.curvature = 1 / radius if radius else 0.0
-        elif key == "CV":
-            row.curvature = number(words, 1, where)
-        elif key == "TH":
-            row.thickness = number(words, 1, where)
-        elif key == "CC":
-            row.conic = number(words, 1, where)
+        elif key in NUMBERS:
+            setattr(row, NUMBERS[key], number(words, 1, where))
         elif key in ASPHERES:
             row.asphere(ASPHERES[key], number(words, 1, where))
         elif key == "AST":

@@ -8,6 +8,7 @@ from .rows import LensFile, Row, number
 UNITS = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 FIRST_POWER = {"STANDARD": None, "EVENASPH": 2, "ODDASPHE": 1}
 """Power of r that the first parameter of a surface is the factor of."""
+NUMBERS = {"CURV": "curvature", "DISZ": "thickness", "CONI": "conic"}
 STEP = {"EVENASPH": 2, "ODDASPHE": 1}
 VIGNETTING = ("VDXN", "VDYN", "VCXN", "VCYN")
 
@@ -50,15 +51,12 @@ def read(text: str, name: str) -> LensFile:
             if key == "TYPE":
                 kinds[-1] = words[1].upper() if words[1:] else ""
                 if kinds[-1] not in FIRST_POWER:
-                    raise InputError(f"{here}: surfaces of type {kinds[-1]} are not traced; {_kinds()}")
+                    known = ", ".join(FIRST_POWER)
+                    raise InputError(f"{here}: surfaces of type {kinds[-1]} are not traced; {known} are")
             elif key == "STOP":
                 row.stop = True
-            elif key == "CURV":
-                row.curvature = number(words, 1, here)
-            elif key == "DISZ":
-                row.thickness = number(words, 1, here)
-            elif key == "CONI":
-                row.conic = number(words, 1, here)
+            elif key in NUMBERS:
+                setattr(row, NUMBERS[key], number(words, 1, here))
             elif key == "GLAS":
                 _glass(row, words, here)
             elif key == "PARM":
@@ -86,10 +84,6 @@ def read(text: str, name: str) -> LensFile:
     if automatic:
         found.notes.append(f"{automatic} semi-diameters that the program worked out from rays are left out")
     return found
-
-
-def _kinds() -> str:
-    return f"{', '.join(FIRST_POWER)} are"
 
 
 def _glass(row: Row, words: list[str], where: str) -> None:
