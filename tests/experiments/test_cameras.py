@@ -108,7 +108,7 @@ def test_every_kind_of_system_by_its_camera(
     def small(name: str, camera: Camera, own: object) -> TestedCamera:
         return TestedCamera(name, name, camera, scenes=(), own=own)
 
-    monkeypatch.setattr(cameras, "_taker", small)
+    monkeypatch.setattr(cameras, "_tested", small)
     systems = [f"{tmp_path / 'f.py'}:{name}" for name in ("same", "flat")]
     systems += [str(network), f"{tmp_path / 'own.toml'}+wiener", "nobody"]
     found = cameras.run(tmp_path / "out", silent, folder, 1, [str(tmp_path / "own.toml")], systems)

@@ -210,7 +210,7 @@ def test_a_checkpoint_is_read_where_its_class_is_and_refused_elsewhere(
 ) -> None:
     (tmp_path / "hers_alone.py").write_text(MODULE)
     monkeypatch.syspath_prepend(str(tmp_path))
-    import hers_alone
+    hers_alone = import_module("hers_alone")
 
     done = fit(camera, hers_alone.Sharper(width=3), images(), out=tmp_path / "out", **SMALL)
     for _ in range(2):

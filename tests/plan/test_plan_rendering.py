@@ -43,7 +43,7 @@ def test_hero_wavelengths_are_for_dispersive_glass_alone(scene: str, glass: bool
         pass
 
     facts = Facts()
-    facts.recipe = recipe
+    facts.recipe = facts.scene = recipe
     assert (hero.absent(facts) == "") is glass
 
 
