@@ -248,6 +248,23 @@ def test_plans_have_as_many_places_as_the_target_asks_for(corner: tuple[View, Ca
     assert seconds == sorted(seconds)
 
 
+def test_a_long_lens_with_a_small_sensor_pays_for_one_place():
+    """And a short one of the same surfaces does not."""
+    recipe = load_camera("double-gauss-50mm-f4").recipe
+    steps = []
+    for focal, pixel_um in ((100.0, 3.0), (10.0, 40.0)):
+        lens = {**recipe.lens.model_dump(exclude_unset=True), "focal_length_mm": focal, "f_number": 8.0}
+        sensor = recipe.sensor.model_copy(update={"pixel_um": pixel_um, "read_noise": 0.01})
+        keys = {"lens": lens, "sensor": sensor.model_dump(), "psf": {"window_px": 16}}
+        seen_by = Camera.from_recipe(CameraRecipe.model_validate(recipe.model_dump() | keys))
+        view = view_of(random_light(40 + 16, 60 + 16), seen_by, 8, None)
+        plan = plan_photo(replace(view, inverse_depth=view.inverse_depth * 0 + 0.5), seen_by)
+        said = next(each for each in plan.decisions if each.effect == "field dependence")
+        steps.append((plan.fidelity.field_step_px, said.chosen, said.called_for))
+    assert steps[0] == (0, "that of the axis", False)
+    assert steps[1][0] != 0 and steps[1][2]
+
+
 def test_each_place_is_restored_by_its_own_psfs():
     """Better than by those of the axis, and without seams: no step of the image at borders of places."""
     seen_by = camera(coma=30.0, shadow=0.0)

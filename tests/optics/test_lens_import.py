@@ -257,7 +257,9 @@ def test_a_makers_catalogue_gives_the_formula_and_where_it_holds(tmp_path):
     agf += "NM F2 1 620364 1.62004 36.37 0\nCD 2.5 0.1 0.2\nLD 0.4 1.0\n"
     (tmp_path / "maker.agf").write_text(agf)
     how = {"told": {}, "catalogues": [tmp_path / "maker.agf"]}
-    first, third = (lens_of(read(tmp_path, "zmx", zemax(), **how)[0]).surfaces[number] for number in (0, 2))
+    recipe, notes = read(tmp_path, "zmx", zemax(), **how)
+    assert any("F2 by nd and Vd: formula Schott of its catalogue" in note for note in notes)
+    first, third = (lens_of(recipe).surfaces[number] for number in (0, 2))
     ours = (
         PrescriptionLens(
             kind="prescription",

@@ -13,11 +13,26 @@ from .rows import number
 
 SELLMEIER = 2
 """Formula of a catalogue that is taken as it is; of glass by others, n_d and V_d."""
+OTHERS = {
+    1: "Schott",
+    3: "Herzberger",
+    4: "Sellmeier 2",
+    5: "Conrady",
+    6: "Sellmeier 3",
+    7: "Handbook of Optics 1",
+    8: "Handbook of Optics 2",
+    9: "Sellmeier 4",
+    10: "Extended",
+    11: "Sellmeier 5",
+    12: "Extended 2",
+    13: "Extended 3",
+}
 CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{2})(\d*)")
 
 
 def catalogue(path: Path) -> dict[str, dict[str, object]]:
-    """Keys of surfaces by the name of a glass, from a catalogue of Zemax's form. Raises InputError."""
+    """Keys of surfaces by the name of a glass, from a catalogue of Zemax's form, and `formula`, the name of
+    one that is not read. Raises InputError."""
     existing(path, "--glasses")
     content = path.read_bytes()
     text = (
@@ -30,6 +45,8 @@ def catalogue(path: Path) -> dict[str, dict[str, object]]:
         if words[:1] == ["NM"] and len(words) > 5:
             named, formula = words[1].upper(), int(number(words, 2, where))
             found[named] = {"nd": number(words, 4, where), "vd": number(words, 5, where)}
+            if formula != SELLMEIER:
+                found[named]["formula"] = OTHERS.get(formula, f"number {formula}")
         elif words[:1] == ["CD"] and named and formula == SELLMEIER:
             values = [number(words, place, where) for place in range(1, min(len(words), 7))]
             pairs = zip(values[::2], values[1::2], strict=False)
@@ -56,7 +73,10 @@ def keys_of(
         return {"nd": told[plain][0], "vd": told[plain][1]}, ""
     for known in catalogues:
         if plain in known:
-            return dict(known[plain]), ""
+            keys = dict(known[plain])
+            formula = keys.pop("formula", None)
+            said = f"glass {name} by nd and Vd: formula {formula} of its catalogue is not read"
+            return keys, said if formula else ""
     by_upper = {each.upper(): each for each in MATERIALS}
     if plain in by_upper and plain != "AIR":
         return {"glass": by_upper[plain]}, ""
