@@ -196,7 +196,6 @@ def run(
         with watch.stage("wiener", 0.94, 0.96):
             wiener = by_wiener(photo.image)
     with watch.stage("score", 0.96, 0.98):
-        inverse_depth = view.crop_margin(view.mean_inverse_depth())
         truth = Truth(photo.ideal, photographed_noise(view, optics, taken, photo, compute))
         noise_alone = truth.noise
         if not bare:
@@ -206,15 +205,7 @@ def run(
         if wiener is not None:
             images["wiener"] = wiener, truth.restored_noise(photo.image, wiener, by_wiener)
         images["lens_alone"] = lens_alone.image, noise_alone.image
-
-        compared = {name: truth.compared(*pair) for name, pair in images.items()}
-
-        def judged(each: tuple[Tensor, Tensor, TruthNoise]) -> tuple[Score, tuple[DepthScore, ...]]:
-            return score_by_depth(*each, inverse_depth)
-
-        found = in_threads(judged, list(compared.values()), photo.image.device)
-        scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
-        by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
+        scores, by_depth, noises = _scored(images, truth, view)
     return Run(
         scene=scene,
         camera=camera,
@@ -232,13 +223,29 @@ def run(
         wiener=wiener,
         lens_alone=lens_alone,
         noise=truth.noise,
-        noises={name: noise for name, (_, _, noise) in compared.items()},
+        noises=noises,
         scores=scores,
         by_depth=by_depth,
         gains=gains({name: whole.psnr_db for name, whole in scores.items()}),
         seconds=watch.seconds,
         peak_memory_mib=peak_memory_mib(),
     )
+
+
+def _scored(
+    images: Mapping[str, tuple[Tensor, Tensor | None]], truth: Truth, view: View
+) -> tuple[dict[str, Score], dict[str, tuple[DepthScore, ...]], dict[str, TruthNoise]]:
+    """Scores of images with their noise, as wholes and by depth, and what they are without, each by name."""
+    inverse_depth = view.crop_margin(view.mean_inverse_depth())
+    compared = {name: truth.compared(*pair) for name, pair in images.items()}
+
+    def judged(each: tuple[Tensor, Tensor, TruthNoise]) -> tuple[Score, tuple[DepthScore, ...]]:
+        return score_by_depth(*each, inverse_depth)
+
+    found = in_threads(judged, list(compared.values()), truth.ideal.device)
+    scores = {name: whole for name, (whole, _) in zip(images, found, strict=True)}
+    by_depth = {name: parts for name, (_, parts) in zip(images, found, strict=True)}
+    return scores, by_depth, {name: noise for name, (_, _, noise) in compared.items()}
 
 
 def planned_view(

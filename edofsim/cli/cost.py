@@ -29,6 +29,8 @@ from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, finish, inputs_of, recipes_of
 
 if TYPE_CHECKING:
+    from ..experiments.cost import Measured
+    from ..experiments.cost_stages import Point
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
 
 SEEDS = 3
@@ -96,14 +98,6 @@ def measured(
     from ..capture.framing import seen_through
     from ..experiments import cost as photos
     from ..experiments import cost_stages
-    from ..experiments.cost_page import (
-        cost_page,
-        cost_plot,
-        photo_table,
-        shift_table,
-        stage_plot,
-        stage_table,
-    )
     from ..experiments.cost_scores import Judge
     from ..optics import Camera
     from ..plan import planner_of, through_mask_like
@@ -139,13 +133,29 @@ def measured(
     points += cost_stages.restore_points(
         view, taker, folder, repeats=repeats, device=compute, progress=part(progress, 0.85, 1.0)
     )
+    return _written(recipe.name, folder, rows, points)
+
+
+def _written(name: str, folder: Path, rows: list[Measured], points: list[Point]) -> OfScene:
+    """Tables, charts and the page of what was measured."""
+    from ..experiments import cost as photos
+    from ..experiments import cost_stages
+    from ..experiments.cost_page import (
+        cost_page,
+        cost_plot,
+        photo_table,
+        shift_table,
+        stage_plot,
+        stage_table,
+    )
+
     by_kind = {row.case.kind: row for row in rows}
     saved = by_kind["full"].seconds / by_kind["chosen"].seconds
     numbers = {**photos.figures(rows), **cost_stages.figures(points), "times_faster.chosen": saved}
     outputs = {
         "table": photos.write_table(folder / "cost.csv", rows),
         "table of stages": cost_stages.write_table(folder / "stages.csv", points),
-        "chart": cost_plot(rows, recipe.name).save(folder / "cost.png"),
+        "chart": cost_plot(rows, name).save(folder / "cost.png"),
     }
     printed = [photo_table(rows), shift_table(rows)]
     for stage in ("render", "restore"):
@@ -153,6 +163,6 @@ def measured(
         if some:
             outputs[f"chart of {stage}"] = stage_plot(some).save(folder / f"cost-{stage}.png")
             printed.append(stage_table(some))
-    outputs["page"] = cost_page(folder / "cost.html", recipe.name, rows, points, numbers)
+    outputs["page"] = cost_page(folder / "cost.html", name, rows, points, numbers)
     said = f"the photo of the default choice takes {1 / saved:.1%} of the time of the full simulation's"
-    return OfScene(recipe.name, [*printed, said], numbers, outputs)
+    return OfScene(name, [*printed, said], numbers, outputs)

@@ -69,15 +69,9 @@ def new(
 
     check_name(name)
     lines: list[str] = []
-    given: dict[str, object] = {
-        "key": key,
-        "unit": unit,
-        "offset": offset or None,
-        "near_m": near,
-        "far_m": far,
-    }
-    given |= {"focal_length_px": focal_length_px, "baseline_mm": baseline_mm, "resize": resize or None}
-    given |= {"holds": holds.value}
+    given: dict[str, object] = {"key": key, "unit": unit, "offset": offset or None, "near_m": near}
+    given |= {"far_m": far, "focal_length_px": focal_length_px, "baseline_mm": baseline_mm}
+    given |= {"resize": resize or None, "holds": holds.value}
     if image is None and depth is None:
         if layer is not None or {k for k, v in given.items() if v is not None} != {"holds"}:
             raise InputError("these options are for a picture with a depth map: give --image and --depth")

@@ -3,57 +3,69 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .. import completion
-from ..core.progress import part
+from ..core.progress import Progress, part
 from ..errors import InputError
 from ..options import Device, DeviceOption, JsonOption, OutOption, QuietOption, numbers
 from ..record import writable_folder
 from .shared import Done, begun, figures_table, finish
 
+if TYPE_CHECKING:
+    from ..optics import Camera
+
+
+DepthsOption = Annotated[
+    str, typer.Option("--depths", metavar="M,M,...", help="Depths in metres; inf is legal.")
+]
+WavelengthsOption = Annotated[
+    str, typer.Option("--wavelengths", metavar="NM,NM,...", help="Wavelengths in nanometres.")
+]
+FieldsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--fields",
+        metavar="DEG,DEG,...",
+        help="Angles off the axis, of lenses that vary over the field. [default: to the corner of"
+        " 512 x 384 pixels]",
+    ),
+]
+FrequencyOption = Annotated[
+    float | None,
+    typer.Option(
+        "--frequency",
+        metavar="PER_MM",
+        help="Of MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
+    ),
+]
+SaveOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--save",
+        metavar="FILE",
+        help="Also these PSFs as .exr or .npz, and FILE.toml, the recipe of a camera that has them.",
+    ),
+]
+CameraArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="CAMERA", help="Camera recipe or shipped name.", autocompletion=completion.cameras
+    ),
+]
+
 
 def psf(
-    camera: Annotated[
-        str,
-        typer.Argument(
-            metavar="CAMERA", help="Camera recipe or shipped name.", autocompletion=completion.cameras
-        ),
-    ] = "paper-cubic",
-    depths: Annotated[
-        str, typer.Option("--depths", metavar="M,M,...", help="Depths in metres; inf is legal.")
-    ] = "0.5,0.7,1,1.5,3,inf",
-    wavelengths: Annotated[
-        str, typer.Option("--wavelengths", metavar="NM,NM,...", help="Wavelengths in nanometres.")
-    ] = "611,543,482",
-    fields: Annotated[
-        str | None,
-        typer.Option(
-            "--fields",
-            metavar="DEG,DEG,...",
-            help="Angles off the axis, of lenses that vary over the field. [default: to the corner of"
-            " 512 x 384 pixels]",
-        ),
-    ] = None,
-    frequency: Annotated[
-        float | None,
-        typer.Option(
-            "--frequency",
-            metavar="PER_MM",
-            help="Of MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
-        ),
-    ] = None,
-    save: Annotated[
-        Path | None,
-        typer.Option(
-            "--save",
-            metavar="FILE",
-            help="Also these PSFs as .exr or .npz, and FILE.toml, the recipe of a camera that has them.",
-        ),
-    ] = None,
+    camera: CameraArgument = "paper-cubic",
+    depths: DepthsOption = "0.5,0.7,1,1.5,3,inf",
+    wavelengths: WavelengthsOption = "611,543,482",
+    fields: FieldsOption = None,
+    frequency: FrequencyOption = None,
+    save: SaveOption = None,
     masks: Annotated[bool, typer.Option("--masks", help="Instead, a picture of every kind of mask.")] = False,
     out: OutOption = None,
     json: JsonOption = None,
@@ -72,6 +84,42 @@ def psf(
     pixel), and of rays distortion_percent, focus_um.tangential and focus_um.sagittal (behind the sensor),
     lateral_colour_um (shortest to longest wavelength), spot_um (root mean square, in focus).
     """
+    asked = _asked(depths, wavelengths, fields, frequency, save)
+    from ..recipe import load_camera
+
+    loaded = None if masks else load_camera(camera)
+    folder = writable_folder(out or Path("out") / (f"psf-{loaded.recipe.name}" if loaded else "masks"))
+    with begun("psf", json, quiet=quiet) as progress:
+        from ..capture.device import torch_device
+        from ..experiments import psf_figure
+        from ..optics import Camera
+
+        compute = torch_device(device.value)
+        if loaded is None:
+            return finish("psf --masks", [], {}, {"masks": psf_figure.gallery(folder, progress)}, json)
+        optics = Camera.from_recipe(loaded.recipe, loaded.base)
+        if not optics.lens.varies and (asked.angles or frequency):
+            raise InputError(
+                f"--fields, --frequency: the lens of {camera} is the same over the field; leave them out"
+            )
+        figures, outputs = _made(optics, asked, folder, compute, progress)
+        inputs = {"camera": camera, "depths_m": depths, "wavelengths_nm": wavelengths}
+        return finish("psf", [figures_table(figures)], figures, outputs, json, inputs=inputs)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    depths_m: tuple[float, ...]
+    wavelengths_nm: tuple[float, ...]
+    angles: tuple[float, ...] | None
+    frequency: float | None
+    save: Path | None
+
+
+def _asked(
+    depths: str, wavelengths: str, fields: str | None, frequency: float | None, save: Path | None
+) -> _Asked:
+    """What was typed, as numbers. Raises InputError for what is none or cannot be."""
     depths_m = tuple(dict.fromkeys(numbers(depths, "--depths", "0.5,1,inf")))
     if not all(depth > 0 for depth in depths_m):
         raise InputError(f"--depths {depths}: give metres above 0, for instance 0.5,1,inf")
@@ -85,39 +133,25 @@ def psf(
         raise InputError(f"--frequency {frequency:g}: give cycles/mm above 0, for instance 40")
     if save is not None and save.suffix.lower() not in (".exr", ".npz"):
         raise InputError(f"--save {save}: PSFs are written as .exr or .npz; name such a file")
-    from ..recipe import load_camera
+    return _Asked(depths_m, wavelengths_nm, angles, frequency, save)
 
-    loaded = None if masks else load_camera(camera)
-    folder = writable_folder(out or Path("out") / (f"psf-{loaded.recipe.name}" if loaded else "masks"))
-    with begun("psf", json, quiet=quiet) as progress:
-        from ..capture.device import torch_device
-        from ..experiments import field_figure, psf_figure
-        from ..optics import Camera
-        from ..optics.measured.saving import save_bank
 
-        compute = torch_device(device.value)
-        if loaded is None:
-            return finish("psf --masks", [], {}, {"masks": psf_figure.gallery(folder, progress)}, json)
-        optics = Camera.from_recipe(loaded.recipe, loaded.base)
-        if not optics.lens.varies and (angles or frequency):
-            raise InputError(
-                f"--fields, --frequency: the lens of {camera} is the same over the field; leave them out"
-            )
-        what = {"wavelengths_nm": wavelengths_nm, "depths_m": depths_m, "device": compute}
-        end = 0.3 if optics.lens.varies else 1.0
-        figures, outputs = psf_figure.run(optics, folder, **what, progress=part(progress, 0, end))
-        if optics.lens.varies:
-            over_field = field_figure.run(
-                optics,
-                folder,
-                **what,
-                fields_deg=angles or field_figure.usual_fields(optics),
-                per_mm=frequency,
-                progress=part(progress, end, 1),
-            )
-            figures |= over_field[0]
-            outputs |= over_field[1]
-        if save is not None:
-            outputs |= save_bank(optics, save, fields_deg=angles or field_figure.usual_fields(optics), **what)
-        inputs = {"camera": camera, "depths_m": depths, "wavelengths_nm": wavelengths}
-        return finish("psf", [figures_table(figures)], figures, outputs, json, inputs=inputs)
+def _made(
+    camera: Camera, asked: _Asked, folder: Path, device: str, progress: Progress
+) -> tuple[dict[str, float], dict[str, Path]]:
+    """Figures and files of a camera."""
+    from ..experiments import field_figure, psf_figure
+    from ..optics.measured.saving import save_bank
+
+    what = {"wavelengths_nm": asked.wavelengths_nm, "depths_m": asked.depths_m, "device": device}
+    varies = camera.lens.varies
+    end = 0.3 if varies else 1.0
+    figures, outputs = psf_figure.run(camera, folder, **what, progress=part(progress, 0, end))
+    if varies:
+        how = {"fields_deg": asked.angles or field_figure.usual_fields(camera), "per_mm": asked.frequency}
+        more, files = field_figure.run(camera, folder, **what, **how, progress=part(progress, end, 1))
+        figures, outputs = figures | more, outputs | files
+    if asked.save is not None:
+        angles = asked.angles or field_figure.usual_fields(camera)
+        outputs |= save_bank(camera, asked.save, fields_deg=angles, **what)
+    return figures, outputs

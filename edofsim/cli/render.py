@@ -36,25 +36,29 @@ from .shared import Done, begun, finish, load_report
 if TYPE_CHECKING:
     from ..plan import Target
     from ..recipe import Loaded, SceneRecipe
-    from ..render.jobs import Task
+    from ..render.jobs import RenderOutcome, Task
+
+
+VariantsOption = Annotated[
+    int | None, typer.Option("--members", min=1, help="Variants to render of each family.")
+]
+NoiseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--noise",
+        metavar="1%|photo|truth",
+        help="Stop at this noise, not at a sample count: of the view; photo: about a tenth of the "
+        "sensor's in the photo; truth: about 45 dB in the ideal image.",
+    ),
+]
 
 
 def render(
     scenes: Scenes,
-    members: Annotated[
-        int | None, typer.Option("--members", min=1, help="Variants to render of each family.")
-    ] = None,
+    members: VariantsOption = None,
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(
-            "--noise",
-            metavar="1%|photo|truth",
-            help="Stop at this noise, not at a sample count: of the view; photo: about a tenth of the "
-            "sensor's in the photo; truth: about 45 dB in the ideal image.",
-        ),
-    ] = None,
+    noise: NoiseOption = None,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
     shard: ShardOption = None,
@@ -103,47 +107,43 @@ def render(
         expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
         if not quiet:
             console.err.print(str(expected), markup=False)
+        rendering = {"cache": cache, "noise": level, "device": device.value, "progress": progress}
         if len(tasks) == 1 and how.alone and how.shard is None:  # no worker needs starting for one view
-            outcomes = [
-                render_one(tasks[0], cache=cache, noise=level, device=device.value, progress=progress)
-            ]
+            outcomes = [render_one(tasks[0], **rendering)]
         else:
-            outcomes = render_many(
-                tasks,
-                cache=cache,
-                jobs=jobs,
-                cluster=cluster,
-                shard=how.shard,
-                noise=level,
-                device=device.value,
-                progress=progress,
-            )
+            outcomes = render_many(tasks, jobs=jobs, cluster=cluster, shard=how.shard, **rendering)
         failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
         outcomes = [outcome for outcome in outcomes if not outcome.error]
         if failed and not outcomes:
             raise EdofsimError("\n".join(failed))
         fresh = sum(outcome.fresh for outcome in outcomes)
-        numbers: dict[str, float] = {
-            "views": len(outcomes),
-            "views.rendered": fresh,
-            "seconds.forecast": expected.seconds,
-            "seconds.render": sum(outcome.seconds for outcome in outcomes),
-            "seconds.total": clock.perf_counter() - started,
-            "seconds.processor": processor_seconds(),
-        }
-        table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
-        for each in outcomes:
-            origin = "rendered" if each.fresh else each.origin
-            cells = (f"{each.seconds:.1f}", str(each.samples), f"{each.noise:.2%}", each.host, origin)
-            table.add_row(each.name, *cells)
-            numbers[f"seconds.{each.name}"] = each.seconds
-            numbers[f"render_noise.{each.name}"] = each.noise
+        table, numbers = _told(outcomes, expected.seconds, clock.perf_counter() - started)
         outputs = {"manifest": (cache or store.default_folder()) / MANIFEST} if fresh else {}
         if folder:
             outputs |= _view_pictures(tasks, folder, level, cache)
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": place or level}
         return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
+
+
+def _told(outcomes: Sequence[RenderOutcome], forecast: float, total: float) -> tuple[Table, dict[str, float]]:
+    """Of each view, and of all: a table and figures. forecast, total: seconds."""
+    numbers: dict[str, float] = {
+        "views": len(outcomes),
+        "views.rendered": sum(outcome.fresh for outcome in outcomes),
+        "seconds.forecast": forecast,
+        "seconds.render": sum(outcome.seconds for outcome in outcomes),
+        "seconds.total": total,
+        "seconds.processor": processor_seconds(),
+    }
+    table = Table("view", "seconds", "samples", "noise", "host", "from", box=None)
+    for each in outcomes:
+        origin = "rendered" if each.fresh else each.origin
+        cells = (f"{each.seconds:.1f}", str(each.samples), f"{each.noise:.2%}", each.host, origin)
+        table.add_row(each.name, *cells)
+        numbers[f"seconds.{each.name}"] = each.seconds
+        numbers[f"render_noise.{each.name}"] = each.noise
+    return table, numbers
 
 
 def _framed(scene: Loaded[SceneRecipe]) -> Loaded[SceneRecipe]:

@@ -22,20 +22,19 @@ from ..options import (
 from ..record import peak_memory_mib, writable_folder
 from .shared import Done, begun, finish
 
+TakenByOption = Annotated[
+    str,
+    typer.Option(
+        "--camera", metavar="CAMERA", help="The camera that took it.", autocompletion=completion.cameras
+    ),
+]
+
 
 def restore(
     photo: Annotated[
         Path, typer.Argument(metavar="PHOTO", help="Photo from `expose` (EXR, linear), or PNG/JPEG (sRGB).")
     ],
-    camera: Annotated[
-        str,
-        typer.Option(
-            "--camera",
-            metavar="CAMERA",
-            help="The camera that took it.",
-            autocompletion=completion.cameras,
-        ),
-    ] = "paper-learned",
+    camera: TakenByOption = "paper-learned",
     network: NetworkOption = None,
     near_m: Annotated[
         float, typer.Option("--near", metavar="METRES", help="Nearest depth in the photo.")

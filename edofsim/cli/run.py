@@ -100,16 +100,8 @@ def run(
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
     folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
     with begun("run", json, quiet=quiet) as progress:
-        import torch
-
         from .. import pipeline
-        from ..capture import save_image, write_photo
-        from ..capture.fidelity_file import values_of
-        from ..core.threads import in_threads
         from ..plan import RESTORED, parse_target
-        from ..restore.choice import said_of
-        from ..restore.gains import gains_in_words
-        from ..restore.truth import noise_said
 
         load_report()
 
@@ -131,52 +123,69 @@ def run(
         )
         if raw_colours:
             result = replace(result, photo=replace(result.photo, colours=None))
-        from ..report import write_run_report
-
         progress(0.98, "report")
         started = clock.perf_counter()
-        chart = _cost_chart(result, folder, progress) if cost else None
-        images = _images(result)
-
-        def saved(name: str) -> Path:
-            if name == LINEAR:
-                return write_photo(folder / "photo.exr", result.photo)
-            colours = None if name == GIVEN else result.photo.colours
-            return save_image(folder / f"{name}.png", images[name], colours)
-
-        longest_first = [LINEAR, *images]
-        paths = dict(zip(longest_first, in_threads(saved, longest_first, torch.device("cpu")), strict=True))
-        outputs = {name: paths[name] for name in (*images, LINEAR)}
-        outputs["report"] = write_run_report(folder / "report.html", result, chart)
+        outputs = _written(result, folder, _cost_chart(result, folder, progress) if cost else None)
         numbers = pipeline.figures(result)
         numbers["seconds.report"] = clock.perf_counter() - started
         numbers["seconds.total"] += numbers["seconds.report"]
         numbers["seconds.processor"] = processor_seconds()
         numbers["peak_memory_mib"] = peak_memory_mib()
-        lines = [
-            *plan_lines(result.plan, result.seconds["plan"]),
-            f"the lens alone has a plan of its own: {result.plan_lens_alone.summary()}",
-            _score_table(result),
-            *([gained] if (gained := gains_in_words(result.gains)) else []),
-            noise_said(result.noise.state, numbers),
-            *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
-            f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
-            f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
-        ]
-        return finish(
-            "run",
-            lines,
-            numbers,
-            outputs,
-            json,
-            seed=seed,
-            inputs=inputs_of(scene_recipe, camera_recipe, network=network),
-            plan=plan_rows(result.plan),
-            plan_lens_alone=plan_rows(result.plan_lens_alone),
-            fidelity_lens_alone=values_of(result.plan_lens_alone.fidelity),
-            fidelity=values_of(result.plan.fidelity),
-            restored_by=result.restored_by,
-        )
+        inputs = inputs_of(scene_recipe, camera_recipe, network=network)
+        how = {"seed": seed, "inputs": inputs, "rest": _record_of(result)}
+        return finish("run", _lines(result, numbers), numbers, outputs, json, **how)
+
+
+def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:
+    """The images of a run and its page."""
+    import torch
+
+    from ..capture import save_image, write_photo
+    from ..core.threads import in_threads
+    from ..report import write_run_report
+
+    images = _images(result)
+
+    def saved(name: str) -> Path:
+        if name == LINEAR:
+            return write_photo(folder / "photo.exr", result.photo)
+        colours = None if name == GIVEN else result.photo.colours
+        return save_image(folder / f"{name}.png", images[name], colours)
+
+    longest_first = [LINEAR, *images]
+    paths = dict(zip(longest_first, in_threads(saved, longest_first, torch.device("cpu")), strict=True))
+    outputs = {name: paths[name] for name in (*images, LINEAR)}
+    return outputs | {"report": write_run_report(folder / "report.html", result, chart)}
+
+
+def _lines(result: Run, numbers: Mapping[str, float]) -> list[str | Table]:
+    """What a run prints."""
+    from ..restore.choice import said_of
+    from ..restore.gains import gains_in_words
+    from ..restore.truth import noise_said
+
+    return [
+        *plan_lines(result.plan, result.seconds["plan"]),
+        f"the lens alone has a plan of its own: {result.plan_lens_alone.summary()}",
+        _score_table(result),
+        *([gained] if (gained := gains_in_words(result.gains)) else []),
+        noise_said(result.noise.state, numbers),
+        *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
+        f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
+        f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",
+    ]
+
+
+def _record_of(result: Run) -> dict[str, object]:
+    from ..capture.fidelity_file import values_of
+
+    return {
+        "plan": plan_rows(result.plan),
+        "plan_lens_alone": plan_rows(result.plan_lens_alone),
+        "fidelity_lens_alone": values_of(result.plan_lens_alone.fidelity),
+        "fidelity": values_of(result.plan.fidelity),
+        "restored_by": result.restored_by,
+    }
 
 
 def _images(result: Run) -> Mapping[str, Tensor]:
