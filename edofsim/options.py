@@ -30,6 +30,14 @@ Scenes = Annotated[
         autocompletion=completion.scenes,
     ),
 ]
+ShippedScenes = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[SCENE...]",
+        help="Recipes or shipped names; default all shipped.",
+        autocompletion=completion.scenes,
+    ),
+]
 Scene = Annotated[
     str,
     typer.Argument(

@@ -29,6 +29,7 @@ from torch import Tensor
 from .. import completion
 from ..capture.sensor import automatic_exposure
 from ..core.images import developed, srgb_encode, write_png
+from ..core.json_values import Json
 from ..core.progress import Progress, part
 from ..optics import PAPER_COLOURS, Camera, psf_bank, response, response_curves
 from ..options import CacheOption, LensOption, SeedOption, SystemsOption, numbers
@@ -99,6 +100,25 @@ def sensor_bands_nm() -> np.ndarray:
     return np.round(curves[0].numpy() * 1e9, 6)
 
 
+CubesOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--data",
+        metavar="PATH",
+        help="Spectral cube (folder with a picture a band, .mat, spectral .exr) or a folder of cubes.",
+    ),
+]
+PlanesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scene",
+        metavar="SCENE",
+        help="Scene to render, as one plane; repeatable.",
+        autocompletion=completion.scenes,
+    ),
+]
+
+
 @in_paper(
     lambda paper: {
         "data": [paper.cubes] if paper.cubes else None,
@@ -112,23 +132,8 @@ def sensor_bands_nm() -> np.ndarray:
 def run(
     folder: Path,
     progress: Progress,
-    data: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--data",
-            metavar="PATH",
-            help="Spectral cube (folder with a picture a band, .mat, spectral .exr) or a folder of cubes.",
-        ),
-    ] = None,
-    scenes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--scene",
-            metavar="SCENE",
-            help="Scene to render, as one plane; repeatable.",
-            autocompletion=completion.scenes,
-        ),
-    ] = None,
+    data: CubesOption = None,
+    scenes: PlanesOption = None,
     bands: Annotated[
         str | None, typer.Option("--bands", metavar="LOW,HIGH", help="Only a cube's bands between these, nm.")
     ] = None,
@@ -259,19 +264,12 @@ def judge(
         )
         for depth in DEPTHS_M
     ]
-    shown = [
-        Shown(
-            *(
-                out / "pictures" / f"{name}.png"
-                for name in (cube.sha256[:16], f"{key}-sensor", f"{key}-output")
-            )
-        )
-        for key in keys
-    ]
+    place = out / "pictures"
+    named = [(cube.sha256[:16], f"{key}-sensor", f"{key}-output") for key in keys]
+    shown = [Shown(*(place / f"{name}.png" for name in names)) for names in named]
     ready = [
-        kept.get(key) is not None
-        and all(path.is_file() for path in (files.sharp, files.photo, files.restored))
-        for key, files in zip(keys, shown, strict=True)
+        kept.get(key) is not None and all((place / f"{name}.png").is_file() for name in names)
+        for key, names in zip(keys, named, strict=True)
     ]
     if not all(ready):
         progress(0.0, f"{system.name}: {cube.name}, point spread functions")
@@ -285,21 +283,15 @@ def judge(
                 progress((1 + i) / 4, f"{system.name}: {cube.name}, {label_of(DEPTHS_M[i])}")
                 psfs = bank[i], three[i]
                 kept.put(key, _photographed(system, of_three, cube, *psfs, weights, inverse[i], files))
-    found = [kept.get(key) or {} for key in keys]
     return [
-        CubeScore(
-            system.name,
-            cube.name,
-            depth,
-            tuple(f["photo_db"]),
-            tuple(f["restored_db"]),
-            f["three_db"],
-            f["filter_db"],
-            tuple(f["band_errors"]),
-            files,
-        )
-        for depth, f, files in zip(DEPTHS_M, found, shown, strict=True)
+        CubeScore(system.name, cube.name, depth, **_as_kept(kept.get(key) or {}), shown=files)
+        for depth, key, files in zip(DEPTHS_M, keys, shown, strict=True)
     ]
+
+
+def _as_kept(found: Json) -> Json:
+    """Of what `_photographed` kept: lists as tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
 
 
 def photographed(radiance: Tensor, psf: Tensor, weights: Tensor) -> tuple[Tensor, list[float]]:
@@ -337,9 +329,8 @@ def _photographed(
     truth = torch.einsum("cb,byx->cyx", weights, cube.radiance)
     exposure = automatic_exposure(truth[frame])
     clean, errors = photographed(cube.radiance * exposure, psf, weights)
-    noise_key = cube.sha256
-    photo = noisy(clean[frame], READ_NOISE, noise_key)
-    lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, noise_key)
+    photo = noisy(clean[frame], READ_NOISE, cube.sha256)
+    lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, cube.sha256)
     sharp = (truth * exposure)[frame]
     with torch.inference_mode():
         known = torch.einsum("cb,byx->cyx", weights, psf)
@@ -387,16 +378,10 @@ def _left_out(wavelengths: Tensor) -> tuple[float, ...]:
 
 def _write(out: Path, result: Result) -> dict[str, Path]:
     names = ("all", *CHANNELS)
-    header = (
-        "system",
-        "cube",
-        "depth",
-        *(f"photo_db_{n}" for n in names),
-        *(f"restored_db_{n}" for n in names),
-    )
+    told = (*(f"photo_db_{n}" for n in names), *(f"restored_db_{n}" for n in names))
     scores = write_csv(
         out / "broadband.csv",
-        (*header, "three_wavelengths_db", "filter_db"),
+        ("system", "cube", "depth", *told, "three_wavelengths_db", "filter_db"),
         (
             (r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db, r.filter_db)
             for r in result.rows

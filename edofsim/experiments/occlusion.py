@@ -135,17 +135,9 @@ def run(
             found = of_scene(source, takers, folder, cache, str(device), tell)
             kept.put(key, found)
         figures |= found
-    counts = tuple(f"layers of {way}" for way in SNAPPED)
-    bounds = tuple(BOUNDS.values())
-    header, rows = ("scene", "mask", "focus", *WAYS, *counts, *bounds), table(figures)
-    outputs["table"] = write_csv(folder / "occlusion.csv", header, rows)
+    columns, rows = table(figures)
+    outputs["table"] = write_csv(folder / "occlusion.csv", [column.name for column in columns], rows)
     white = white_figures(takers, kept)
-    columns = (
-        *(Column(name) for name in header[:3]),
-        *(Column(way, "dB", 2) for way in WAYS),
-        *(Column(name, "", 0) for name in counts),
-        *(Column(name, "dB", 1) for name in bounds),
-    )
     shown = [Table(columns, tuple(rows)), white_table(white)]
     return Findings(figures | white, shown=shown, outputs=outputs)
 
@@ -183,9 +175,15 @@ def white_table(figures: Mapping[str, float]) -> Table:
     return Table(columns, rows, said)
 
 
-def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
-    """Rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, each of `BOUNDS` or NaN)
-    of the figures."""
+def table(figures: dict[str, float]) -> tuple[tuple[Column, ...], list[tuple[str | float, ...]]]:
+    """Columns and rows (scene, mask, focus, PSNR of each way to composite, layers of `SNAPPED`, each of
+    `BOUNDS` or NaN) of the figures."""
+    columns = (
+        *(Column(name) for name in ("scene", "mask", "focus")),
+        *(Column(way, "dB", 2) for way in WAYS),
+        *(Column(f"layers of {way}", "", 0) for way in SNAPPED),
+        *(Column(name, "dB", 1) for name in BOUNDS.values()),
+    )
     cases = dict.fromkeys(tuple(name.split(".")[1:4]) for name in figures if name.startswith("psnr_db."))
     rows: list[tuple[str | float, ...]] = []
     for case in cases:
@@ -193,7 +191,7 @@ def table(figures: dict[str, float]) -> list[tuple[str | float, ...]]:
         counts = [figures[".".join(("layers", *case, way))] for way in SNAPPED]
         bounds = [figures.get(".".join((name, *case)), math.nan) for name in BOUNDS]
         rows.append((*case, *scores, *counts, *bounds))
-    return rows
+    return columns, rows
 
 
 def scene_key(loaded: Loaded[SceneRecipe], takers: Takers, device: str) -> str:
@@ -230,15 +228,8 @@ def of_scene(
         for mask in takers.names
         for focus, distance in focus_distances(edge).items()
     }
-    truths = references(
-        folder / f"occlusion-{scene}.safetensors",
-        view,
-        model,
-        takes,
-        edge.where,
-        device,
-        part(say, 0.2, 0.7),
-    )
+    file = folder / f"occlusion-{scene}.safetensors"
+    truths = references(file, view, model, takes, edge.where, device, part(say, 0.2, 0.7))
     say(0.7, "compositing")
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
     shown: dict[tuple[str, str], dict[str, Tensor]] = {}
@@ -246,27 +237,15 @@ def of_scene(
         judged = composites(view, edge.where, takes[mask, focus], truth)
         figures |= judged.figures(f"{scene}.{mask}.{focus}")
         shown[mask, focus] = {"reference": judged.truth, **judged.photos}
-    fine = render(
-        three_bands(loaded, LENS_SAMPLES),
-        loaded.base,
-        cache=cache,
-        device=device,
-        progress=part(say, 0.7, 0.75),
-    )
+    smooth, tell = three_bands(loaded, LENS_SAMPLES), part(say, 0.7, 0.75)
+    fine = render(smooth, loaded.base, cache=cache, device=device, progress=tell)
     green, depth = chosen_bands(fine, [GREEN]), recipe.render.max_depth
     lenses = {
         (THIN_LENS, focus): takers.at(THIN_LENS, distance, view.pixel_angle)
         for focus, distance in focus_distances(edge).items()
     }
-    limits = references(
-        folder / f"occlusion-{scene}-{THIN_LENS}.safetensors",
-        green,
-        model,
-        lenses,
-        edge.where,
-        device,
-        part(say, 0.75, 0.95),
-    )
+    file = folder / f"occlusion-{scene}-{THIN_LENS}.safetensors"
+    limits = references(file, green, model, lenses, edge.where, device, part(say, 0.75, 0.95))
     for (take, camera), limit in zip(lenses.items(), limits, strict=True):
         halves = by_rays(model, fine, GREEN, edge.where, camera, depth, device, part(say, 0.95, 1.0))
         judged = composites(green, edge.where, camera, (halves[0] + halves[1]) / 2)

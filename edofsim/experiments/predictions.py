@@ -23,7 +23,7 @@ from ..core.progress import Progress
 from ..core.threads import one_thread
 from ..errors import InputError
 from ..optics import Camera
-from ..options import CacheOption, MembersOption
+from ..options import CacheOption, MembersOption, ShippedScenes
 from ..plan import (
     Fidelity,
     decibels,
@@ -97,14 +97,7 @@ def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> Sc
 def run(
     folder: Path,
     progress: Progress,
-    scenes: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[SCENE...]",
-            help="Shipped scenes or recipes; default all that ship.",
-            autocompletion=completion.scenes,
-        ),
-    ] = None,
+    scenes: ShippedScenes = None,
     members: MembersOption = 0,
     first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
     masks: Annotated[

@@ -16,13 +16,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-import typer
 from torch import Tensor
 
-from .. import completion
 from ..capture.depth_edges import near_edges
 from ..capture.framing import framed, seen_through
 from ..core.files import write_bytes
@@ -36,6 +34,7 @@ from ..options import (
     QuickOption,
     ResampleOption,
     SeedOption,
+    ShippedScenes,
 )
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..recipe.load import shipped, shipped_folder
@@ -112,19 +111,27 @@ class Seen:
         return tuple(each for each in self.lens.every if (OURS, each.name) in self.taken)
 
 
+def _show(folder: Path, measured: Measured, seen: Seen) -> None:
+    """The pages and the picture of a scene."""
+    from .scene3d_page import scene_page, strip
+
+    judged = [system for system in seen.systems if system.restoration is not None]
+    for system in judged:
+        page = scene_page(measured, seen, system, Link("../scene3d.html", "Deep scenes"))
+        write_page(folder / f"{measured.scene}-{system.name}.html", page)
+    alone = seen.taken.get((OURS, seen.lens.alone.name))
+    if judged and alone is not None:
+        ours = seen.taken[OURS, judged[0].name]
+        shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
+        write_bytes(folder / f"{measured.scene}.png", shown.png)
+
+
 @in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
 @in_parts("scenes", lambda: list(shipped(shipped_folder("scenes"))))
 def run(
     folder: Path,
     progress: Progress,
-    scenes: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[SCENE...]",
-            help="Recipes or shipped names; default all shipped.",
-            autocompletion=completion.scenes,
-        ),
-    ] = None,
+    scenes: ShippedScenes = None,
     networks: NetworksOption = None,
     camera: CameraOption = None,
     quick: QuickOption = False,
@@ -149,7 +156,7 @@ def run(
     many depth layers; scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the
     worst channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
-    from .scene3d_page import card, overview_page, scene_page, scores_table, strip, ways_table
+    from .scene3d_page import card, overview_page, scores_table, ways_table
 
     loaded, broken = readable(scenes or list(shipped(shipped_folder("scenes"))))
     if broken and not loaded:
@@ -157,18 +164,6 @@ def run(
     loaded = in_place_of(loaded, members, seed)
     sources, failures = sources_of(networks)
     names = [source.name for source in sources]
-    each = writable_folder(folder / "scenes")
-
-    def show(measured: Measured, seen: Seen) -> None:
-        judged = [system for system in seen.systems if system.restoration is not None]
-        for system in judged:
-            page = scene_page(measured, seen, system, Link("../scene3d.html", "Deep scenes"))
-            write_page(each / f"{measured.scene}-{system.name}.html", page)
-        alone = seen.taken.get((OURS, seen.lens.alone.name))
-        if judged and alone is not None:
-            ours = seen.taken[OURS, judged[0].name]
-            shown = strip(ours.truth, alone, ours.images["restored"], measured.scene)
-            write_bytes(each / f"{measured.scene}.png", shown.png)
 
     outcome = measured_scenes(
         folder,
@@ -179,7 +174,7 @@ def run(
         resample=resample,
         seed=seed,
         cache=cache,
-        show=show,
+        show=partial(_show, writable_folder(folder / "scenes")),
         progress=progress,
     )
     outcome = SceneScores(outcome.measured, {**broken, **outcome.failed})
@@ -191,7 +186,8 @@ def run(
     for m in every:
         for name in (name for name in names if name not in m.problems):
             title = m.scene if len(names) == 1 else f"{m.scene}, {name}"
-            links.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, each / f"{m.scene}.png"))
+            picture = folder / "scenes" / f"{m.scene}.png"
+            links.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, picture))
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
     shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
     worsts = [

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import FrameType
 
 import torch
 from torch import Tensor, nn
 
 from .. import __version__
+from ..core.interrupts import stoppable
 from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
@@ -128,7 +127,7 @@ def _train(
     opened = Journal(out, position.step) if workers.first else nullcontext()
     figures: dict[str, float] = {}
     path = out / f"{recipe.name}.safetensors"
-    with opened as journal, _stoppable() as stop:
+    with opened as journal, stoppable() as stop:
         if workers.first and setup.judged_at_start and position.step == 0:
             validate(setup, journal, 0)  # what it starts from
         try:
@@ -384,25 +383,3 @@ def _denormals_flushed() -> Generator[None]:
         yield
     finally:
         torch.set_flush_denormal(False)
-
-
-@contextmanager
-def _stoppable() -> Generator[list[int]]:
-    """Ctrl-C and SIGTERM ask for an end after the step; a second Ctrl-C ends at once."""
-    asked: list[int] = []
-
-    def ask(number: int, frame: FrameType | None) -> None:
-        if asked and number == signal.SIGINT:
-            raise KeyboardInterrupt
-        asked.append(number)
-
-    try:
-        old = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:  # not the main thread: signals are someone else's
-        yield asked
-        return
-    try:
-        yield asked
-    finally:
-        for number, handler in old.items():
-            signal.signal(number, handler)

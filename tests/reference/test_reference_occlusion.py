@@ -200,7 +200,7 @@ def test_hidden_surfaces_win_on_two_surfaces_of_a_shipped_scene(tmp_path):
     """The bus before the car: nearer to clipped pupils and to rays than every way that knows the visible
     alone, for every mask and focus, and best where the car is nearly in focus, where it would be exact."""
     figures = occlusion.run(tmp_path, silent, ["bench"]).figures
-    rows = occlusion.table(figures)
+    _, rows = occlusion.table(figures)
     assert len(rows) == 12
     hidden = {}
     for _, mask, focus, none, over, normalised, with_hidden, with_parts, *_ in rows:
