@@ -85,23 +85,18 @@ def render(
     with begun("render", json, quiet=quiet) as progress:
         from ..render import cache as store
         from ..render.jobs import MANIFEST, Task, check_scenes, forecast, render_many, render_one
-        from ..scene.family import members as family_members
 
         if folder:
             load_report()
         loaded = [_framed(item) for item in loaded]
-        tasks = [
-            Task(recipe, item.base)
-            for item in loaded
-            for recipe in (family_members(item.recipe, members) if members else [item.recipe])
-        ]
+        tasks = _tasks(loaded, members)
+        given = (cache, device.value, progress, quiet)
         if accuracy or time:
             from ..plan import parse_target
 
-            target = parse_target(accuracy, time)
-            tasks = [_as_planned(task, target, cache, device.value, progress, quiet) for task in tasks]
+            tasks = [_as_planned(task, parse_target(accuracy, time), *given) for task in tasks]
         if place:
-            tasks = [_stopping(task, place, cache, device.value, progress, quiet) for task in tasks]
+            tasks = [_stopping(task, place, *given) for task in tasks]
         if len(tasks) > 1:
             check_scenes([Task(item.recipe, item.base) for item in loaded], progress)
         expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
@@ -124,6 +119,18 @@ def render(
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": place or level}
         return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
+
+
+def _tasks(scenes: Sequence[Loaded[SceneRecipe]], members: int | None) -> list[Task]:
+    """A task a scene, or a member of its family."""
+    from ..render.jobs import Task
+    from ..scene.family import members as family_members
+
+    return [
+        Task(recipe, item.base)
+        for item in scenes
+        for recipe in (family_members(item.recipe, members) if members else [item.recipe])
+    ]
 
 
 def _told(outcomes: Sequence[RenderOutcome], forecast: float, total: float) -> tuple[Table, dict[str, float]]:

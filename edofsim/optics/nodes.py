@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
@@ -69,12 +69,7 @@ def nodes_between(
     for _ in range(HALVINGS):
         middles = [(first + last) / 2 for first, last in parts]
         known |= _transfers(camera, colours, middles)
-        apart = {
-            part: [
-                transfers_apart(known[a], known[b]) for a, b in (part, (part[0], middle), (middle, part[1]))
-            ]
-            for part, middle in zip(parts, middles, strict=True)
-        }
+        apart = {part: _apart(known, *part) for part in parts}
         wide = sorted((p for p in parts if max(apart[p]) >= difference), key=lambda p: -max(apart[p]))
         wide = sorted(wide[: max(0, most - len(found))])
         parts = []
@@ -101,6 +96,13 @@ def node_shares(nodes: Tensor) -> Tensor:
         return torch.ones_like(nodes)
     gaps = functional.pad(nodes.diff(), (1, 1))
     return (gaps[:-1] + gaps[1:]) / (2 * (nodes[-1] - nodes[0]))
+
+
+def _apart(known: Mapping[float, Tensor], first: float, last: float) -> list[float]:
+    """How photos at the ends of a part differ, and at those of its halves."""
+    middle = (first + last) / 2
+    pairs = ((first, last), (first, middle), (middle, last))
+    return [transfers_apart(known[one], known[other]) for one, other in pairs]
 
 
 def _transfers(camera: Camera, colours: Tensor, places: Sequence[float]) -> dict[float, Tensor]:

@@ -77,6 +77,18 @@ def coarsely(noise: np.ndarray) -> tuple[np.ndarray, float]:
     return ((bits + 0x80) & 0xFF00).astype(np.uint16).view(np.float16), value
 
 
+def _about(view: Fragments) -> Json:
+    """What a file says of a view besides its fragments."""
+    return {
+        "format": FORMAT,
+        "pixel_angle": view.pixel_angle,
+        "noise": view.noise,
+        "wavelengths_m": view.wavelengths.tolist(),
+        "metadata": {key: value for key, value in view.metadata.items() if key != "run"},
+        **({} if view.axis is None else {"axis": view.axis}),
+    }
+
+
 def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Callable[[], Fragments]:
     """Write a view, and return what gives it as `read_view` does.
 
@@ -104,19 +116,11 @@ def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Calla
         np.array([columns - margin - 1, rows - margin - 1], np.int32),
     )
     frame = (np.zeros(2, np.int32), np.array([view.width - 1, view.height - 1], np.int32))
-    about = {
-        "format": FORMAT,
-        "pixel_angle": view.pixel_angle,
-        "noise": view.noise,
-        "wavelengths_m": view.wavelengths.tolist(),
-        "metadata": {key: value for key, value in view.metadata.items() if key != "run"},
-    }
-    about |= {} if view.axis is None else {"axis": view.axis}
     header = {
         **spectral,
         "dataWindow": window,
         "displayWindow": frame,
-        "edofsim": json.dumps(about, sort_keys=True),
+        "edofsim": json.dumps(_about(view), sort_keys=True),
         "recipe": json.dumps(recipe or {}, sort_keys=True),
     }
     channels = {name: np.ascontiguousarray(image[band]) for band, name in enumerate(names)}

@@ -167,10 +167,8 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
         if item.emission is not None
     ]
     objects = [tables.object(item) for item in model.objects]
-    sky_image = False
     if model.environment is not None:
         radiance = model.environment.radiance
-        sky_image = radiance.image is not None
         contents["sky"] = _environment(mi, radiance, weights[-1])
         lights.append(tables.entry(radiance))
     scene = mi.load_dict(contents, optimize=False)
@@ -195,7 +193,7 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
         stride=tables.stride,
         disperses=bool(model.dispersive),
         has_textures=any(item.surface.reflectance.image is not None for item in model.objects),
-        has_sky_image=sky_image,
+        has_sky_image=model.environment is not None and model.environment.radiance.image is not None,
         few_lights=_few_lights(mi, lights, np.concatenate(tables.spectra), bands),
         spares=spares(mi, meshes),
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import torch
@@ -31,6 +32,9 @@ from .plot import (
     new_figure,
 )  # fmt: skip
 from .words import depth_range, distance, duration, number, shorten
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "wiener": PURPLE, "lens_alone": GREEN}
 
@@ -79,6 +83,38 @@ def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
     )
 
 
+def _draw_score(
+    axes: Axes,
+    score: ImageScore,
+    limits: Callable[[DepthScore], tuple[float, float]],
+    **look: Any,  # pyrefly: ignore[explicit-any] - Matplotlib's own keywords
+) -> int:
+    """A bar a depth range, and a line through their middles; how many there are with a finite PSNR."""
+    entries = [entry for entry in score.by_depth if math.isfinite(entry.score.psnr_db)]
+    values = [entry.score.psnr_db for entry in entries]
+    wide = {"color": look["color"], "linewidth": 3.2, "solid_capstyle": "butt", "alpha": 0.4}
+    for entry, value in zip(entries, values, strict=True):
+        axes.plot(limits(entry), [value] * 2, **wide)
+    axes.plot([sum(limits(entry)) / 2 for entry in entries], values, linewidth=1.3, **look)
+    return len(values)
+
+
+def _ranges_said(scores: Mapping[str, ImageScore], labels: Mapping[str, str]) -> list[str]:
+    """The worst and the best range of each image, in words."""
+    parts = []
+    for name, score in scores.items():
+        finite = [e for e in score.by_depth if math.isfinite(e.score.psnr_db)]
+        if finite:
+            worst = min(finite, key=lambda e: e.score.psnr_db)
+            best = max(finite, key=lambda e: e.score.psnr_db)
+            parts.append(
+                f"{labels.get(name, name)}: "
+                f"{number(worst.score.psnr_db)} dB ({depth_range(worst.near_m, worst.far_m)}) to "
+                f"{number(best.score.psnr_db)} dB ({depth_range(best.near_m, best.far_m)})"
+            )
+    return parts
+
+
 def score_plot(
     scores: Mapping[str, ImageScore], labels: Mapping[str, str], focus_m: float | None = None,
     nearest_m: float = 0.0,
@@ -103,32 +139,8 @@ def score_plot(
         for i, (name, score) in enumerate(scores.items()):
             colour = COLOUR_OF.get(name, SERIES[i % len(SERIES)])
             label = shorten(labels.get(name, name), 36)
-            middles: list[float] = []
-            values: list[float] = []
-            for entry in score.by_depth:
-                if not math.isfinite(entry.score.psnr_db):
-                    continue
-                a, b = limits(entry)
-                axes.plot(
-                    [a, b],
-                    [entry.score.psnr_db] * 2,
-                    color=colour,
-                    linewidth=3.2,
-                    solid_capstyle="butt",
-                    alpha=0.4,
-                )
-                middles.append((a + b) / 2)
-                values.append(entry.score.psnr_db)
-            axes.plot(
-                middles,
-                values,
-                color=colour,
-                linestyle=DASHES[i % len(DASHES)],
-                linewidth=1.3,
-                marker=MARKERS[i % len(MARKERS)],
-                label=label,
-            )
-            drawn += len(values)
+            look = {"linestyle": DASHES[i % len(DASHES)], "marker": MARKERS[i % len(MARKERS)]}
+            drawn += _draw_score(axes, score, limits, color=colour, label=label, **look)
         if not drawn:
             axes.text(0.5, 0.5, "no finite score", transform=axes.transAxes, ha="center", color=MUTED)
         metre_axis(axes, low, high)
@@ -149,17 +161,7 @@ def score_plot(
             figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
         return figure
 
-    parts = []
-    for name, score in scores.items():
-        finite = [e for e in score.by_depth if math.isfinite(e.score.psnr_db)]
-        if finite:
-            worst = min(finite, key=lambda e: e.score.psnr_db)
-            best = max(finite, key=lambda e: e.score.psnr_db)
-            parts.append(
-                f"{labels.get(name, name)}: "
-                f"{number(worst.score.psnr_db)} dB ({depth_range(worst.near_m, worst.far_m)}) to "
-                f"{number(best.score.psnr_db)} dB ({depth_range(best.near_m, best.far_m)})"
-            )
+    parts = _ranges_said(scores, labels)
     return Plot(
         paint,
         alt="PSNR by depth. " + "; ".join(parts) + "." if parts else "PSNR by depth: no finite score.",

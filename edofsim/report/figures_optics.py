@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from matplotlib.cm import ScalarMappable
@@ -24,9 +26,32 @@ from .plot import (
 )  # fmt: skip
 from .words import distance, percent, significant
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 CHANNELS = ("Red", "Green", "Blue")
 PSF_DECADES = 4  # of brightness that a picture of a PSF spans
 PSF_ENERGY = 0.97  # of the light in the window that the part shown must hold, at every depth
+
+
+def _draw_bar(axes: Axes, x: float, y: float, pixels: int, pixel: float) -> None:
+    """As long as some pixels are in a picture."""
+    axes.plot([x, x + pixels * pixel], [y, y], color="white", linewidth=2.4, solid_capstyle="butt")
+    axes.text(x, y + 0.04, f"{pixels} px", color="white", fontsize=8)
+
+
+def _draw_scale(figure: Figure, norm: LogNorm, place: Sequence[float]) -> None:
+    """What the colours of PSFs stand for, along the longer side of `place` (left, bottom, width, height)."""
+    left, bottom, width, height = place
+    inches = figure.get_size_inches()
+    lies = width * inches[0] > height * inches[1]
+    scale = figure.colorbar(
+        ScalarMappable(norm, LIGHT_MAP),
+        cax=figure.add_axes((left, bottom, width, height)),
+        orientation="horizontal" if lies else "vertical",
+    )
+    scale.outline.set_visible(False)
+    scale.set_label("fraction of the light in a pixel")
 
 
 def psf_plot(psfs: Psfs) -> Plot:
@@ -70,28 +95,14 @@ def psf_plot(psfs: Psfs) -> Plot:
                     said = at if narrow else CHANNELS[channel]
                     axes.text(x - 0.05, y + tile / 2, said, ha="right", va="center", rotation=90, **words)
                 if row == column == 0:
-                    x0, y0 = x + 0.07 * tile, y + 0.09 * tile
-                    pixel = tile / shown.shape[-1]
-                    ends = ([x0, x0 + bar * pixel], [y0, y0])
-                    axes.plot(*ends, color="white", linewidth=2.4, solid_capstyle="butt")
-                    axes.text(x0, y0 + 0.04, f"{bar} px", color="white", fontsize=8)
+                    _draw_bar(axes, x + 0.07 * tile, y + 0.09 * tile, bar, tile / shown.shape[-1])
         axes.set(xlim=(0, width), ylim=(0, height))
         axes.set_axis_off()
-        place = (
-            (left, 0.52, width - left - right, 0.12)
-            if narrow
-            else (width - 0.8, 0.05, 0.12, height - top - bottom)
+        place = (width - 0.8, 0.05, 0.12, height - top - bottom)
+        place = (left, 0.52, width - left - right, 0.12) if narrow else place
+        _draw_scale(
+            figure, norm, [each / size for each, size in zip(place, (width, height) * 2, strict=True)]
         )
-        scale_axes = figure.add_axes(
-            (place[0] / width, place[1] / height, place[2] / width, place[3] / height)
-        )
-        scale = figure.colorbar(
-            ScalarMappable(norm, LIGHT_MAP),
-            cax=scale_axes,
-            orientation="horizontal" if narrow else "vertical",
-        )
-        scale.outline.set_visible(False)
-        scale.set_label("fraction of the light in a pixel")
         return figure
 
     kept = percent(float(shown.sum((-2, -1)).min()))
