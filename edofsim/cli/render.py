@@ -107,13 +107,11 @@ def render(
             outcomes = [render_one(tasks[0], **rendering)]
         else:
             outcomes = render_many(tasks, jobs=jobs, cluster=cluster, shard=how.shard, **rendering)
-        failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
-        outcomes = [outcome for outcome in outcomes if not outcome.error]
-        if failed and not outcomes:
-            raise EdofsimError("\n".join(failed))
-        fresh = sum(outcome.fresh for outcome in outcomes)
+        outcomes, failed = _parted(outcomes)
         table, numbers = _told(outcomes, expected.seconds, clock.perf_counter() - started)
-        outputs = {"manifest": (cache or store.default_folder()) / MANIFEST} if fresh else {}
+        outputs = (
+            {"manifest": (cache or store.default_folder()) / MANIFEST} if numbers["views.rendered"] else {}
+        )
         if folder:
             outputs |= _view_pictures(tasks, folder, level, cache)
         numbers["peak_memory_mib"] = peak_memory_mib()
@@ -131,6 +129,15 @@ def _tasks(scenes: Sequence[Loaded[SceneRecipe]], members: int | None) -> list[T
         for item in scenes
         for recipe in (family_members(item.recipe, members) if members else [item.recipe])
     ]
+
+
+def _parted(outcomes: Sequence[RenderOutcome]) -> tuple[list[RenderOutcome], list[str]]:
+    """Those that are there, and sentences of those that failed. Raises EdofsimError where none is there."""
+    failed = [f"{outcome.name}: {outcome.error}" for outcome in outcomes if outcome.error]
+    there = [outcome for outcome in outcomes if not outcome.error]
+    if failed and not there:
+        raise EdofsimError("\n".join(failed))
+    return there, failed
 
 
 def _told(outcomes: Sequence[RenderOutcome], forecast: float, total: float) -> tuple[Table, dict[str, float]]:

@@ -41,14 +41,14 @@ def _draw_bar(axes: Axes, x: float, y: float, pixels: int, pixel: float) -> None
 
 
 def _draw_scale(figure: Figure, norm: LogNorm, place: Sequence[float]) -> None:
-    """What the colours of PSFs stand for, along the longer side of `place` (left, bottom, width, height)."""
+    """What the colours of PSFs stand for, along the longer side of `place` (left, bottom, width, height in
+    inches)."""
+    across, up = figure.get_size_inches()
     left, bottom, width, height = place
-    inches = figure.get_size_inches()
-    lies = width * inches[0] > height * inches[1]
     scale = figure.colorbar(
         ScalarMappable(norm, LIGHT_MAP),
-        cax=figure.add_axes((left, bottom, width, height)),
-        orientation="horizontal" if lies else "vertical",
+        cax=figure.add_axes((left / across, bottom / up, width / across, height / up)),
+        orientation="horizontal" if width > height else "vertical",
     )
     scale.outline.set_visible(False)
     scale.set_label("fraction of the light in a pixel")
@@ -61,8 +61,7 @@ def psf_plot(psfs: Psfs) -> Plot:
     side = _part_with_energy(values, PSF_ENERGY)
     rows, columns = values.shape[-2:]
     top, left = rows // 2 - side // 2, columns // 2 - side // 2
-    shown = values[..., max(top, 0) : top + side, max(left, 0) : left + side]
-    shown = torch.nan_to_num(shown, nan=0.0)
+    shown = torch.nan_to_num(values[..., max(top, 0) : top + side, max(left, 0) : left + side], nan=0.0)
     peak = float(shown.max()) or 1.0
     tiles = shown.clamp_min(peak * 1e-9).numpy()  # a logarithm cannot show zero
     bar = next((n for n in (100, 50, 20, 10, 5, 2) if n <= 0.42 * side), 1)
@@ -70,9 +69,8 @@ def psf_plot(psfs: Psfs) -> Plot:
     def paint(narrow: bool = False) -> Figure:
         picked = [order[i] for i in spread(len(order), 5 if narrow else 7)]
         down, across = (len(picked), 3) if narrow else (3, len(picked))
-        left, right, top, bottom, gap = (
-            (0.3, 0.1, 0.28, 0.85, 0.06) if narrow else (0.3, 0.95, 0.28, 0.05, 0.06)
-        )
+        left, top, gap = 0.3, 0.28, 0.06
+        right, bottom = (0.1, 0.85) if narrow else (0.95, 0.05)
         room = (NARROW_IN if narrow else WIDE_IN) - left - right - gap * (across - 1)
         tile = min(room / across, 1.9)
         width = left + right + across * tile + (across - 1) * gap
@@ -100,9 +98,7 @@ def psf_plot(psfs: Psfs) -> Plot:
         axes.set_axis_off()
         place = (width - 0.8, 0.05, 0.12, height - top - bottom)
         place = (left, 0.52, width - left - right, 0.12) if narrow else place
-        _draw_scale(
-            figure, norm, [each / size for each, size in zip(place, (width, height) * 2, strict=True)]
-        )
+        _draw_scale(figure, norm, place)
         return figure
 
     kept = percent(float(shown.sum((-2, -1)).min()))
