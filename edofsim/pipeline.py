@@ -49,6 +49,7 @@ from .restore import channel_psfs, restore
 from .restore.checkpoint import Checkpoint
 from .restore.choice import choose_network
 from .restore.gains import gain_figures, gains
+from .restore.places import Method
 from .restore.scores import DepthScore, Score, TruthNoise, score_by_depth
 from .restore.truth import Truth, noise_figures, samples_for
 
@@ -76,7 +77,7 @@ class Run:
     psfs: Tensor
     psf_depths: Tensor
     restored: Tensor
-    restored_by: str
+    restored_by: Method
     wiener: Tensor | None
     lens_alone: Photo
     noise: PhotoNoise
@@ -177,7 +178,7 @@ def run(
         depths = nodes_between(simpler, view.wavelengths, *view.inverse_depth.aminmax())
         psfs = channel_psfs(simpler, view.wavelengths, depths)
 
-    def by_network(image: Tensor) -> tuple[Tensor, str]:
+    def by_network(image: Tensor) -> tuple[Tensor, Method]:
         how = {
             "checkpoint": checkpoint,
             "psfs": psfs,

@@ -184,7 +184,7 @@ def _record_of(result: Run) -> dict[str, object]:
         "plan_lens_alone": plan_rows(result.plan_lens_alone),
         "fidelity_lens_alone": values_of(result.plan_lens_alone.fidelity),
         "fidelity": values_of(result.plan.fidelity),
-        "restored_by": result.restored_by,
+        "restored_by": str(result.restored_by),
     }
 
 
@@ -214,8 +214,11 @@ def _cost_chart(result: Run, folder: Path, progress: Progress) -> Plot:
 
 
 def _score_table(result: Run) -> Table:
-    by = result.restored_by.partition(",")[0]
-    names = {"photo": "photo", "restored": f"restored ({by})", "wiener": "Wiener instead"}
+    names = {
+        "photo": "photo",
+        "restored": f"restored ({result.restored_by.name})",
+        "wiener": "Wiener instead",
+    }
     names = {name: label for name, label in names.items() if name in result.scores}
     names["lens_alone"] = "lens alone"
     ranges = [(part.near_m, part.far_m) for part in result.by_depth["photo"]]

@@ -101,7 +101,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
         machine=machine(),
         notes=_notes(result.view.metadata, result.noise.state),
         colours=result.photo.colours,
-        restored_label=f"Restored ({result.restored_by.partition(',')[0]})",
+        restored_label=f"Restored ({result.restored_by.name})",
     )
     return write_report(path, report)
 

@@ -19,6 +19,7 @@ from .checkpoint import (
     load_checkpoint,
     network_of,
 )
+from .places import Method
 from .restore import restore
 
 WIENER = "wiener"
@@ -60,17 +61,17 @@ def _read_once(path: Path) -> Checkpoint:
     return load_checkpoint(path)
 
 
-def said_of(checkpoint: Checkpoint | None, by: str) -> str | None:
+def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:
     """A sentence on what restored a photo where that was not trained for its camera, for a person. by: as
-    `restore` names it; None where there is nothing to say."""
+    `restore` gives it; None where there is nothing to say."""
     if checkpoint is None or not checkpoint.network.any_camera:
         return None
-    if by == checkpoint.name:
+    if not by.reason:
         return (
-            f"No network was trained for this camera's mask: {by}, which knows any camera by its PSFs, "
+            f"No network was trained for this camera's mask: {by.name}, which knows any camera by its PSFs, "
             "restored the photo."
         )
-    return f"Wiener deconvolution restored the photo: {by.removeprefix('Wiener, as ')}."
+    return f"Wiener deconvolution restored the photo: {by.reason}."
 
 
 def restoring(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -10,6 +11,22 @@ from torch import Tensor
 from ..optics import Camera
 from ..optics.field import Frame, Place, joined, places, relative_light, step_for
 
+
+@dataclass(frozen=True)
+class Method:
+    """What restored a photo. name: of the network, or Wiener; reason: why no network did, where one was asked
+    for; step_px: between places with filters of their own, 0 where all of the photo has the same."""
+
+    name: str
+    reason: str = ""
+    step_px: int = 0
+
+    def __str__(self) -> str:
+        places = (f"place by place, {self.step_px} px apart",) if self.step_px else ()
+        return ", ".join((self.name, *((f"as {self.reason}",) if self.reason else ()), *places))
+
+
+BY_WIENER = Method("Wiener")
 RESTORED_DB = 40.0
 """By what PSNR the joined PSFs differ from those of each place: what is restored is itself farther off."""
 
@@ -25,16 +42,16 @@ def restored_by_place(
     camera: Camera,
     frame: Frame,
     step: int,
-    restore: Callable[[Tensor, Camera], tuple[Tensor, str]],
-) -> tuple[Tensor, str]:
-    """A photo [channel, y, x] restored place by place, and what restored it, in words.
+    restore: Callable[[Tensor, Camera], tuple[Tensor, Method]],
+) -> tuple[Tensor, Method]:
+    """A photo [channel, y, x] restored place by place, and what restored it.
 
     Each place is restored from its part of the photo and half a window more on each side, by the camera that
     looks there. The photo is brought to the light of the axis first.
     """
     beyond = camera.recipe.psf.window_px // 2
     even = image / light_of(camera, frame, step).to(image)
-    how = ""
+    how = BY_WIENER
 
     def at(place: Place) -> Tensor:
         nonlocal how
@@ -47,7 +64,8 @@ def restored_by_place(
         columns = slice(place.columns.start - left, place.columns.stop - left)
         return sharp[..., rows, columns]
 
-    return joined(frame, step, at).to(image), f"{how}, place by place, {step} px apart"
+    restored = joined(frame, step, at).to(image)
+    return restored, replace(how, step_px=step)
 
 
 def light_of(camera: Camera, frame: Frame, step: int) -> Tensor:

@@ -13,7 +13,7 @@ from .checkpoint import Checkpoint
 from .conditioning import conditioned_on, refusal
 from .light import without_glare, without_truncated
 from .network import apply_network
-from .places import restored_by_place, step_of
+from .places import Method, restored_by_place, step_of
 from .restorer import Restorer
 from .wiener import wiener
 
@@ -32,16 +32,15 @@ def restore(
     glare: Tensor | None = None,
     truncated: Tensor | None = None,
     frame: Frame | None = None,
-) -> tuple[Tensor, str]:
-    """The sharp image of a photo, and what made it, in words.
+) -> tuple[Tensor, Method]:
+    """The sharp image of a photo, and what made it.
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
     wavelengths [band] in metres and all that lies between the least and the largest of the inverse depths
     [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
     conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore, Wiener
-    deconvolution does, and the words say why. psfs: `channel_psfs` at the inverse depths, which are nodes
-    then; None where they are still to be made. glare: [channel], the part of the
-    light that is spread evenly over the photo besides what the camera's own PSFs do not have: by a mask that
+    deconvolution does, and `Method.reason` says why. psfs: `channel_psfs` at the inverse depths, which are
+    nodes then; None where they are still to be made. glare: [channel], the part of the light that is spread evenly over the photo besides what the camera's own PSFs do not have: by a mask that
     was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
     known (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where
     the photo looks, None: about the optical axis; through a lens that varies over the field each place is
@@ -56,7 +55,7 @@ def restore(
 
     few, weights = _fewer_bands(wavelengths, response(camera, wavelengths))
 
-    def one(part: Tensor, there: Camera) -> tuple[Tensor, str]:
+    def one(part: Tensor, there: Camera) -> tuple[Tensor, Method]:
         own = channel_psfs(there, few, nodes, weights=weights)
         return _restored(part, there, wavelengths, nodes, psfs=own, **how)
 
@@ -84,14 +83,14 @@ def _restored(
     psfs: Tensor | None,
     glare: Tensor | None,
     truncated: Tensor | None,
-) -> tuple[Tensor, str]:
+) -> tuple[Tensor, Method]:
     """`restore` by the PSFs of the camera's place in the field."""
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:
         psf, shares = _standing(camera, wavelengths, inverse_depths, psfs)
         linear = wiener(without_glare(image, glare), psf.to(image), noise_deviation(camera), shares=shares)
-        return linear, f"Wiener, as {why}" if why else "Wiener"
+        return linear, Method("Wiener", why or "")
     network = conditioned_on(checkpoint, camera, wavelengths, inverse_depths)
     if truncated is None:
         middle = torch.stack(inverse_depths.double().aminmax()).mean()
@@ -99,9 +98,10 @@ def _restored(
         truncated = 1 - lens.sum((-1, -2))[0]
     glare = 1 - (1 - glare) * (1 - truncated.to(glare))
     if not network.any_camera:
-        return apply_network(network, image, glare=glare), checkpoint.name
+        return apply_network(network, image, glare=glare), Method(checkpoint.name)
     psf, shares = _standing(camera, wavelengths, inverse_depths, psfs)
-    return for_any_camera(network, image, psf.to(image), camera.read_noise, glare, shares), checkpoint.name
+    noise = noise_deviation(camera)
+    return for_any_camera(network, image, psf.to(image), noise, glare, shares), Method(checkpoint.name)
 
 
 def _standing(

@@ -27,6 +27,7 @@ from edofsim.restore.filter_bank import FilterBank
 from edofsim.restore.light import without_glare
 from edofsim.restore.linear import local_filters
 from edofsim.restore.network import apply_network, build_network
+from edofsim.restore.places import BY_WIENER, Method
 from edofsim.restore.restore import channel_psfs, deconvolved, restore
 
 SMALL = {"groups": 2, "support": 9, "distances": 2, "width": 4, "blocks": (1, 1)}
@@ -294,7 +295,8 @@ def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(check
     assert why is not None and "600 pixels" in why and "512" in why
     assert refusal(checkpoint, _camera()) is None and refusal(load_checkpoint("paper-dcnn"), wide) is None
     sharp, by = restore(torch.rand(3, 64, 64), wide, PAPER_COLOURS, DEPTHS, checkpoint=checkpoint)
-    assert by.startswith("Wiener, as the window") and bool(torch.isfinite(sharp).all())
+    assert by.name == "Wiener" and by.reason.startswith("the window")
+    assert str(by) == f"Wiener, as {by.reason}" and bool(torch.isfinite(sharp).all())
     said = said_of(checkpoint, by)
     assert said is not None and said.startswith("Wiener deconvolution restored the photo: the window")
 
@@ -302,7 +304,7 @@ def test_a_window_that_is_too_wide_is_refused_before_its_psfs_are_computed(check
 def test_a_photo_of_one_distance_can_be_restored(checkpoint: Checkpoint) -> None:
     photo = torch.rand(3, 64, 64)
     sharp, by = restore(photo, _camera(), PAPER_COLOURS, DEPTHS[:1], checkpoint=checkpoint)
-    assert by == "any" and sharp.shape == photo.shape and bool(torch.isfinite(sharp).all())
+    assert by == Method("any") and sharp.shape == photo.shape and bool(torch.isfinite(sharp).all())
 
 
 def test_a_checkpoint_for_any_camera_is_refused_for_none_and_changes_no_mask(checkpoint: Checkpoint) -> None:
@@ -333,10 +335,10 @@ def test_without_that_checkpoint_there_is_wiener_deconvolution(monkeypatch: pyte
 
 
 def test_a_sentence_says_that_it_restored(checkpoint: Checkpoint) -> None:
-    said = said_of(checkpoint, "any")
+    said = said_of(checkpoint, Method("any"))
     assert said is not None and "any" in said and said.endswith(".")
-    assert said_of(None, "Wiener") is None
-    assert said_of(load_checkpoint("paper-dcnn"), "paper-dcnn") is None
+    assert said_of(None, BY_WIENER) is None
+    assert said_of(load_checkpoint("paper-dcnn"), Method("paper-dcnn")) is None
 
 
 def test_as_a_system_it_has_the_camera_that_is_named(checkpoint: Checkpoint) -> None:
