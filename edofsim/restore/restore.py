@@ -40,10 +40,11 @@ def restore(
     [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
     conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore, Wiener
     deconvolution does, and `Method.reason` says why. psfs: `channel_psfs` at the inverse depths, which are
-    nodes then; None where they are still to be made. glare: [channel], the part of the light that is spread evenly over the photo besides what the camera's own PSFs do not have: by a mask that
-    was made otherwise; truncated: [channel], the part that leaves the windows of the PSFs, where that is
-    known (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where
-    the photo looks, None: about the optical axis; through a lens that varies over the field each place is
+    nodes then; None where they are still to be made. glare: [channel], the part of the light that is spread
+    evenly over the photo besides what the camera's own PSFs do not have: by a mask that was made otherwise;
+    truncated: [channel], the part that leaves the windows of the PSFs, where that is known
+    (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where the
+    photo looks, None: about the optical axis; through a lens that varies over the field each place is
     restored by its own PSFs, after the photo is brought to the light of the axis.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
