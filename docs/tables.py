@@ -89,10 +89,9 @@ def block(name: str, root: Path) -> str:
     if "plot" in _specs(root)[name]:
         lines += ["", f"![The table as dots](../_static/results/{name}.svg)"]
     runs = [record(root, file) for file in made.files]
-    said = [f"`{run['typed']}` ({run['date'][:10]}, {run['commit']})" for run in runs]
-    return "\n".join(
-        [f"<!-- made: {name} -->", *lines, "", "Printed by " + ",\n".join(said) + ".", "<!-- end -->"]
-    )
+    said = dict.fromkeys(f"`{run['typed']}` ({run['date'][:10]}, {run['commit']})" for run in runs)
+    foot = "Printed by " + ",\n".join(said) + "."
+    return "\n".join([f"<!-- made: {name} -->", *lines, "", foot, "<!-- end -->"])
 
 
 def plot(name: str, root: Path) -> None:
