@@ -113,7 +113,7 @@ def gallery(out: Path, progress: Progress = silent) -> Path:
 
 
 def draw_mask(axis: Axes, camera: Camera, mask: Mask) -> None:
-    """Draw a mask in its pupil, seen from the sensor: its relief in um, or what it lets through."""
+    """Draw a mask in its pupil, seen from the sensor: its height map in um, or what it lets through."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
     regions = aperture(camera, grid).regions
     amplitude, light = mask_amplitude(mask, grid)

@@ -137,7 +137,7 @@ def of_three_lines(camera: Camera) -> Camera:
 
 
 def made(camera: Camera, fabrication: Fabrication) -> Camera:
-    """The camera with its mask as it is made. Masks without relief have nothing to make."""
+    """The camera with its mask as it is made. Masks without a height map have nothing to make."""
     if not hasattr(camera.recipe.mask, "design_wavelength_nm"):
         return camera
     return replace(camera, recipe=camera.recipe.model_copy(update={"fabrication": fabrication}))

@@ -44,7 +44,7 @@ class FixedHeight(nn.Module):
 
 
 class NoHeight(nn.Module):
-    """A camera whose mask, if any, has no relief."""
+    """A camera whose mask, if any, has no height map."""
 
     def forward(self) -> None:
         return None

@@ -1,4 +1,4 @@
-"""A mask's relief as files for a maskless lithography tool.
+"""A mask's height map as files for a maskless lithography tool.
 
 The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, but for wraps,
 which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um in 98 levels of a relief of
@@ -46,15 +46,15 @@ def device(
     limit_um: float = LIMIT_UM,
     wrap_nm: float | None = None,
 ) -> Device:
-    """The made relief of a camera's mask, or of a checkpoint's, without the errors of making it. Samples
+    """The made height map of a camera's mask, or of a checkpoint's, without the errors of making it. Samples
     outside the pupil's square bounds do not occur; those in its corners are written like the rest. wrap_nm:
     wavelength [nm] by whose whole waves a relief deeper than the limit is wrapped.
 
-    Raises InputError for a mask without a relief, and a relief deeper than the limit.
+    Raises InputError for a mask without a height map, and one deeper than the limit.
     """
     if isinstance(checkpoint, Checkpoint):
         if checkpoint.height is None:
-            raise InputError(f"{checkpoint.name}: this checkpoint's mask has no relief to be made")
+            raise InputError(f"{checkpoint.name}: this checkpoint's mask has no height map to be made")
         camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
         camera = camera.with_height(checkpoint.height.double())
     else:
@@ -65,7 +65,7 @@ def device(
     )
     upsampled = surface(camera, grid)
     if upsampled is None:
-        raise InputError(f"{camera.recipe.name}: its mask ({camera.mask.kind}) has no relief to be made")
+        raise InputError(f"{camera.recipe.name}: its mask ({camera.mask.kind}) has no height map to be made")
     height = make(upsampled.detach(), fabrication, camera.mask_material, 0)
     level_height = limit_um * 1e-6 / (levels - 1)
     return Device((height / level_height).round().numpy().astype(np.uint16), grid.pitch, level_height)

@@ -80,7 +80,7 @@ def _drawn(
     number: int,
     noise: tuple[float, float],
 ) -> RandomCamera | None:
-    """One try, without its relief where that is free; None where there can be no such lens."""
+    """One try, without its height map where that is free; None where there can be no such lens."""
     focal, stop = ratio(*table.focal_length_mm), ratio(*table.f_number)
     lens: dict[str, object] = {"kind": table.lenses[int(even(0, len(table.lenses)))]}
     if lens["kind"] == "plano-convex":

@@ -132,7 +132,7 @@ class JudgedPhotos:
 
 
 class System(nn.Module):
-    """mask() gives a height map [n, n] in metres, or None for a mask without relief; network restores; loss
+    """mask() gives a height map [n, n] in metres, or None for a mask that has none; network restores; loss
     is that of a restored image and the ideal one, [batch, 3, y, x] each.
 
     truncated_energy: weight of the light that leaves the PSFs' window. height_noise: standard deviation in

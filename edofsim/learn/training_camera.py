@@ -50,7 +50,7 @@ class TrainingCamera:
     stored: StoredPsfs | None = None
 
     def with_height(self, height: Tensor | None) -> TrainingCamera:
-        """The same with the height map [n, n] in metres of a step; None for a mask without relief."""
+        """The same with the height map [n, n] in metres of a step; None for a mask without one."""
         return replace(self, camera=self.camera.with_height(height))
 
     @property

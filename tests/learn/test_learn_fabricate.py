@@ -80,7 +80,7 @@ def test_gds_has_the_area_of_each_level(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_made_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no relief"):
+    with pytest.raises(InputError, match="no height map"):
         device(_checkpoint(tmp_path, None))
     with pytest.raises(InputError, match="deep"):
         device(_checkpoint(tmp_path, 3 * _smooth()))

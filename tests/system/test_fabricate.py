@@ -38,7 +38,7 @@ def test_a_mask_by_a_formula_is_made_in_whole_levels(edofsim: Run, tmp_path: Pat
     ("arguments", "words"),
     [
         (("paper-cubic",), "state --wrap"),
-        (("paper-clear",), "no relief to be made"),
+        (("paper-clear",), "no height map to be made"),
         (("paper-cubic", "--pitch", "-1"), "above 0"),
     ],
 )

@@ -71,7 +71,7 @@ LENS_DISPERSION = _effect(
 
 def _no_relief(facts: Facts) -> str:
     relief = facts.camera.height_map is not None or hasattr(facts.camera.recipe.mask, "design_wavelength_nm")
-    return _one_band(facts) if relief else "the aperture holds no relief"
+    return _one_band(facts) if relief else "the mask has no height map"
 
 
 def _indices(facts: Facts) -> str:
