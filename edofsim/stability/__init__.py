@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from ..optics import Camera
 from . import camera_cases, white_wall
-from .case import Case, Finding
+from .case import Cameras, Case, Finding
 from .depth_views import COVERAGE, DEPTH
 from .light_views import IMAGE, RADIANCE, SPECTRUM
 from .photos import photo_cases
@@ -23,7 +21,7 @@ EXPECTED = {
 """Groups of photos: what is right, and their views."""
 
 
-def photo_cases_of(cameras: Mapping[str, Camera], source: Source = OWN) -> tuple[Case, ...]:
+def photo_cases_of(cameras: Cameras, source: Source = OWN) -> tuple[Case, ...]:
     """All hard views through these cameras, whose PSF's window is `views.WINDOW`."""
     return tuple(
         case
@@ -34,11 +32,10 @@ def photo_cases_of(cameras: Mapping[str, Camera], source: Source = OWN) -> tuple
 
 def cases_of(camera: Camera | None = None) -> tuple[Case, ...]:
     """The whole catalogue: for the small cameras and the shipped ones, or for a camera of one's own."""
-    if camera is None:
-        small, shipped = small_cameras(), {name: make() for name, make in white_wall.CAMERAS.items()}
-    else:
-        shipped = {camera.recipe.name: camera}
-        small = {camera.recipe.name: with_small_window(camera)}
+    small, shipped = small_cameras, white_wall.shipped_cameras
+    if camera is not None:
+        name, own = camera.recipe.name, with_small_window(camera)
+        small, shipped = (lambda: {name: own}), (lambda: {name: camera})
     return (*photo_cases_of(small), *white_wall.cases_of(shipped), *camera_cases.cases_of(small))
 
 

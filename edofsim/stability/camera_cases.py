@@ -12,7 +12,7 @@ from torch import Tensor
 from ..capture.sensor import SensorEffect, record, sensor_effects
 from ..capture.sensor.mosaic import Mosaic
 from ..optics import Camera, focus_distance, plan_sampling, psf_bank
-from .case import Case, Finding, timed
+from .case import Cameras, Case, Finding, timed
 from .measures import NAN, distance
 from .views import uniform
 
@@ -82,7 +82,7 @@ def _variance(light: Tensor, effects: Sequence[SensorEffect]) -> float:
     return abs(float(square.mean()) - told) / max(float(square.std()) / square.numel() ** 0.5, 1e-30)
 
 
-def cases_of(cameras: Mapping[str, Camera]) -> tuple[Case, ...]:
+def cases_of(cameras: Cameras) -> tuple[Case, ...]:
     return (
         Case(
             "PSFs",
@@ -90,7 +90,7 @@ def cases_of(cameras: Mapping[str, Camera]) -> tuple[Case, ...]:
             "in focus and far out of it",
             "light that is lost; phase beyond float32 or the sampling",
             "all light, as in float64, as with a finer pupil",
-            lambda: _psfs(cameras),
+            lambda: _psfs(cameras()),
         ),
         Case(
             "noise",
@@ -98,6 +98,6 @@ def cases_of(cameras: Mapping[str, Camera]) -> tuple[Case, ...]:
             "even light on the whole sensor",
             "a variance that plans and restoration do not know",
             "the sum of its effects' variances",
-            lambda: _noise(cameras),
+            lambda: _noise(cameras()),
         ),
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+
+from ..optics import Camera
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,10 @@ class Case:
     risk: str
     expected: str
     check: Callable[[], Iterator[Finding]]
+
+
+Cameras = Callable[[], Mapping[str, Camera]]
+"""The cameras of a case by name, made when it runs."""
 
 
 def timed(way: str, bound: float, measure: Callable[[], float], *, alike: bool = False) -> Finding:

@@ -18,7 +18,7 @@ from ..capture import Fidelity, capture
 from ..optics import Camera
 from ..render.view import View
 from . import true_photos
-from .case import Case, Finding, timed
+from .case import Cameras, Case, Finding, timed
 from .measures import distance, typical, worst
 from .true_photos import Source
 from .views import uniform
@@ -229,11 +229,15 @@ Row = tuple[str, str, str, Callable[[Camera], HardView]]
 
 
 def photo_cases(
-    group: str, expected: str, rows: Iterable[Row], cameras: Mapping[str, Camera], source: Source
+    group: str, expected: str, rows: Iterable[Row], cameras: Cameras, source: Source
 ) -> tuple[Case, ...]:
     """Cases of a group whose check is `findings`."""
-    first = next(iter(cameras.values()))
+
+    def check(make: Callable[[Camera], HardView]) -> Iterator[Finding]:
+        through = cameras()
+        return findings(make(next(iter(through.values()))), through, source)
+
     return tuple(
-        Case(name, group, physics, risk, expected, lambda m=make: findings(m(first), cameras, source))
+        Case(name, group, physics, risk, expected, lambda m=make: check(m))
         for name, physics, risk, make in rows
     )

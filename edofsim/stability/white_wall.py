@@ -17,7 +17,7 @@ from ..capture import Fidelity, capture
 from ..optics import Camera
 from ..recipe import CameraRecipe, load_camera
 from ..render.view import View
-from .case import Case, Finding, timed
+from .case import Cameras, Case, Finding, timed
 
 SIDE, MARGIN = 64, 64
 RADIUS = 20.0
@@ -58,6 +58,11 @@ CAMERAS: Mapping[str, Callable[[], Camera]] = {
     "paper-learned": lambda: _shipped("paper-learned"),
     "35mm-f4": _fast,
 }
+
+
+def shipped_cameras() -> dict[str, Camera]:
+    """Those of `CAMERAS`."""
+    return {name: make() for name, make in CAMERAS.items()}
 
 
 def disc_before_wall(camera: Camera, known: bool) -> View:
@@ -120,7 +125,7 @@ def _disc(cameras: Mapping[str, Camera]) -> Iterator[Finding]:
                 yield timed(said, WHITE, lambda v=view, c=camera, w=way: off(v, c, WAYS[w]))
 
 
-def cases_of(cameras: Mapping[str, Camera]) -> tuple[Case, ...]:
+def cases_of(cameras: Cameras) -> tuple[Case, ...]:
     """A white disc before a white wall through these cameras."""
     return (
         Case(
@@ -129,6 +134,6 @@ def cases_of(cameras: Mapping[str, Camera]) -> tuple[Case, ...]:
             "what is behind the disc is white, whether it is known or guessed",
             "all light added up is too bright at the disc's edge, and too dark behind it",
             "white everywhere",
-            lambda: _disc(cameras),
+            lambda: _disc(cameras()),
         ),
     )

@@ -19,12 +19,12 @@ from .slanted_plane import CASES as SLANTED
 from .training import CASES as TRAINING
 from .written_photos import CASES as PHOTOS
 
-WHITE = white_wall.cases_of({name: make() for name, make in white_wall.CAMERAS.items()})
+WHITE = white_wall.cases_of(white_wall.shipped_cameras)
 CASES: tuple[Case, ...] = (
     *(
         *PHOTOS,
         *WHITE,
-        *camera_cases.cases_of(small_cameras()),
+        *camera_cases.cases_of(small_cameras),
         *OCCLUSION,
         *SLANTED,
         *LIGHT,

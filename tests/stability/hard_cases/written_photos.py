@@ -63,4 +63,4 @@ def _psfs(camera: Camera, nanometres: float, window: int, inverse_depths: Sequen
 
 WRITTEN_OUT = Source(_psfs, lambda _, nanometres: sensor_response(nanometres))
 
-CASES: tuple[Case, ...] = photo_cases_of(small_cameras(), WRITTEN_OUT)
+CASES: tuple[Case, ...] = photo_cases_of(small_cameras, WRITTEN_OUT)
