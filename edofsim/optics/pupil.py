@@ -136,9 +136,11 @@ def bent(pupil: Tensor, opening: Aperture, wavelength: float, inverse_depths: Te
 
 def mask_delay(camera: Camera, wavelength: float) -> float:
     """Phase [rad] for each metre of the mask's relief: 2 pi (n - 1) / lambda, Akpinar et al., Eq.
-    `dtophi`.
+    `dtophi`; for light that passes it at an angle, n cos t' - cos t in place of n - 1.
     """
-    return 2 * math.pi / wavelength * (float(camera.mask_material.index(wavelength)) - 1)
+    index, sine = float(camera.mask_material.index(wavelength)), camera.lens.slant(camera.field)
+    thicker = math.sqrt(index * index - sine * sine) - math.sqrt(1 - sine * sine) if sine else index - 1
+    return 2 * math.pi / wavelength * thicker
 
 
 def _fixed_phase(camera: Camera, wavelength: float, relief: Tensor | float | None) -> Tensor | float:

@@ -114,6 +114,11 @@ class Lens(KindModel):
         """The same lens, whose files are relative to a folder."""
         return self
 
+    def slant(self, field: Field) -> float:
+        """Sine of the angle with the axis, in air, at which the chief ray from `field` meets a mask in the
+        stop; 0 for a lens that takes all light to pass it along the axis."""
+        return 0.0
+
     def illumination(self, field: Field) -> float:
         """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""
         return 1.0
@@ -220,6 +225,9 @@ class _Simpler(Lens):
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         return self.lens.field_open(right, up, field)
+
+    def slant(self, field: Field) -> float:
+        return self.lens.slant(field)
 
     def illumination(self, field: Field) -> float:
         return self.lens.illumination(field)

@@ -19,7 +19,7 @@ from ..prescription.aim import Focused, axial, chief_planes, focused, on_sphere
 from ..prescription.first_order import first_order
 from ..prescription.outline import delay, disc, light, opening
 from ..prescription.polynomials import chebyshev
-from ..prescription.pupil import Pupil, pupil
+from ..prescription.pupil import Pupil, pupil, slant_at_stop
 from ..prescription.surfaces import Surface, stack
 from ..prescription.waves import Wave, landings, tangents_of, waves
 from .base import Bend, ChiefRays, Field, Lens
@@ -135,6 +135,10 @@ class PrescriptionLens(Lens):
         cell = float((right.flatten()[1] - right.flatten()[0]).abs())
         return (share / disc(right, up, self.aperture_radius, cell).clamp_min(1e-3)).clamp(0, 1)
 
+    def slant(self, field: Field) -> float:
+        tangent = math.hypot(*field)
+        return 0.0 if tangent < NEARBY else _slant(self, tangent)
+
     def illumination(self, field: Field) -> float:
         """What is left beside `field_open`, whose area in direction cosines counts cosines and the pupil's
         size: the light through parts of the pupil that lie beyond the disc of the aperture."""
@@ -230,6 +234,11 @@ def _chief_ratio(lens: PrescriptionLens, place: float) -> float:
     place = max(place, NEARBY)
     held = _held(lens)
     return float(tangents_of(held, torch.tensor([place], dtype=torch.float64) * held.scale)) / place
+
+
+@lru_cache(maxsize=4096)
+def _slant(lens: PrescriptionLens, tangent: float) -> float:
+    return float(slant_at_stop(_held(lens), torch.tensor([tangent], dtype=torch.float64)))
 
 
 @lru_cache(maxsize=64)

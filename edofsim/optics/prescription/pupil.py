@@ -76,6 +76,16 @@ def chief_of(held: Focused, tangents: Tensor, distance: float | None = None) -> 
     return replace(whole, landing=rays.y)
 
 
+def slant_at_stop(held: Focused, tangents: Tensor) -> Tensor:
+    """Sines [field], in air, of the angles with the axis at which chief rays of tangents meet the stop.
+    Raises InputError as `chief_of`."""
+    seen, index = chief_of(held, tangents), reference(held)
+    zero = torch.zeros_like(seen.plane)
+    start, direction, _ = launch(seen.plane, seen.tangent, seen.vergence, zero, zero)
+    number = held.lens.stop + 1
+    return trace(held.lens, index, start, direction, surfaces=number).up[:, 0].abs() * index[0, 0, number]
+
+
 def reference(held: Focused) -> Tensor:
     """Indices at the reference wavelength, [1, 1, surface + 1]."""
     return held.lens.index(torch.tensor([held.wavelength], dtype=torch.float64))[:, None]

@@ -47,35 +47,7 @@ def read(text: str, name: str) -> LensFile:
         elif key in VIGNETTING:
             vignetted |= any(float(each) != 0 for each in words[1:])
         elif found.rows:
-            row = found.rows[-1]
-            if key == "TYPE":
-                kinds[-1] = words[1].upper() if words[1:] else ""
-                if kinds[-1] not in FIRST_POWER:
-                    known = ", ".join(FIRST_POWER)
-                    raise InputError(f"{here}: surfaces of type {kinds[-1]} are not traced; {known} are")
-            elif key == "STOP":
-                row.stop = True
-            elif key in NUMBERS:
-                setattr(row, NUMBERS[key], number(words, 1, here))
-            elif key == "GLAS":
-                _glass(row, words, here)
-            elif key == "PARM":
-                place, factor = int(number(words, 1, here)), number(words, 2, here)
-                first = FIRST_POWER[kinds[-1]]
-                if first is not None:
-                    row.asphere(first + STEP[kinds[-1]] * (place - 1), factor)
-                elif factor:
-                    found.notes.append(f"{here}: parameter {place} of a standard surface is left out")
-            elif key in ("CLAP", "FLAP"):
-                row.clear = number(words, 2, here)
-            elif key == "DIAM" and row.clear is None and number(words, 1, here) > 0:
-                # 0: the program worked it out from the rays, 1: somebody gave it
-                if words[2:3] == ["1"]:
-                    row.clear = number(words, 1, here)
-                else:
-                    automatic += 1
-            elif key in ("SQAP", "ELAP", "OBDC"):
-                raise InputError(f"{here}: {key}: openings that are not round about the axis are not traced")
+            automatic += _of_surface(found, kinds, words, here)
     if units is None:
         raise InputError(f"{name} does not say its unit (UNIT MM, CM, IN or M); it says {unit or 'nothing'}")
     found.unit = units
@@ -84,6 +56,41 @@ def read(text: str, name: str) -> LensFile:
     if automatic:
         found.notes.append(f"{automatic} semi-diameters that the program worked out from rays are left out")
     return found
+
+
+def _of_surface(found: LensFile, kinds: list[str], words: list[str], here: str) -> int:
+    """Read a line of the last surface. Returns how many semi-diameters it left out: 0 or 1."""
+    key = words[0].upper()
+    row = found.rows[-1]
+    if key == "TYPE":
+        kinds[-1] = words[1].upper() if words[1:] else ""
+        if kinds[-1] not in FIRST_POWER:
+            known = ", ".join(FIRST_POWER)
+            raise InputError(f"{here}: surfaces of type {kinds[-1]} are not traced; {known} are")
+    elif key == "STOP":
+        row.stop = True
+    elif key in NUMBERS:
+        setattr(row, NUMBERS[key], number(words, 1, here))
+    elif key == "GLAS":
+        _glass(row, words, here)
+    elif key == "PARM":
+        place, factor = int(number(words, 1, here)), number(words, 2, here)
+        first = FIRST_POWER[kinds[-1]]
+        if first is not None:
+            row.asphere(first + STEP[kinds[-1]] * (place - 1), factor)
+        elif factor:
+            found.notes.append(f"{here}: parameter {place} of a standard surface is left out")
+    elif key in ("CLAP", "FLAP"):
+        row.clear = number(words, 2, here)
+    elif key == "DIAM" and row.clear is None and number(words, 1, here) > 0:
+        # 0: the program worked it out from the rays, 1: somebody gave it
+        if words[2:3] == ["1"]:
+            row.clear = number(words, 1, here)
+        else:
+            return 1
+    elif key in ("SQAP", "ELAP", "OBDC"):
+        raise InputError(f"{here}: {key}: openings that are not round about the axis are not traced")
+    return 0
 
 
 def _glass(row: Row, words: list[str], where: str) -> None:
