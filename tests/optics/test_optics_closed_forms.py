@@ -258,7 +258,7 @@ def test_each_depth_of_a_large_pupil_is_sampled_as_it_needs(monkeypatch):
     monkeypatch.setattr("edofsim.optics.mtf.LARGE_PUPIL", 600)
     camera, psis = ideal(), math.pi * torch.tensor([9.0, 25.0, 95.0], dtype=torch.float64)
     depths = torch.tensor([at_defocus(camera, float(psi)) for psi in psis], dtype=torch.float64)
-    samples = [len(plane.pupil) for plane, _ in _focal_planes(camera, GREEN, depths, None)]
+    samples = [len(plane.pupil) for plane, _ in _focal_planes(camera, GREEN, depths)]
     assert samples[0] == samples[1] == 512 and 700 < samples[2] < 800  # 1536 by the paper's bound
     on_axis = strehl(camera, [GREEN], depths, on_axis=True)[:, 0]
     assert torch.allclose(on_axis, torch.sinc(psis / (2 * math.pi)) ** 2, rtol=0.02)
