@@ -59,7 +59,7 @@ types: $(VENV)/.installed-tools
 	$(BIN)/pyrefly check
 
 test: setup $(VENV)/.installed-tools
-	$(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow" -n $(WORKERS) --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
 test-all: test
 	$(BIN)/python -m pytest -m slow $(PYTEST_ARGS)
