@@ -42,7 +42,7 @@ GLARE_NODES = 8
 """Depths at which truncated light is known, for each node of band-limited PSFs: between them it is linear."""
 SUB_APERTURE_STEP_PX = 128
 """Least pixels between places in the field that have sub-apertures of their own: what these change is little,
-and varies little (69 dB on `desk` through the doublet, against places every 48 pixels)."""
+and varies little."""
 
 
 @own_precision

@@ -56,3 +56,11 @@ def test_a_depth_edge_in_a_corner_against_clipped_pupils(screens, monkeypatch: p
     print(scores)
     assert scores["field"] > 30
     assert scores["field"] > max(scores["axis"], scores["upside down"]) + 3
+    # sub-apertures of places 128 pixels apart change the photo as those of places as close as the PSFs' do
+    coarse = found["field"]
+    monkeypatch.setattr(module, "SUB_APERTURE_STEP_PX", 1)
+    fine = capture(replace(view, axis=AXIS), camera, fidelity, exposure=1.0).clean[inside]
+    without = replace(fidelity, sub_apertures=1)
+    none = capture(replace(view, axis=AXIS), camera, without, exposure=1.0).clean[inside]
+    apart = {name: occlusion.psnr(each, fine) for name, each in (("coarse", coarse), ("none", none))}
+    assert apart["coarse"] > 60 and apart["coarse"] > apart["none"] + 10
