@@ -14,7 +14,7 @@ import numpy as np
 from .depths import DepthSurvey
 from .settings import RenderSettings
 
-LAUNCH_BYTES = 1 << 26
+LAUNCH_BYTES = 1 << 27
 """Radiance of one launch in the engine's memory."""
 
 MOST_SAMPLES = 1 << 16
