@@ -82,12 +82,14 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
     size, real = 2 * len(wave.bases.pixels) - 1, wave.bases.fourier
     energy = torch.empty(len(wave.chirps), size, size, dtype=real.dtype, device=real.device)
     parts = fold(wave.pupil)
+    even = keep is None and is_even(parts)
     at_once = depths_at_once(wave.bases)
     for start, out in zip(range(0, len(energy), at_once), energy.split(at_once), strict=True):
         some = wave.part(slice(start, start + at_once))
         if some.bend is not None:
             parts = fold(some.at_depths())
-        if keep is None and is_even(parts):
+            even = keep is None and is_even(parts)
+        if even:
             out.copy_(even_energy(parts, some.chirps, wave.bases))
             continue
         fields = waves(parts, some.chirps, wave.bases.fourier)
