@@ -17,7 +17,7 @@ from pathlib import Path
 import torch
 from torch.nn.functional import conv2d
 
-from edofsim.capture.planes import photograph, surroundings
+from edofsim.capture.planes import capture_planes, surroundings
 from edofsim.experiments.photographs import chart
 from edofsim.optics import PAPER_COLOURS, mean_psfs
 from edofsim.record import record, write_record
@@ -44,7 +44,7 @@ def restored() -> dict[str, float]:
     image = chart(None).pixels.float() / 255
     before, after = surroundings(WINDOW)
     ideal = image[:, before : image.shape[-2] - after, before : image.shape[-1] - after]
-    photo = photograph(image[None], psf[-1:].float())
+    photo = capture_planes(image[None], psf[-1:].float())
     photo = photo + READ_NOISE * torch.randn(photo.shape, generator=torch.Generator().manual_seed(0))
     found = {}
     for width in WIDTHS:

@@ -109,15 +109,15 @@ def _one_thread_rates(camera: Camera, repeats: int) -> Rates:
     flat = _made_up(160, 192, camera, flat=True)
     cubic = Camera.from_recipe(camera.recipe.model_copy(update={"mask": CubicMask()}))
     draw = torch.Generator().manual_seed(0)
-    relief = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
+    height_map = 1e-6 * torch.rand(MAP_SAMPLES, MAP_SAMPLES, generator=draw, dtype=torch.float64)
     for view, with_mask, runs, times_each in (
         (small, camera, RUNS, repeats),
         (flat, camera, FLAT_RUNS, repeats),
         (flat, cubic, FLAT_RUNS[1::2], repeats),
-        (flat, camera.with_height(relief), FLAT_RUNS[::2], repeats),
+        (flat, camera.with_height(height_map), FLAT_RUNS[::2], repeats),
         (large, camera, RUNS[::3], 1),
         (small, cubic, SUB_APERTURE_RUNS, 1),
-        (large, camera.with_height(relief), SUB_APERTURE_RUNS, 1),
+        (large, camera.with_height(height_map), SUB_APERTURE_RUNS, 1),
     ):
         gap = 1 / blur_per_dioptre(with_mask)
         hidden = hides(view, gap)

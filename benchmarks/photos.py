@@ -42,7 +42,7 @@ from edofsim.capture.prepare import channel_weights
 from edofsim.capture.sensor import automatic_exposure
 from edofsim.core.progress import Progress, part, silent
 from edofsim.experiments.kept import Kept, code_of, key_of
-from edofsim.experiments.occlusion_cameras import smooth_relief
+from edofsim.experiments.occlusion_cameras import smooth_height_map
 from edofsim.experiments.protocols import flattened, of_three_lines
 from edofsim.optics import Camera, PsfField, psf_bank
 from edofsim.recipe import load_camera, load_scene
@@ -126,7 +126,7 @@ def cameras() -> dict[str, Camera]:
     """The cameras that are compared: clear aperture, cubic mask, a random smooth relief."""
     clear = Camera.from_recipe(load_camera("paper-clear").recipe)
     cubic = Camera.from_recipe(load_camera("paper-cubic").recipe)
-    return {"clear": clear, "cubic": cubic, "smooth": clear.with_height(smooth_relief())}
+    return {"clear": clear, "cubic": cubic, "smooth": clear.with_height(smooth_height_map())}
 
 
 def rendered(scene: str, progress: Progress) -> View:

@@ -60,7 +60,7 @@ def score(view: View, system: System) -> float:
     return image_psnr(image, truth, noise=noise)
 
 
-def told_truth(view: View, system: System) -> float:
+def given_truth(view: View, system: System) -> float:
     """By the D-CNN of a system, told how far each place is."""
     assert isinstance(system.restoration, ByNetwork)
     checkpoint = system.restoration.checkpoint
@@ -82,13 +82,13 @@ def restored() -> dict[str, float]:
     for path in shipped(shipped_folder("scenes")).values():
         scene = load_scene(path)
         view = render(scored_version(scene.recipe, quick=True), scene.base)
-        told, bank = systems_of(load_camera(scene.recipe.camera, scene.base), ["depth-dcnn", "paper-bank"])[
-            1:
-        ]
+        depth_dcnn, bank = systems_of(
+            load_camera(scene.recipe.camera, scene.base), ["depth-dcnn", "paper-bank"]
+        )[1:]
         plane = as_plane(view)
-        own = {f"{each.name}.blur": score(view, each) for each in (told, bank)}
-        own |= {f"{each.name}.plane": score(plane, each) for each in (told, bank)}
-        own[f"{told.name}.true"] = told_truth(view, told)
+        own = {f"{each.name}.blur": score(view, each) for each in (depth_dcnn, bank)}
+        own |= {f"{each.name}.plane": score(plane, each) for each in (depth_dcnn, bank)}
+        own[f"{depth_dcnn.name}.true"] = given_truth(view, depth_dcnn)
         for way, value in own.items():
             found.setdefault(way, []).append(value)
             figures[f"psnr_db.{scene.recipe.name}.{way}"] = value

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from edofsim.capture import Fidelity, capture
-from edofsim.capture.noise import photographed_noise
+from edofsim.capture.noise import photo_noise
 from edofsim.optics.nodes import nodes_between
 from edofsim.plan import plan_photo
 from edofsim.recipe.load import load_camera, load_scene
@@ -71,7 +71,7 @@ def scored(name: str, samples: list[int], size: tuple[int, int]) -> dict[str, fl
         restored = restores(photo.image)
 
         def noise(view=view, photo=photo, restored=restored, restores=restores, how=fidelity):
-            truth = Truth(photo.ideal, photographed_noise(view, camera, how, photo))
+            truth = Truth(photo.ideal, photo_noise(view, camera, how, photo))
             return truth, truth.restored_noise(photo.image, restored, restores)
 
         (truth, left), once_more = timed(noise)

@@ -28,7 +28,7 @@ from .recipe import CameraRecipe, Loaded, load_camera, load_scene
 from .recipe.scene import Bands
 from .recipe.toml import validate
 from .render import render
-from .render.seen import as_looked_at, assumptions, by_itself
+from .render.seen import assumptions, by_itself, for_preview
 from .render.view import View
 from .restore import restore
 from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
@@ -109,12 +109,12 @@ def camera(
     ):
         if value is not None:
             tables.setdefault(table, dict(given.get(table, {})))[key] = value
-    relief = None if height is None else _heights(height)
+    given_map = None if height is None else _heights(height)
     if mask is not None:
         tables["mask"] = dict(mask)
-    if relief is not None and (pitch is not None or material is not None):
+    if given_map is not None and (pitch is not None or material is not None):
         clear = CameraRecipe.model_validate(_with(given, tables) | {"mask": {"kind": "clear"}})
-        across = 2 * Camera.from_recipe(clear, base).aperture_radius * (1 + 1e-12) / relief.shape[0]
+        across = 2 * Camera.from_recipe(clear, base).aperture_radius * (1 + 1e-12) / given_map.shape[0]
         made_of: dict[str, object] = {} if material is None else {"material": material}
         pitch_um = (across if pitch is None else pitch) * 1e6
         tables["mask"] = {"kind": "height-map", "pitch_um": pitch_um, **made_of}
@@ -123,7 +123,7 @@ def camera(
     if network is not None:
         return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
     made = Camera.from_recipe(recipe, base)
-    return made if relief is None else made.with_height(relief)
+    return made if given_map is None else made.with_height(given_map)
 
 
 def _with(
@@ -255,7 +255,7 @@ def look(
     if recipe is None:
         named = load_camera(loaded.recipe.camera, loaded.base)
         recipe = framed(loaded.recipe, Camera.from_recipe(named.recipe, named.base))
-    view = render(as_looked_at(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
+    view = render(for_preview(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
     return replace(view, metadata={**view.metadata, "assumed": assumptions(view, whose)})
 
 

@@ -18,7 +18,7 @@ from .capture.fidelity import simpler_camera
 from .capture.fidelity_file import WHERE, read_fidelity
 from .capture.field import frame_of
 from .capture.framing import framed, seen_through
-from .capture.noise import PhotoNoise, photographed_noise
+from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
 from .core.progress import Progress
 from .core.threads import in_threads
@@ -197,10 +197,10 @@ def run(
         with watch.stage("wiener", 0.94, 0.96):
             wiener = by_wiener(photo.image)
     with watch.stage("score", 0.96, 0.98):
-        truth = Truth(photo.ideal, photographed_noise(view, optics, taken, photo, compute))
+        truth = Truth(photo.ideal, photo_noise(view, optics, taken, photo, compute))
         noise_alone = truth.noise
         if not bare:
-            noise_alone = photographed_noise(view, alone, taken_alone, lens_alone, compute)
+            noise_alone = photo_noise(view, alone, taken_alone, lens_alone, compute)
         images = {"photo": (photo.image, truth.noise.image)}
         images["restored"] = restored, truth.restored_noise(photo.image, restored, lambda x: by_network(x)[0])
         if wiener is not None:

@@ -219,12 +219,12 @@ def full_fidelity(camera: Camera, view: View, edges: int | None = None) -> Fidel
     """Everything that a camera and a view have. edges: its `edge_pixels`, where they are known."""
     edges = edge_pixels(view, 1 / blur_per_dioptre(camera)) if edges is None else edges
     occlusion = "hidden" if edges else "none"
-    across = sub_apertures_told_apart(camera, view) if occlusion == "hidden" else 1
+    across = resolved_sub_apertures(camera, view) if occlusion == "hidden" else 1
     finest = max(FINEST, camera.oversampling(float(view.wavelengths.min())))
     return Fidelity(oversampling=finest, occlusion=occlusion, sub_apertures=across)
 
 
-def sub_apertures_told_apart(camera: Camera, view: View) -> int:
+def resolved_sub_apertures(camera: Camera, view: View) -> int:
     """Sub-apertures along each axis of the pupil that a full simulation has, 1 where they would have nothing
     to tell.
 
@@ -290,14 +290,14 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
     """The camera without what is left out."""
     recipe = camera.recipe
     at = recipe.focus.wavelength_nm * 1e-9
-    lens, relief = camera.lens, camera.mask_material
+    lens, mask_material = camera.lens, camera.mask_material
     changes: dict[str, object] = {}
     if not fidelity.spherical_aberration:
         lens = lens.without_spherical_aberration()
     if not fidelity.lens_dispersion:
         lens = lens.without_dispersion(at)
     if not fidelity.doe_dispersion:
-        relief = _without_dispersion(relief, design_wavelength(camera))
+        mask_material = _without_dispersion(mask_material, design_wavelength(camera))
     if not fidelity.fabrication:
         changes["fabrication"] = None
     psf: dict[str, object] = {}
@@ -308,7 +308,7 @@ def simpler_camera(camera: Camera, fidelity: Fidelity) -> Camera:
         psf["pupil_sampling_um"] = fidelity.pupil_sampling_um
     changes["psf"] = recipe.psf.model_copy(update=psf)
     changed: CameraRecipe = recipe.model_copy(update=changes)
-    return simplified(replace(camera, recipe=changed, lens=lens, mask_material=relief), fidelity)
+    return simplified(replace(camera, recipe=changed, lens=lens, mask_material=mask_material), fidelity)
 
 
 def simplified(camera: Camera, fidelity: Fidelity) -> Camera:

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..optics import Camera, PsfField, defocus, share_told, sub_aperture_psfs
+from ..optics import Camera, PsfField, between_part_variance, defocus, sub_aperture_psfs
 from ..optics.field import psf_field
 from ..render.view import View
 from .band_groups import Gathering, every_band, gathered, gathered_view
@@ -54,8 +54,9 @@ class Imaging:
     """The optics of a fidelity, with their PSFs at hand.
 
     window: side of the PSFs in pixels; widest: of the recipe's; reach: pixels around the frame that light
-    comes from; gathering: bands to groups; blurring: with the groups' PSFs; told: share of what the pupil
-    would tell that the sub-apertures do; `image` and `light` may be called for any view of the axes.
+    comes from; gathering: bands to groups; blurring: with the groups' PSFs; sub_aperture_gain: share of the
+    variance of places in the pupil that the sub-apertures hold (`between_part_variance`). `image` and `light`
+    may be called for any view of the axes.
     """
 
     fidelity: Fidelity
@@ -64,7 +65,7 @@ class Imaging:
     gathering: Gathering
     blurring: Blurring
     sub_apertures: tuple[PsfField, ...] = field(default=(), repr=False)
-    told: float = 1.0
+    sub_aperture_gain: float = 1.0
 
     @property
     def reach(self) -> int:
@@ -93,10 +94,10 @@ class Imaging:
 
     def change_by_sub_apertures(self, light: View, layout: Layout | None = None) -> Tensor:
         """What compositing each place of the pupil by itself changes in the image, [channel, y, x] of the
-        frame, from what the sub-apertures tell of it."""
+        frame, estimated from these sub-apertures."""
         side = self.fidelity.sub_aperture_pixel
         change = change_by_sub_apertures(light, self.blurring, self.sub_apertures, side, layout)
-        return light.crop_margin(change) / self.told
+        return light.crop_margin(change) / self.sub_aperture_gain
 
 
 def layout_within(view: View, gap: float, window: int) -> Layout:
@@ -170,8 +171,8 @@ def sub_aperture_imaging(
     each = (PsfField(values, nodes, gathering.wavelengths) for values in (whole, *parts))
     pupil, *held = (psfs.grouped(gathering.psfs) if coarse.band_groups else psfs for psfs in each)
     blurring = Blurring(pupil, gathering.response.to(device, dtype), gap=1 / blur_per_dioptre(camera))
-    told = share_told(camera, coarse.sub_apertures)
-    return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held), told)
+    gain = between_part_variance(camera, coarse.sub_apertures)
+    return Imaging(coarse, window, camera.recipe.psf.window_px, gathering, blurring, tuple(held), gain)
 
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:

@@ -10,7 +10,7 @@ from torch.nn.functional import pad
 
 from ..render.view import View
 
-SMALLER = 0.8
+CROP_BELOW = 0.8
 """Share of the frame from which on a part of it is not worth to be cut out."""
 
 
@@ -123,7 +123,7 @@ def box_of(light: Light | SmoothLight, window: int) -> Box | None:
         size = last - first + 1 + 2 * half
         sides.append((first - half, size) if size < length else (0, length))
     (top, rows), (left, columns) = sides
-    return Box(top, left, rows, columns) if rows * columns < SMALLER * light.rows * light.columns else None
+    return Box(top, left, rows, columns) if rows * columns < CROP_BELOW * light.rows * light.columns else None
 
 
 def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None = None) -> Light:

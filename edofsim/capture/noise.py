@@ -38,7 +38,7 @@ class PhotoNoise:
 
 
 @torch.no_grad()
-def photographed_noise(
+def photo_noise(
     view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: torch.device | str = "cpu"
 ) -> PhotoNoise:
     """The noise of a photo that `capture` made of a view.

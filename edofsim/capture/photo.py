@@ -64,6 +64,6 @@ class Photo:
 
     def _repr_html_(self) -> str:
         rows, columns = self.image.shape[-2:]
-        told = [name for name in ("layers", "occlusion", "sub_apertures") if name in self.how]
-        said = ", ".join(f"{name} {self.how[name]}" for name in told)
+        shown = [name for name in ("layers", "occlusion", "sub_apertures") if name in self.how]
+        said = ", ".join(f"{name} {self.how[name]}" for name in shown)
         return picture_html(self.image, f"Photo of {columns} x {rows} pixels: {said}", self.colours)

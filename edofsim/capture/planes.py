@@ -13,7 +13,7 @@ def surroundings(window: int) -> tuple[int, int]:
     return window - 1 - window // 2, window // 2
 
 
-def photograph(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor:
+def capture_planes(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor:
     """The noise-free photo of planes, each at its own depth.
 
     sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w],

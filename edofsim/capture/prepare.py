@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..optics import Camera, response, response_curves
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
-from ..optics.psf import BETWEEN
+from ..optics.psf import INTERPOLATION_ERROR
 from .band_limit import BandLimit
 
 DEFOCUS_STEP = 2.5
@@ -35,7 +35,7 @@ def fewer_nodes(
     """In place of many nodes of `depth_nodes`, those from which band-limited PSFs at all depths between are
     known, and how light is blurred with them; the same nodes and None where they are no fewer."""
     per_dioptre = defocus_per_dioptre(camera, shortest)
-    held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, BETWEEN)
+    held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, INTERPOLATION_ERROR)
     if len(held) >= len(nodes):
         return nodes, None
     if len(held) == 1:  # all light is there

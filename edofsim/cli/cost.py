@@ -104,14 +104,14 @@ def measured(
     from ..render import render
     from ..restore.choice import restoring, usual_network
 
-    scene, taker, folder = scene_and_place
+    scene, camera_recipe, folder = scene_and_place
     recipe, base, compute = scene.recipe, scene.base, torch_device(device)
-    optics = Camera.from_recipe(taker.recipe, taker.base)
+    optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     _, view = seen_through(
         optics, recipe, render(recipe, base, cache=cache, device=device, progress=progress)
     )
     about = (optics, view.wavelengths, view.inverse_depth)
-    network = usual_network(taker)
+    network = usual_network(camera_recipe)
     ways = [network, None] if network else [None]
     restorers = {way.name if way else "Wiener": restoring(*about, way) for way in ways}
     planner = planner_of(view, optics, progress=progress)
@@ -131,7 +131,7 @@ def measured(
         recipe, base, cache=cache, device=device, progress=part(progress, 0.6, 0.85)
     )
     points += cost_stages.restore_points(
-        view, taker, folder, repeats=repeats, device=compute, progress=part(progress, 0.85, 1.0)
+        view, camera_recipe, folder, repeats=repeats, device=compute, progress=part(progress, 0.85, 1.0)
     )
     return _written(recipe.name, folder, rows, points)
 

@@ -144,7 +144,7 @@ def expose(
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
     if members is not None:
-        pairs = [(each, taker) for scene, taker in pairs for each in _members(scene, members)]
+        pairs = [(each, camera_recipe) for scene, camera_recipe in pairs for each in _members(scene, members)]
     how = spread_of(jobs, cluster, shard)
     with begun("expose", json, quiet=quiet) as progress:
         from ..plan import checked_overrule, parse_target
@@ -169,7 +169,7 @@ def expose(
         folders = _folders(pairs, asked, out)
         parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
         names = [scene.recipe.name for scene, _ in pairs]
-        found = of_each(parts, names, partial(photographed, asked=asked), how, progress)
+        found = of_each(parts, names, partial(capture_part, asked=asked), how, progress)
         inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}
         if len(pairs) == 1:
             inputs = inputs_of(*pairs[0], crop=crop, reference=reference)
@@ -185,27 +185,30 @@ def _folders(pairs: Sequence[Pair], asked: Asked, out: Path | None) -> list[Path
     from ..reference import check_reference
 
     torch_device(asked.device)
-    for _, taker in pairs if asked.reference is not None else ():
-        check_reference(asked.reference or "", Camera.from_recipe(taker.recipe, taker.base))
+    for _, camera_recipe in pairs if asked.reference is not None else ():
+        check_reference(asked.reference or "", Camera.from_recipe(camera_recipe.recipe, camera_recipe.base))
     top = writable_folder(out or Path("out"))
     if out and len(pairs) == 1:
         return [top]
-    return [writable_folder(top / f"{scene.recipe.name}-{taker.recipe.name}") for scene, taker in pairs]
+    return [
+        writable_folder(top / f"{scene.recipe.name}-{camera_recipe.recipe.name}")
+        for scene, camera_recipe in pairs
+    ]
 
 
-def photographed(part: Part, progress: Progress, *, asked: Asked) -> OfScene:
+def capture_part(part: Part, progress: Progress, *, asked: Asked) -> OfScene:
     """One scene through its camera, into the folder that is given with them, unless the photo is there."""
-    from .photo_files import keep_taken, photo_key, taken
+    from .photo_files import keep_photo, kept_photo, photo_key
 
-    scene, taker, folder = part
+    scene, camera_recipe, folder = part
     options = {
         name: value for name, value in vars(asked).items() if name not in ("wanted", "cache", "device")
     }
-    key = photo_key(scene, taker, asked.wanted, options)
-    if (there := taken(folder, key)) is not None:
+    key = photo_key(scene, camera_recipe, asked.wanted, options)
+    if (there := kept_photo(folder, key)) is not None:
         return there
-    found = _photographed(part, progress, asked)
-    keep_taken(folder, key, found)
+    found = _capture(part, progress, asked)
+    keep_photo(folder, key, found)
     return found
 
 
@@ -215,7 +218,7 @@ def _members(scene: Loaded[SceneRecipe], count: int) -> list[Loaded[SceneRecipe]
     return [replace(scene, recipe=recipe) for recipe in family_members(scene.recipe, count)]
 
 
-def _photographed(part: Part, progress: Progress, asked: Asked) -> OfScene:
+def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     """One scene through its camera, into the folder that is given with them."""
     from ..capture import capture, save_image, write_photo
     from ..capture.device import torch_device
@@ -227,8 +230,8 @@ def _photographed(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..render import is_picture
     from ..render.keys import view_key
 
-    scene, taker, folder = part
-    compute, optics = torch_device(asked.device), Camera.from_recipe(taker.recipe, taker.base)
+    scene, camera_recipe, folder = part
+    compute, optics = torch_device(asked.device), Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     watch = Stopwatch(progress)
     view, plan, _ = planned_view(
         scene,
@@ -252,7 +255,7 @@ def _photographed(part: Part, progress: Progress, asked: Asked) -> OfScene:
         if compute == "cpu":
             learn_rates(plan.seconds, photo.seconds)
     origin = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
-    origin |= {"camera": taker.recipe.model_dump(mode="json", exclude_unset=True)}
+    origin |= {"camera": camera_recipe.recipe.model_dump(mode="json", exclude_unset=True)}
     photo = replace(photo, how={**photo.how, **origin})
     numbers, lines = _scored(view, optics, fidelity, photo, compute)
     numbers |= plan_figures(plan, watch.seconds["plan"])
@@ -292,11 +295,11 @@ def _scored(
     view: View, camera: Camera, fidelity: Fidelity, photo: Photo, device: torch.device | str
 ) -> tuple[dict[str, float], list[str]]:
     """Figures of a photo against its ideal image, and what to say of them."""
-    from ..capture.noise import photographed_noise
+    from ..capture.noise import photo_noise
     from ..restore.scores import level_and_error
     from ..restore.truth import SAID, Truth
 
-    noise = photographed_noise(view, camera, fidelity, photo, device)
+    noise = photo_noise(view, camera, fidelity, photo, device)
     level, error = level_and_error(*Truth(photo.ideal, noise).compared(photo.image, noise.image))
     lost = zip("rgb", photo.truncated, strict=False)
     numbers = {"psnr_db.photo": level, "psnr_db_se.photo": error}

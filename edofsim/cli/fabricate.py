@@ -25,7 +25,9 @@ def fabricate(
         float, typer.Option("--pitch", metavar="UM", help="Side of the tool's squares.")
     ] = 3.0,
     levels: Annotated[int, typer.Option("--levels", min=2, max=65535, help="Grey levels.")] = 98,
-    limit_um: Annotated[float, typer.Option("--limit", metavar="UM", help="Deepest relief.")] = 1.2,
+    limit_um: Annotated[
+        float, typer.Option("--limit", metavar="UM", help="Largest height in micrometres.")
+    ] = 1.2,
     wrap_nm: Annotated[
         float | None,
         typer.Option("--wrap", metavar="NM", help="Wrap a deeper one by whole waves of this wavelength."),
@@ -59,13 +61,13 @@ def fabricate(
             for key, option in named:
                 problems = [problem.replace(key, option) for problem in problems]
             raise InputError(problems) from None
-        relief = float(made.levels.max()) * made.level_height * 1e6
+        height = float(made.levels.max()) * made.level_height * 1e6
         paths = write_device(made, folder, name, gds=gds)
-        figures = {"relief_um": relief, "levels": int(made.levels.max()) + 1, "samples": len(made.levels)}
+        figures = {"relief_um": height, "levels": int(made.levels.max()) + 1, "samples": len(made.levels)}
         lines = [
             f"{len(made.levels)} x {len(made.levels)} squares of {pitch_um:g} um, {figures['levels']} "
             "levels, "
-            f"{relief:.3g} um deep; row 0 is the top of the pupil, seen from the sensor"
+            f"{height:.3g} um deep; row 0 is the top of the pupil, seen from the sensor"
         ]
         outputs = {path.suffix[1:] + (" " + path.stem.rpartition("-")[2]): path for path in paths}
         return finish("fabricate", lines, figures, outputs, json, inputs={"camera": camera})

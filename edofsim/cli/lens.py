@@ -40,21 +40,23 @@ def import_(
     Surfaces that are round about the axis are read: spheres, conics, even and odd aspheres, with clear radii.
     Anything else is refused; what is left out is said. Figures: focal_length_mm, f_number, surfaces.
     """
-    told: dict[str, tuple[float, float]] = {}
+    glasses_by_name: dict[str, tuple[float, float]] = {}
     for each in glass or []:
         name, _, numbers = each.partition("=")
         try:
             nd, vd = (float(part) for part in numbers.split(","))
         except ValueError:
             raise InputError(f"--glass {each}: give NAME=ND,VD, for instance N-LAK9=1.691,54.71") from None
-        told[name] = (nd, vd)
+        glasses_by_name[name] = (nd, vd)
     if not (focus > 0 and pixel > 0):
         raise InputError("--focus and --pixel are above 0")
     from ..optics import Camera
     from ..optics.prescription.lens_files.imported import camera_of
     from ..recipe.written import toml_of
 
-    recipe, notes = camera_of(file, told=told, catalogues=glasses or [], focus_m=focus, pixel_um=pixel)
+    recipe, notes = camera_of(
+        file, glasses_by_name=glasses_by_name, catalogues=glasses or [], focus_m=focus, pixel_um=pixel
+    )
     camera = Camera.from_recipe(recipe, Path.cwd())
     path = out or Path(f"{recipe.name}.toml")
     if path.resolve() == file.resolve() or path.suffix.lower() != ".toml":

@@ -42,7 +42,7 @@ def look(
     loaded = load_scene(scene)
     folder = writable_folder(out or Path("out") / f"{loaded.recipe.name}-look")
     with begun("look", json, quiet=quiet) as progress:
-        from ..render.seen import as_looked_at, assumptions, by_itself
+        from ..render.seen import assumptions, by_itself, for_preview
         from .angles import framed_by_own
 
         recipe, whose = by_itself(loaded.recipe, loaded.base)
@@ -53,7 +53,7 @@ def look(
         from ..report import depth_plot
 
         view = render(
-            as_looked_at(recipe, samples), loaded.base, cache=cache, device=device.value, progress=progress
+            for_preview(recipe, samples), loaded.base, cache=cache, device=device.value, progress=progress
         )
         inverse = view.crop_margin(view.mean_inverse_depth())
         numbers = {

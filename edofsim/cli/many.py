@@ -122,8 +122,8 @@ def work_on(
 
     def failed(number: int, error: EdofsimError) -> _Lost:
         said = error.problems if isinstance(error, InputError) else (str(error),)
-        told = tuple(line if names[number] in line else f"{names[number]}: {line}" for line in said)
-        return _Lost(told, isinstance(error, InputError))
+        prefixed = tuple(line if names[number] in line else f"{names[number]}: {line}" for line in said)
+        return _Lost(prefixed, isinstance(error, InputError))
 
     ended: list[R | _Lost] = []
     if how.alone:

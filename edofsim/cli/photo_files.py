@@ -21,16 +21,19 @@ ROOMS = ("core", "recipe", "scene", "render", "optics", "capture", "reference", 
 
 
 def photo_key(
-    scene: Loaded[SceneRecipe], taker: Loaded[CameraRecipe], wanted: str | None, options: Mapping[str, object]
+    scene: Loaded[SceneRecipe],
+    camera_recipe: Loaded[CameraRecipe],
+    wanted: str | None,
+    options: Mapping[str, object],
 ) -> str:
     """SHA-256 of everything that decides a photo: both recipes, the files that they name, the options, the
     code."""
     from ..render.keys import named_files, view_key
 
-    camera = taker.recipe.model_dump(mode="json")
+    camera = camera_recipe.recipe.model_dump(mode="json")
     content = {
         "view": view_key(scene.recipe, scene.base),
-        "camera": [camera, named_files(camera, taker.base)],
+        "camera": [camera, named_files(camera, camera_recipe.base)],
         "fidelity": wanted if wanted is None or not Path(wanted).is_file() else _digest(Path(wanted)),
         "options": options,
         "code": code_of_rooms(*ROOMS),
@@ -42,7 +45,7 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def taken(folder: Path, key: str) -> OfScene | None:
+def kept_photo(folder: Path, key: str) -> OfScene | None:
     """The photo that is in a folder under this key, with all its files; None where there is none."""
     try:
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
@@ -57,7 +60,7 @@ def taken(folder: Path, key: str) -> OfScene | None:
         return None
 
 
-def keep_taken(folder: Path, key: str, found: OfScene) -> None:
+def keep_photo(folder: Path, key: str, found: OfScene) -> None:
     """Write down what a photo came to, after all its files. Raises what `core.files.whole` raises."""
     outputs = {name: (path.name, path.stat().st_size) for name, path in found.outputs.items()}
     about = {

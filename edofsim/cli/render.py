@@ -108,7 +108,7 @@ def render(
         else:
             outcomes = render_many(tasks, jobs=jobs, cluster=cluster, shard=how.shard, **rendering)
         outcomes, failed = _parted(outcomes)
-        table, numbers = _told(outcomes, expected.seconds, clock.perf_counter() - started)
+        table, numbers = _render_table(outcomes, expected.seconds, clock.perf_counter() - started)
         outputs = (
             {"manifest": (cache or store.default_folder()) / MANIFEST} if numbers["views.rendered"] else {}
         )
@@ -140,7 +140,9 @@ def _parted(outcomes: Sequence[RenderOutcome]) -> tuple[list[RenderOutcome], lis
     return there, failed
 
 
-def _told(outcomes: Sequence[RenderOutcome], forecast: float, total: float) -> tuple[Table, dict[str, float]]:
+def _render_table(
+    outcomes: Sequence[RenderOutcome], forecast: float, total: float
+) -> tuple[Table, dict[str, float]]:
     """Of each view, and of all: a table and figures. forecast, total: seconds."""
     numbers: dict[str, float] = {
         "views": len(outcomes),

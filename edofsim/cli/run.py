@@ -162,14 +162,14 @@ def _lines(result: Run, numbers: Mapping[str, float]) -> list[str | Table]:
     """What a run prints."""
     from ..restore.choice import said_of
     from ..restore.gains import gains_in_words
-    from ..restore.truth import noise_said
+    from ..restore.truth import noise_sentence
 
     return [
         *plan_lines(result.plan, result.seconds["plan"]),
         f"the lens alone has a plan of its own: {result.plan_lens_alone.summary()}",
         _score_table(result),
         *([gained] if (gained := gains_in_words(result.gains)) else []),
-        noise_said(result.noise.state, numbers),
+        noise_sentence(result.noise.state, numbers),
         *([said] if (said := said_of(result.checkpoint, result.restored_by)) else []),
         f"render {numbers['seconds.render']:.1f} s, expose {numbers['seconds.expose']:.1f} s, "
         f"in all {numbers['seconds.total']:.1f} s; peak memory {numbers['peak_memory_mib']:.0f} MiB",

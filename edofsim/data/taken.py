@@ -18,7 +18,7 @@ from ..capture.depth_edges import edge_distance
 from ..capture.device import torch_device
 from ..capture.fidelity_file import fidelity_of_values, values_of
 from ..capture.framing import seen_through
-from ..capture.noise import photographed_noise
+from ..capture.noise import photo_noise
 from ..capture.sensor import automatic_exposure, record, sensor_effects
 from ..core.json_values import Json
 from ..core.progress import Progress, part
@@ -100,7 +100,7 @@ def expose(view: View, camera: Camera, recipe: DatasetRecipe, key: str, device: 
     photo = capture(view, camera, fidelity, exposure=factor * exposure, device=compute)
     noise: dict[str, Tensor] = {}
     if photos.rendering_noise:
-        found = photographed_noise(view, camera, fidelity, photo, compute)
+        found = photo_noise(view, camera, fidelity, photo, compute)
         if found.ideal is not None and found.image is not None:
             noise = dict(zip(NOISE, (found.ideal.cpu(), found.image.cpu()), strict=True))
     return Exposed(photo, camera, fidelity, noise)

@@ -93,10 +93,10 @@ def run(
     pictures = writable_folder(folder / "scenes")
     files = {name: folder / f"bench-scene{'' if len(names) == 1 else f'-{name}'}.html" for name in names}
     scene = load_scene(SCENE)
-    taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
+    camera_recipe = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
     recipe = scene3d.scored_version(scene.recipe, quick=quick)
     kept = Kept(folder / "finished.jsonl")
-    lenses, wrong = lenses_of(taker, sources)
+    lenses, wrong = lenses_of(camera_recipe, sources)
     failures.found |= wrong.found
     failures.check(0)
     if len(lenses) > 1:

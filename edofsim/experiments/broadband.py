@@ -50,9 +50,9 @@ from .planes import CHANNELS, Shown, channels, middle, noisy, through
 from .sources import WITHOUT_TRAINING
 from .systems import (
     READ_NOISE,
-    Contestant,
-    contestant,
+    EvaluatedSystem,
     described,
+    evaluated_system,
     filtered,
     made,
     paper_test,
@@ -206,11 +206,11 @@ def measure(
     for number, name in enumerate(names):
         say = part(progress, number / len(names), (number + 1) / len(names))
         with failures.of(name):
-            of_three = contestant(name, camera=camera)
+            of_three = evaluated_system(name, camera=camera)
             own: list[CubeScore] = []
             for place, cube in enumerate(cubes):
                 tell = part(say, 0.9 * place / len(cubes), 0.9 * (place + 1) / len(cubes))
-                system = contestant(name, cube.wavelengths, camera=camera)
+                system = evaluated_system(name, cube.wavelengths, camera=camera)
                 own += judge(system, of_three, cube, folder, kept, seed, tell)
             say(0.9, f"{of_three.name}: colours of its optics")
             optics[of_three.name] = _optics(of_three, kept)
@@ -240,8 +240,8 @@ def measure(
 
 
 def judge(
-    system: Contestant,
-    of_three: Contestant,
+    system: EvaluatedSystem,
+    of_three: EvaluatedSystem,
     cube: Cube,
     out: Path,
     kept: Kept,
@@ -282,7 +282,7 @@ def judge(
             if not ready[i]:
                 progress((1 + i) / 4, f"{system.name}: {cube.name}, {label_of(DEPTHS_M[i])}")
                 psfs = bank[i], three[i]
-                kept.put(key, _photographed(system, of_three, cube, *psfs, weights, inverse[i], files))
+                kept.put(key, _captured(system, of_three, cube, *psfs, weights, inverse[i], files))
     return [
         CubeScore(system.name, cube.name, depth, **_as_kept(kept.get(key) or {}), shown=files)
         for depth, key, files in zip(DEPTHS_M, keys, shown, strict=True)
@@ -290,11 +290,11 @@ def judge(
 
 
 def _as_kept(found: Json) -> Json:
-    """Of what `_photographed` kept: lists as tuples."""
+    """Of what `_captured` kept: lists as tuples."""
     return {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
 
 
-def photographed(radiance: Tensor, psf: Tensor, weights: Tensor) -> tuple[Tensor, list[float]]:
+def capture_cube(radiance: Tensor, psf: Tensor, weights: Tensor) -> tuple[Tensor, list[float]]:
     """The noise-free colours [3, y, x] of a plane [band, y, x] through PSFs [band, w, w], weighted with the
     response [3, band]; and what the optics do to each band: root mean square over the band's own."""
     photo = radiance.new_zeros(3, *radiance.shape[1:])
@@ -312,9 +312,9 @@ def label_of(depth_m: float) -> str:
     return "infinity" if math.isinf(depth_m) else f"{depth_m:g}m"
 
 
-def _photographed(
-    system: Contestant,
-    of_three: Contestant,
+def _captured(
+    system: EvaluatedSystem,
+    of_three: EvaluatedSystem,
     cube: Cube,
     psf: Tensor,
     three: Tensor,
@@ -328,7 +328,7 @@ def _photographed(
     frame = (slice(None), slice(m, rows - m), slice(m, columns - m))
     truth = torch.einsum("cb,byx->cyx", weights, cube.radiance)
     exposure = automatic_exposure(truth[frame])
-    clean, errors = photographed(cube.radiance * exposure, psf, weights)
+    clean, errors = capture_cube(cube.radiance * exposure, psf, weights)
     photo = noisy(clean[frame], READ_NOISE, cube.sha256)
     lines = noisy(through(truth * exposure, three)[frame], READ_NOISE, cube.sha256)
     sharp = (truth * exposure)[frame]
@@ -350,7 +350,7 @@ def _photographed(
     }
 
 
-def _optics(system: Contestant, kept: Kept) -> Chromatic:
+def _optics(system: EvaluatedSystem, kept: Kept) -> Chromatic:
     """Its chromatic measures, kept too."""
     key = key_of(optics=system.digest)
     found = kept.get(key)
@@ -378,10 +378,10 @@ def _left_out(wavelengths: Tensor) -> tuple[float, ...]:
 
 def _write(out: Path, result: Result) -> dict[str, Path]:
     names = ("all", *CHANNELS)
-    told = (*(f"photo_db_{n}" for n in names), *(f"restored_db_{n}" for n in names))
+    columns = (*(f"photo_db_{n}" for n in names), *(f"restored_db_{n}" for n in names))
     scores = write_csv(
         out / "broadband.csv",
-        ("system", "cube", "depth", *told, "three_wavelengths_db", "filter_db"),
+        ("system", "cube", "depth", *columns, "three_wavelengths_db", "filter_db"),
         (
             (r.system, r.cube, label_of(r.depth_m), *r.photo_db, *r.restored_db, r.three_db, r.filter_db)
             for r in result.rows

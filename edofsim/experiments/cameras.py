@@ -36,14 +36,14 @@ from .failures import Failures
 from .kept import Kept, key_of
 from .photographs import Photographs, photographs
 from .planes import RANDOM, Condition, PictureScore, averages, measure, write_rows
-from .protocols import LENS_ALONE, OURS, WAYS, System, Taken, saturating, take
+from .protocols import LENS_ALONE, OURS, WAYS, Capture, System, capture_restored, saturating
 from .restorations import ByNetwork, ByWiener, Restoration, digest_of
 from .scene3d import scored_version
 from .sources import Source, system_of
 from .systems import (
     NEAREST_PER_M,
     READ_NOISE,
-    Contestant,
+    EvaluatedSystem,
     camera_digest,
     of_three_lines,
     paper_test,
@@ -261,24 +261,24 @@ class Judge:
         tested = self.tested
         camera = of_three_lines(tested.camera)
         lens = camera.without_mask()
-        alone = Contestant(LENS_ALONE, lens, lambda photo, glare: photo, camera_digest(lens))
+        alone = EvaluatedSystem(LENS_ALONE, lens, lambda photo, glare: photo, camera_digest(lens))
         place = self.folder / tested.name
         place.mkdir(parents=True, exist_ok=True)
-        contestants = [alone]
+        evaluated_systems = [alone]
         for name, by in self.restorers.items():
-            contestants.append(with_restoration(name, camera, by, nearest_per_m=tested.nearest_per_m))
+            evaluated_systems.append(with_restoration(name, camera, by, nearest_per_m=tested.nearest_per_m))
         condition = Condition(RANDOM, None, READ_NOISE, paper_test(self.seed))
         how = {"seed": self.seed, "nearest_per_m": tested.nearest_per_m}
         rows: list[PictureScore] = []
         values: dict[str, float] = {}
-        for index, contestant in enumerate(contestants):
-            tell = part(progress, index / len(contestants), (index + 1) / len(contestants))
-            with self.failures.of(f"{tested.name}, {contestant.name}"):
-                measured = measure(contestant, data.pictures, [condition], place, progress=tell, **how)
+        for index, evaluated_system in enumerate(evaluated_systems):
+            tell = part(progress, index / len(evaluated_systems), (index + 1) / len(evaluated_systems))
+            with self.failures.of(f"{tested.name}, {evaluated_system.name}"):
+                measured = measure(evaluated_system, data.pictures, [condition], place, progress=tell, **how)
                 means = averages(measured)
-                if contestant is not alone:
-                    values[PHOTO] = means[f"psnr_db.{contestant.name}.photo.{RANDOM}"]
-                values[contestant.name] = means[f"psnr_db.{contestant.name}.{RANDOM}"]
+                if evaluated_system is not alone:
+                    values[PHOTO] = means[f"psnr_db.{evaluated_system.name}.photo.{RANDOM}"]
+                values[evaluated_system.name] = means[f"psnr_db.{evaluated_system.name}.{RANDOM}"]
                 rows += [replace(row, system=f"{tested.name} {row.system}") for row in measured]
         if not restored_in(values):
             raise InputError("nothing restored its photos")
@@ -303,20 +303,20 @@ class Judge:
         way = next(way for way in WAYS if way.name == OURS)
         found: dict[str, tuple[float, float]] = {}
 
-        def judged(what: str, image: str, taken: Taken) -> None:
+        def judged(what: str, image: str, taken: Capture) -> None:
             compared, truth, noise = taken.compared(image)
             found[what] = level_and_error(compared, truth, noise)
 
         failed = len(self.failures.found)
         with torch.inference_mode():
-            alone = take(view, way, System(LENS_ALONE, camera.without_mask()), self.seed)
-            taken = take(view, way, System(WIENER, camera, ByWiener()), self.seed)
+            alone = capture_restored(view, way, System(LENS_ALONE, camera.without_mask()), self.seed)
+            taken = capture_restored(view, way, System(WIENER, camera, ByWiener()), self.seed)
             for what, each in ((PHOTO, taken), (LENS_ALONE, alone)):
                 judged(what, "photo", each)
             judged(WIENER, "wiener", taken)
             for what, by in self.restorers.items():
                 with self.failures.of(f"{self.tested.name}, {name}, {what}"):
-                    own = take(view, way, System(what, camera, by), self.seed, like=taken)
+                    own = capture_restored(view, way, System(what, camera, by), self.seed, like=taken)
                     judged(what, "restored", own)
         if len(self.failures.found) == failed:
             kept.put(key, found)

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ..optics import PAPER_COLOURS, focus_distance, psf_bank, response
 from ..restore.linear import colour_error
-from .systems import NEAREST_PER_M, Contestant
+from .systems import NEAREST_PER_M, EvaluatedSystem
 
 DEPTHS_M = (0.5, 1.0, math.inf)
 MAP_DEPTHS = 17
@@ -43,7 +43,7 @@ class Chromatic:
     linear_db: Tensor
 
 
-def chromatic(system: Contestant) -> Chromatic:
+def chromatic(system: EvaluatedSystem) -> Chromatic:
     """Measure a system's camera."""
     camera = system.camera
     inverse = [1 / depth for depth in DEPTHS_M]

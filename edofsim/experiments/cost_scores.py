@@ -11,7 +11,7 @@ from typing import TypeAlias
 from torch import Tensor
 
 from ..capture import Fidelity, Photo, capture
-from ..capture.noise import photographed_noise
+from ..capture.noise import photo_noise
 from ..capture.sensor import record, sensor_effects
 from ..optics import Camera
 from ..render.view import View
@@ -56,7 +56,7 @@ class Judge:
         """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds.
         alone: how the photo through the lens alone is simulated, None for the same."""
         effects = sensor_effects(camera, fidelity)
-        truth = Truth(photo.ideal, photographed_noise(view, camera, fidelity, photo, device))
+        truth = Truth(photo.ideal, photo_noise(view, camera, fidelity, photo, device))
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]
         found = {
             name: _levels(truth, images, lambda image, by=restore: by(image, photo.truncated))
@@ -67,7 +67,7 @@ class Judge:
             plain = capture(view, self.alone, how, exposure=photo.exposure, device=device)
             rivals = [record(plain.clean, effects, seed) for seed in range(self.seeds)]
             best = next(iter(found.values()))
-            left = photographed_noise(view, self.alone, how, plain, device).image
+            left = photo_noise(view, self.alone, how, plain, device).image
             without = [_level(truth, image, left) for image in rivals]
             found[GAIN] = [mine - other for mine, other in zip(best, without, strict=True)]
         return found

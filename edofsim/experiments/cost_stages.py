@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..capture import Photo, capture
 from ..capture.fidelity import simpler_camera
-from ..capture.noise import PhotoNoise, photographed_noise
+from ..capture.noise import PhotoNoise, photo_noise
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera
@@ -186,7 +186,7 @@ def _photo(
         optics = camera_with_mask(camera.recipe, mask, camera.base)
     fidelity = plan_photo(view, optics, target=RESTORED, every_effect=False).fidelity.of_photo()
     photo = capture(view, optics, fidelity, device=device)
-    noise = photographed_noise(view, optics, fidelity, photo, device)
+    noise = photo_noise(view, optics, fidelity, photo, device)
     return optics, simpler_camera(optics, fidelity), photo, noise
 
 

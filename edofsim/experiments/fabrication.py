@@ -12,7 +12,7 @@ from .experiment import Findings
 from .paper_figures import FABRICATION
 from .planes import Condition
 from .robustness import Study, green_focus, in_paper_too, measured
-from .systems import READ_NOISE, Contestant, fabrication_seed
+from .systems import READ_NOISE, EvaluatedSystem, fabrication_seed
 
 SIGMAS_D_NM = (20.0, 30.0, 40.0, 50.0)
 DEVICE = "device"
@@ -40,11 +40,11 @@ def run(
     return measured(STUDY, folder, progress, data=data, systems=systems, show=show, limit=limit, seed=seed)
 
 
-def conditions(system: Contestant, seed: int) -> list[Condition]:
+def conditions(system: EvaluatedSystem, seed: int) -> list[Condition]:
     """The paper's height errors at the green focus, the same draw at each strength, and its measured device,
     read noise 0.005.
 
-    A relief deeper than the device allows is wrapped by one wave of the mask's design wavelength.
+    A height map deeper than the device allows is wrapped by one wave of the mask's design wavelength.
     """
     depth, seed = 1 / green_focus(system), fabrication_seed(seed)
     errors = [

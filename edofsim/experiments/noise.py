@@ -10,7 +10,7 @@ from .experiment import Findings
 from .paper_figures import NOISE
 from .planes import Condition
 from .robustness import Study, green_focus, in_paper_too, measured
-from .systems import Contestant, paper_test
+from .systems import EvaluatedSystem, paper_test
 
 SIGMAS_S = (0.005, 0.009, 0.015, 0.020)
 
@@ -35,7 +35,7 @@ def run(
     return measured(STUDY, folder, progress, data=data, systems=systems, show=show, limit=limit, seed=seed)
 
 
-def conditions(system: Contestant, seed: int) -> list[Condition]:
+def conditions(system: EvaluatedSystem, seed: int) -> list[Condition]:
     """The paper's read noises at the green focus, height errors of 30 nm."""
     depth = 1 / green_focus(system)
     return [Condition(f"{sigma:g}", depth, sigma, paper_test(seed)) for sigma in SIGMAS_S]

@@ -62,10 +62,10 @@ from .kept import Kept, key_of
 from .occlusion_cameras import (
     THIN_LENS,
     WINDOW,
-    Takers,
+    TestCameras,
     busiest_edge,
     focus_distances,
-    takers_of,
+    test_cameras,
 )
 from .occlusion_ways import SNAPPED, WAYS, composites
 
@@ -120,7 +120,7 @@ def run(
     worst pixel, by whether the view holds what is behind the disc.
     """
     loaded = [load_scene(scene) for scene in scenes or SCENES]
-    takers = takers_of(None if camera is None else load_camera(camera))
+    cameras = test_cameras(None if camera is None else load_camera(camera))
     kept = Kept(folder / "finished.jsonl")
     figures: dict[str, float] = {}
     outputs: dict[str, Path] = {}
@@ -128,24 +128,24 @@ def run(
         scene = source.recipe.name
         tell = part(progress, number / len(loaded), (number + 1) / len(loaded), scene)
         picture = outputs[f"picture of {scene}"] = folder / f"occlusion-{scene}.png"
-        source = replace(source, recipe=takers.framed(source.recipe))
-        key = scene_key(source, takers, str(device))
+        source = replace(source, recipe=cameras.framed(source.recipe))
+        key = scene_key(source, cameras, str(device))
         found = kept.get(key)
         if found is None or not picture.is_file():
-            found = of_scene(source, takers, folder, cache, str(device), tell)
+            found = of_scene(source, cameras, folder, cache, str(device), tell)
             kept.put(key, found)
         figures |= found
     columns, rows = table(figures)
     outputs["table"] = write_csv(folder / "occlusion.csv", [column.name for column in columns], rows)
-    white = white_figures(takers, kept)
+    white = white_figures(cameras, kept)
     shown = [Table(columns, tuple(rows)), white_table(white)]
     return Findings(figures | white, shown=shown, outputs=outputs)
 
 
-def white_figures(takers: Takers, kept: Kept) -> dict[str, float]:
+def white_figures(cameras: TestCameras, kept: Kept) -> dict[str, float]:
     """How far a white disc before a white wall is from white, in percent at the worst pixel, through the
     camera at hand, or through those of the hard case."""
-    own = takers.own
+    own = cameras.own
     found: dict[str, float] = {}
     for name, make in (WHITE_CAMERAS if own is None else {own.recipe.name: lambda: own}).items():
         camera = make()
@@ -194,12 +194,12 @@ def table(figures: dict[str, float]) -> tuple[tuple[Column, ...], list[tuple[str
     return columns, rows
 
 
-def scene_key(loaded: Loaded[SceneRecipe], takers: Takers, device: str) -> str:
+def scene_key(loaded: Loaded[SceneRecipe], cameras: TestCameras, device: str) -> str:
     """A key of everything that decides a scene's figures: the views, the cameras, and the code."""
     views = [view_key(three_bands(loaded, samples), loaded.base) for samples in (SAMPLES, LENS_SAMPLES)]
     angle = loaded.recipe.frame.pixel_angle
-    cameras = [camera_key(takers.at(name, 1.0, angle)) for name in (*takers.names, THIN_LENS)]
-    return key_of(views=views, cameras=cameras, device=device)
+    keys = [camera_key(cameras.at(name, 1.0, angle)) for name in (*cameras.names, THIN_LENS)]
+    return key_of(views=views, cameras=keys, device=device)
 
 
 def camera_key(camera: Camera) -> str:
@@ -210,7 +210,7 @@ def camera_key(camera: Camera) -> str:
 
 def of_scene(
     loaded: Loaded[SceneRecipe],
-    takers: Takers,
+    cameras: TestCameras,
     folder: Path,
     cache: Path | None,
     device: str,
@@ -221,39 +221,39 @@ def of_scene(
     recipe = three_bands(loaded, SAMPLES)
     view = render(recipe, loaded.base, cache=cache, device=device, progress=part(say, 0.0, 0.2))
     view = chosen_bands(view, [GREEN])
-    edge = busiest_edge(view, takers.gaps(view.pixel_angle))
+    edge = busiest_edge(view, cameras.gaps(view.pixel_angle))
     model = build_scene(recipe, loaded.base)
-    takes = {
-        (mask, focus): takers.at(mask, distance, view.pixel_angle)
-        for mask in takers.names
+    settings = {
+        (mask, focus): cameras.at(mask, distance, view.pixel_angle)
+        for mask in cameras.names
         for focus, distance in focus_distances(edge).items()
     }
     file = folder / f"occlusion-{scene}.safetensors"
-    truths = references(file, view, model, takes, edge.where, device, part(say, 0.2, 0.7))
+    truths = references(file, view, model, settings, edge.where, device, part(say, 0.2, 0.7))
     say(0.7, "compositing")
     figures = {f"near_dpt.{scene}": edge.near, f"far_dpt.{scene}": edge.far}
     shown: dict[tuple[str, str], dict[str, Tensor]] = {}
-    for (mask, focus), truth in zip(takes, truths, strict=True):
-        judged = composites(view, edge.where, takes[mask, focus], truth)
+    for (mask, focus), truth in zip(settings, truths, strict=True):
+        judged = composites(view, edge.where, settings[mask, focus], truth)
         figures |= judged.figures(f"{scene}.{mask}.{focus}")
         shown[mask, focus] = {"reference": judged.truth, **judged.photos}
     smooth, tell = three_bands(loaded, LENS_SAMPLES), part(say, 0.7, 0.75)
     fine = render(smooth, loaded.base, cache=cache, device=device, progress=tell)
     green, depth = chosen_bands(fine, [GREEN]), recipe.render.max_depth
     lenses = {
-        (THIN_LENS, focus): takers.at(THIN_LENS, distance, view.pixel_angle)
+        (THIN_LENS, focus): cameras.at(THIN_LENS, distance, view.pixel_angle)
         for focus, distance in focus_distances(edge).items()
     }
     file = folder / f"occlusion-{scene}-{THIN_LENS}.safetensors"
     limits = references(file, green, model, lenses, edge.where, device, part(say, 0.75, 0.95))
-    for (take, camera), limit in zip(lenses.items(), limits, strict=True):
+    for (setting, camera), limit in zip(lenses.items(), limits, strict=True):
         halves = by_rays(model, fine, GREEN, edge.where, camera, depth, device, part(say, 0.95, 1.0))
         judged = composites(green, edge.where, camera, (halves[0] + halves[1]) / 2)
-        case = f"{scene}.{'.'.join(take)}"
+        case = f"{scene}.{'.'.join(setting)}"
         figures |= judged.figures(case)
         figures[f"noise_db.{case}"] = noise_db(*(half * judged.exposure for half in halves))
         figures[f"view_db.{case}"] = psnr(limit * judged.exposure, judged.truth)
-        shown[take] = {"reference": judged.truth, **judged.photos}
+        shown[setting] = {"reference": judged.truth, **judged.photos}
     crops_plot(shown).save(folder / f"occlusion-{scene}.png")
     return figures
 
@@ -301,23 +301,23 @@ def references(
     kept: Path,
     view: View,
     model: SceneModel,
-    takes: dict[tuple[str, str], Camera],
+    settings: dict[tuple[str, str], Camera],
     where: Crop,
     device: str,
     progress: Progress,
 ) -> list[Tensor]:
     """The reference photo of each take, from the file if it holds those of this very view and crop."""
     light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
-    cameras = {".".join(take): camera_key(camera) for take, camera in takes.items()}
+    cameras = {".".join(setting): camera_key(camera) for setting, camera in settings.items()}
     said = key_of(view=light, where=asdict(where), cameras=cameras)
     if kept.is_file():
         with safe_open(kept, "pt") as file:
             if (file.metadata() or {}).get("of") == said:
-                return [file.get_tensor(".".join(take)) for take in takes]
+                return [file.get_tensor(".".join(setting)) for setting in settings]
     truths = clipped_pupils(
-        view, model, list(takes.values()), where, window_px=WINDOW, device=device, progress=progress
+        view, model, list(settings.values()), where, window_px=WINDOW, device=device, progress=progress
     )
-    photos = {".".join(take): truth.contiguous() for take, truth in zip(takes, truths, strict=True)}
+    photos = {".".join(setting): truth.contiguous() for setting, truth in zip(settings, truths, strict=True)}
     keep(kept, lambda path: save_file(photos, path, {"of": said}))
     return truths
 

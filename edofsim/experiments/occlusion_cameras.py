@@ -41,7 +41,9 @@ class Edge:
     far: float
 
 
-def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6, seed: int = 0) -> Tensor:
+def smooth_height_map(
+    samples: int = 238, width: float = 10.0, top: float = 1.135e-6, seed: int = 0
+) -> Tensor:
     """White noise under a Gaussian of `width` samples, from 0 to `top` metres: [n, n], float32.
 
     238 samples of 21 um and 1.135 um are those of the paper's mask (Fig. `MTF`).
@@ -49,8 +51,8 @@ def smooth_relief(samples: int = 238, width: float = 10.0, top: float = 1.135e-6
     noise = torch.randn(samples, samples, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
     f = torch.fft.fftfreq(samples, dtype=torch.float64)
     window = torch.exp(-2 * (math.pi * width) ** 2 * (f[:, None] ** 2 + f**2))
-    relief = torch.fft.ifft2(torch.fft.fft2(noise) * window).real
-    return ((relief - relief.min()) / (relief.max() - relief.min()) * top).float()
+    height = torch.fft.ifft2(torch.fft.fft2(noise) * window).real
+    return ((height - height.min()) / (height.max() - height.min()) * top).float()
 
 
 def busiest_edge(view: View, gaps: tuple[float, float] = GAPS) -> Edge:
@@ -86,7 +88,7 @@ def focus_distances(edge: Edge) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Takers:
+class TestCameras:
     """What photographs the edges. own: a camera with its mask; None for the paper's lens with `MASKS`."""
 
     own: Camera | None = None
@@ -118,10 +120,10 @@ class Takers:
         return refocused(camera, distance, pixel_angle)
 
 
-def takers_of(loaded: Loaded[CameraRecipe] | None) -> Takers:
+def test_cameras(loaded: Loaded[CameraRecipe] | None) -> TestCameras:
     """Of a camera's recipe with its mask as it is made; None for the paper's. Raises InputError for one that
     cannot be built."""
-    return Takers(None if loaded is None else Camera.from_recipe(loaded.recipe, loaded.base))
+    return TestCameras(None if loaded is None else Camera.from_recipe(loaded.recipe, loaded.base))
 
 
 def refocused(camera: Camera, distance: float, pixel_angle: float, window: int = WINDOW) -> Camera:
@@ -149,4 +151,4 @@ def camera_with(
         mask=CubicMask(alpha_rad=30.0) if mask == "cubic" else ClearMask(),
     )
     camera = refocused(Camera.from_recipe(recipe), distance, pixel_angle, window)
-    return camera.with_height(smooth_relief()) if mask == "smooth" else camera
+    return camera.with_height(smooth_height_map()) if mask == "smooth" else camera

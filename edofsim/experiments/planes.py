@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from ..capture import capture
-from ..capture.planes import photograph, surroundings
+from ..capture.planes import capture_planes, surroundings
 from ..core.images import mirrored, write_png
 from ..core.json_values import Json
 from ..core.progress import Progress
@@ -41,7 +41,7 @@ from ..restore.scores import image_psnr
 from .kept import Kept, key_of
 from .known_depth import at_known_depth
 from .photographs import Photograph, Photographs
-from .systems import NEAREST_PER_M, Contestant, described, made, of_three_lines, truncated_share
+from .systems import NEAREST_PER_M, EvaluatedSystem, described, made, of_three_lines, truncated_share
 
 RANDOM = "random"
 CHANNELS = ("red", "green", "blue")
@@ -105,7 +105,7 @@ class Job:
 
 
 def measure(
-    system: Contestant,
+    system: EvaluatedSystem,
     pictures: Sequence[Photograph],
     conditions: Sequence[Condition],
     out: Path,
@@ -162,7 +162,7 @@ def measure(
     return [rows[job.key] for job in jobs]
 
 
-def _check_sizes(system: Contestant, jobs: Sequence[Job], window: int) -> None:
+def _check_sizes(system: EvaluatedSystem, jobs: Sequence[Job], window: int) -> None:
     """Raise InputError for pictures without a middle that is half a window of a PSF from their border."""
     small = [job.picture.name for job in jobs if min(job.picture.pixels.shape[-2:]) <= 2 * (window // 2)]
     if small:
@@ -186,7 +186,7 @@ def random_depths(
 
 def through(sharp: Tensor, psf: Tensor) -> Tensor:
     """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it."""
-    return photograph(_continued(sharp, *surroundings(psf.shape[-1]))[None], psf[None])[0]
+    return capture_planes(_continued(sharp, *surroundings(psf.shape[-1]))[None], psf[None])[0]
 
 
 def over_field(sharp: Tensor, inverse_depth: float, camera: Camera) -> tuple[Tensor, Tensor]:
@@ -258,7 +258,12 @@ def _shown(job: Job, out: Path) -> Shown:
 
 
 def _known(
-    job: Job, kept: Kept, system: Contestant, out: Path, show: Sequence[str], rows: dict[str, PictureScore]
+    job: Job,
+    kept: Kept,
+    system: EvaluatedSystem,
+    out: Path,
+    show: Sequence[str],
+    rows: dict[str, PictureScore],
 ) -> bool:
     """Put the row of a job that was finished before into `rows`."""
     found = kept.get(job.key)
@@ -271,7 +276,7 @@ def _known(
 
 def _finish(
     job: Job,
-    system: Contestant,
+    system: EvaluatedSystem,
     camera: Camera,
     psf: Tensor | None,
     kept: Kept,
@@ -311,7 +316,7 @@ def _finish(
     return _row(job, system, found, files)
 
 
-def _row(job: Job, system: Contestant, found: Json, files: Shown | None) -> PictureScore:
+def _row(job: Job, system: EvaluatedSystem, found: Json, files: Shown | None) -> PictureScore:
     return PictureScore(
         system.name,
         job.picture.name,

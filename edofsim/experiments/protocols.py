@@ -29,7 +29,7 @@ from torch import Tensor
 
 from ..capture import Fidelity, Photo, capture, full_fidelity, ideal_image
 from ..capture.fidelity import MOST_LAYERS
-from ..capture.noise import PhotoNoise, photographed_noise
+from ..capture.noise import PhotoNoise, photo_noise
 from ..capture.prepare import channel_weights, depth_nodes
 from ..capture.sensor import automatic_exposure
 from ..core.images import srgb_encode
@@ -100,7 +100,7 @@ class System:
 
 
 @dataclass(frozen=True)
-class Taken:
+class Capture:
     """A photo, and the images to be judged against its ideal one, all [3, y, x]: `photo`, and of a system
     that restores `restored` and `wiener`. noise: the photo's; left: what is left of it in each image."""
 
@@ -192,9 +192,9 @@ def views_of(view: View, camera: Camera) -> dict[str, View]:
     return {way.name: flat.get(way.name, view) for way in WAYS}
 
 
-def take(
-    view: View, way: Way, system: System, seed: int = 0, device: str = "cpu", like: Taken | None = None
-) -> Taken:
+def capture_restored(
+    view: View, way: Way, system: System, seed: int = 0, device: str = "cpu", like: Capture | None = None
+) -> Capture:
     """A photo of the way's own view (see `views_of`), and its restorations.
 
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
@@ -209,7 +209,7 @@ def take(
         photo, noise = like.photo, like.noise
     images, left = {"photo": photo.image}, {"photo": noise.image}
     if system.restoration is None:
-        return Taken(photo, images, noise, left)
+        return Capture(photo, images, noise, left)
     truth = Truth(photo.ideal, noise)
 
     def restored(name: str, by: Restoration, known: Known) -> None:
@@ -221,18 +221,18 @@ def take(
 
     # how finely the mask is made, and so the glare that its making leaves, is known of a camera
     glare = (1 - channel_weights(camera, view.wavelengths) @ unscattered).to(photo.image)
-    taker = system.designed or system.camera
-    taker = of_three_lines(taker) if way.flat else taker
+    camera_of_scores = system.designed or system.camera
+    camera_of_scores = of_three_lines(camera_of_scores) if way.flat else camera_of_scores
     by_network = isinstance(system.restoration, ByNetwork)
-    known = _known(view, camera if by_network else taker, glare)
+    known = _known(view, camera if by_network else camera_of_scores, glare)
     restored("restored", system.restoration, known)
     if isinstance(system.restoration, ByWiener):
         images["wiener"], left["wiener"] = images["restored"], left["restored"]
     elif like is not None and "wiener" in like.images:
         images["wiener"], left["wiener"] = like.images["wiener"], like.left.get("wiener")
     else:
-        restored("wiener", ByWiener(), _known(view, taker, glare) if by_network else known)
-    return Taken(photo, images, noise, left)
+        restored("wiener", ByWiener(), _known(view, camera_of_scores, glare) if by_network else known)
+    return Capture(photo, images, noise, left)
 
 
 def _known(view: View, camera: Camera, glare: Tensor) -> Known:
@@ -278,7 +278,7 @@ def _photo(
     exposure = automatic_exposure(ideal, noisy=view.noise > 0) if wanted == "auto" else float(wanted)
     fidelity, hazy = _fidelity(view, way, camera), with_glare(view, unscattered)
     photo = capture(hazy, camera, fidelity, exposure=exposure, seed=seed, device=device)
-    noise = photographed_noise(hazy, camera, fidelity, photo, device)
+    noise = photo_noise(hazy, camera, fidelity, photo, device)
     if view.half_difference is not None:  # the truth has the light that the mask scatters
         off = ideal_image(view.with_light(view.half_difference), camera, exposure)
         noise = replace(noise, ideal=view.crop_margin(off))
@@ -298,7 +298,7 @@ def _fidelity(view: View, way: Way, camera: Camera) -> Fidelity:
 
 def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
-    [band], float64. 1 without a relief, and where the recipe says how the mask is made.
+    [band], float64. 1 without a height map, and where the recipe says how the mask is made.
     """
     recipe = camera.recipe
     if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):

@@ -117,10 +117,10 @@ def draw_mask(axis: Axes, camera: Camera, mask: Mask) -> None:
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
     regions = aperture(camera, grid).regions
     amplitude, light = mask_amplitude(mask, grid)
-    relief = sum(part * height for part, height in regions if height is not None)
+    height_map = sum(part * height for part, height in regions if height is not None)
     picture_axes(axis)
-    if isinstance(relief, Tensor) and float(relief.abs().max()) > 0:
-        shown = torch.where(light > 0.5, relief - relief[light > 0.5].min(), torch.nan)
+    if isinstance(height_map, Tensor) and float(height_map.abs().max()) > 0:
+        shown = torch.where(light > 0.5, height_map - height_map[light > 0.5].min(), torch.nan)
         image = axis.imshow((shown * 1e6).numpy(), cmap="viridis")
         bar = axis.figure.colorbar(image, ax=axis, shrink=0.8)
         bar.ax.tick_params(labelsize=6)

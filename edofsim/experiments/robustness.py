@@ -19,7 +19,7 @@ from ..report.words import decibels, number
 from .experiment import Findings, in_paper
 from .photographs import Photographs, chosen, photographs
 from .planes import ABOUT, Condition, PictureScore, averages, left_out, measure, pairs, sharp, write_rows
-from .systems import Contestant, contestants
+from .systems import EvaluatedSystem, evaluated_systems
 
 GREEN = 543e-9
 
@@ -39,7 +39,7 @@ class Study:
 
     name: str
     column: str
-    conditions: Callable[[Contestant, int], list[Condition]]
+    conditions: Callable[[EvaluatedSystem, int], list[Condition]]
     labels: Mapping[str, float]
     paper: Mapping[float, float]
     title: str
@@ -60,7 +60,7 @@ class Result:
     figures: dict[str, float]
 
 
-def green_focus(system: Contestant) -> float:
+def green_focus(system: EvaluatedSystem) -> float:
     """Distance in metres that is sharp at 543 nm: z_fG of the paper."""
     return float(focus_distance(system.camera, GREEN))
 
@@ -79,7 +79,7 @@ def measured(
     """The options are those of the experiments. Raises InputError for what cannot be used."""
     found = photographs(data, limit)
     shown = chosen(found.pictures, show or (), 1)
-    every = contestants(systems)
+    every = evaluated_systems(systems)
     rows: list[PictureScore] = []
     figures: dict[str, float] = {}
     for index, system in enumerate(every):

@@ -54,14 +54,14 @@ from .protocols import (
     OURS,
     PAPER,
     WAYS,
+    Capture,
     Lens,
     System,
-    Taken,
     Way,
+    capture_restored,
     converged_db,
     lenses_of,
     same_photo,
-    take,
     views_of,
 )
 from .scene_scores import (
@@ -102,7 +102,7 @@ class Seen:
     scene: Loaded[SceneRecipe]
     lens: Lens
     view: View
-    taken: Mapping[tuple[str, str], Taken]
+    taken: Mapping[tuple[str, str], Capture]
     edges: Tensor
 
     @property
@@ -269,8 +269,8 @@ def measured_scenes(
         name = scene.recipe.name
         tell = part(progress, number / len(scenes), (number + 1) / len(scenes), name)
         try:
-            taker = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
-            lenses, failures = lenses_of(taker, networks)
+            camera_recipe = load_camera(camera or scene.recipe.camera, None if camera else scene.base)
+            lenses, failures = lenses_of(camera_recipe, networks)
             failures.check(len(lenses))
             recipe = scored_version(scene.recipe, quick=quick)
             frames = [framed(recipe, lens.alone.camera, resample) for lens in lenses]
@@ -315,7 +315,7 @@ def measure(
     parts: Mapping[str, Tensor] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-) -> tuple[Measured, dict[tuple[str, str], Taken], Tensor]:
+) -> tuple[Measured, dict[tuple[str, str], Capture], Tensor]:
     """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are.
 
     systems: of one lens, the lens alone first; parts: further regions to score, bool [y, x], by name. A
@@ -328,10 +328,10 @@ def measure(
     views = views_of(view, alone.camera)
     failures = Failures()
     rows: list[SceneScore] = []
-    kept: dict[tuple[str, str], Taken] = {}
+    kept: dict[tuple[str, str], Capture] = {}
     far: dict[tuple[object, ...], float] = {}
     for step, way in enumerate(ways):
-        of_way: dict[str, Taken] = {}
+        of_way: dict[str, Capture] = {}
         for number, system in enumerate(systems):
             if progress:
                 progress((step + number / len(systems)) / len(ways), f"{way.name}, {system.name}")
@@ -342,7 +342,7 @@ def measure(
             like = next((each.name for each in alike), None)
             with failures.of(system.name):
                 shown = views[way.name]
-                taken = take(shown, way, system, seed, like=of_way[like] if like else None)
+                taken = capture_restored(shown, way, system, seed, like=of_way[like] if like else None)
                 of_way[system.name] = taken
                 # sub-apertures are no part of it
                 about_layers = like or system.name, way.flat, way.encoded, way.occlusion, way.layers

@@ -35,7 +35,7 @@ from ..report.pictures import Picture, display_gain, picture
 from ..report.run_page import report_page
 from ..report.words import DASH, decibels, distance, number, percent
 from ..restore.scores import DepthScore, Score
-from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, System, Taken, Way
+from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, Capture, System, Way
 from .scene_scores import AWAY, NEAR_EDGES, WHOLE, Measured, SceneScore, SceneScores, mean, worst
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def overview_page(
     )
 
 
-def strip(truth: torch.Tensor, alone: Taken, restored: torch.Tensor, name: str) -> Picture:
+def strip(truth: torch.Tensor, alone: Capture, restored: torch.Tensor, name: str) -> Picture:
     """Truth, lens alone and restored side by side, small, for a card."""
     colours = alone.photo.colours
     gain = display_gain(developed(truth, colours))

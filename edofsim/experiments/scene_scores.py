@@ -14,7 +14,7 @@ from ..render.view import View
 from ..restore.gains import RIVALS, gains
 from ..restore.scores import depth_ranges, light_error, score_parts, within_scale
 from .failures import Failures
-from .protocols import LENS_ALONE, OURS, WAYS, Taken
+from .protocols import LENS_ALONE, OURS, WAYS, Capture
 
 WHOLE, NEAR_EDGES, AWAY = "whole", "near edges", "away from edges"
 FACTS = ("edges", "mean", "clipped", "noise_db", "bands", "nearest_m", "farthest_m")
@@ -150,7 +150,7 @@ def regions_of(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 
 
 def scores_of(
-    taken: Taken, name: str, regions: Mapping[Region, Tensor]
+    taken: Capture, name: str, regions: Mapping[Region, Tensor]
 ) -> Iterable[tuple[Region, tuple[float, float, int, float, float, float]]]:
     """Of an image of what was taken: the fields of a `SceneScore` from psnr_db on, by region."""
     image, truth, noise = taken.compared(name)
@@ -162,7 +162,7 @@ def scores_of(
         yield place, (each.psnr_db, each.ssim, each.pixels, off, each.psnr_db_se, each.ssim_se)
 
 
-def facts_of(view: View, edges: Tensor, taken: Taken) -> dict[str, float]:
+def facts_of(view: View, edges: Tensor, taken: Capture) -> dict[str, float]:
     """What decides scores besides the camera. mean: of the truth; clipped: share of its values beyond full
     scale before it was clipped; noise_db: PSNR between the truth and itself rendered with another seed."""
     truth = taken.truth

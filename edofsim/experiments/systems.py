@@ -30,7 +30,7 @@ NEAREST_PER_M = 2.0
 
 
 @dataclass(frozen=True)
-class Contestant:
+class EvaluatedSystem:
     """A system for photos of planes. camera: with the mask as designed; restore: a photo [3, y, x] and the
     part of its light that is veiling glare [3] to [3, y, x], as everybody's photos are restored; digest:
     SHA-256 of what it consists of; training: None where nothing was trained; at: in place of `restore` with
@@ -48,37 +48,37 @@ class Contestant:
         return self.at(photo, glare, inverse_depth) if self.at else self.restore(photo, glare)
 
 
-def contestants(
+def evaluated_systems(
     names: Sequence[str | Path] | None, *, every: bool = False, camera: str | None = None
-) -> list[Contestant]:
+) -> list[EvaluatedSystem]:
     """Systems as `system_of` names them; None for all that ship, with the clear and the cubic aperture, and
     with `every` also those that were trained for comparison. camera: of what names none, default the paper's
     with a clear aperture.
 
     Raises InputError for what is no system, and for two systems of one name."""
-    found, failures = usable_contestants(names, every=every, camera=camera)
+    found, failures = usable_systems(names, every=every, camera=camera)
     failures.check(0)
     return found
 
 
-def usable_contestants(
+def usable_systems(
     names: Sequence[str | Path] | None, *, every: bool = False, camera: str | None = None
-) -> tuple[list[Contestant], Failures]:
+) -> tuple[list[EvaluatedSystem], Failures]:
     """The same, and what is wrong with those that are none. Raises InputError where all are."""
     trained = shipped_checkpoints() | (comparison_checkpoints() if every else {})
-    found: list[Contestant] = []
+    found: list[EvaluatedSystem] = []
     failures = Failures()
     for name in names or (*trained, *WITHOUT_TRAINING):
         with failures.of(str(name)):
-            found.append(contestant(name, camera=camera))
+            found.append(evaluated_system(name, camera=camera))
     failures.check(len(found))
     one_of_each([system.name for system in found])
     return found, failures
 
 
-def contestant(
+def evaluated_system(
     source: str | Path, wavelengths: Tensor | None = None, *, camera: str | None = None
-) -> Contestant:
+) -> EvaluatedSystem:
     """A system (see `system_of`) for photos of planes.
 
     wavelengths: [band] in metres, that the sensor adds up to its colours; None for the three of the paper's
@@ -99,9 +99,9 @@ def with_restoration(
     restoration: Restoration,
     wavelengths: Tensor | None = None,
     nearest_per_m: float = NEAREST_PER_M,
-) -> Contestant:
+) -> EvaluatedSystem:
     """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`;
-    wavelengths: as in `contestant`."""
+    wavelengths: as in `evaluated_system`."""
     digest = hashlib.sha256(f"{camera_digest(camera)} {restoration.digest}".encode()).hexdigest()
     seeing = camera.with_read_noise(READ_NOISE)
     if wavelengths is None:
@@ -117,7 +117,7 @@ def with_restoration(
     def restore(photo: Tensor, glare: Tensor) -> Tensor:
         return restore_at(photo, glare, math.nan)
 
-    return Contestant(name, camera, restore, digest, at=restore_at)
+    return EvaluatedSystem(name, camera, restore, digest, at=restore_at)
 
 
 def camera_digest(camera: Camera) -> str:

@@ -38,7 +38,7 @@ from .planes import (
     sharp,
     write_rows,
 )
-from .systems import READ_NOISE, paper_test, usable_contestants
+from .systems import READ_NOISE, paper_test, usable_systems
 from .training import Training
 
 DEPTHS_M = (0.5, 0.8, 1.0)
@@ -104,7 +104,7 @@ def run(
     found = photographs(data, limit)
     shown = chosen(found.pictures, show or (), SHOWN)
     target = chart(chart_file)
-    every, failures = usable_contestants(systems, every=True, camera=camera)
+    every, failures = usable_systems(systems, every=True, camera=camera)
     fixed = [Condition(f"{m:g}m", 1 / m, READ_NOISE, paper_test(seed)) for m in DEPTHS_M]
     conditions = [Condition(RANDOM, None, READ_NOISE, paper_test(seed)), *fixed]
     rows: list[PictureScore] = []

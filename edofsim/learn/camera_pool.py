@@ -41,9 +41,9 @@ class Pooled:
     known: Conditioning
     shares: Tensor
 
-    def tell(self, network: Restorer) -> None:
+    def select_psfs(self, network: Restorer) -> None:
         assert isinstance(network, CameraBank)
-        network.use(self.known)
+        network.load_psf_state(self.known)
 
     def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
         """The photo without its glare, and where the network sees it what Wiener deconvolution makes of that,

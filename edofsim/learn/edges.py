@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ..capture.planes import photograph, surroundings
+from ..capture.planes import capture_planes, surroundings
 from .system import Captured, captured
 from .training_camera import TrainingCamera
 
@@ -50,9 +50,9 @@ class Edges:
             light, over, behind = None, psf[near], psf[far]
         means = sharp.mean((-1, -2)) if self.mean is None else self.mean.to(optics.device)
         covered = cover.mean((-1, -2))
-        front = photograph(cover * sharp[near], over, covered * means[near])
-        shade = photograph(cover.expand_as(sharp), over)
-        clean = front + (1 - shade) * photograph(sharp[far], behind, means[far])
+        front = capture_planes(cover * sharp[near], over, covered * means[near])
+        shade = capture_planes(cover.expand_as(sharp), over)
+        clean = front + (1 - shade) * capture_planes(sharp[far], behind, means[far])
         before, after = surroundings(optics.window)
         ideal = cover * sharp[near] + (1 - cover) * sharp[far]
         ideal = ideal[..., before : ideal.shape[-2] - after, before : ideal.shape[-1] - after]

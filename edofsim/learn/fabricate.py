@@ -1,7 +1,7 @@
 """A mask's height map as files for a maskless lithography tool.
 
 The map is upsampled to the pitch of the tool by bicubic interpolation, as Akpinar et al. do, but for wraps,
-which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um in 98 levels of a relief of
+which stay steps; and rounded to its grey levels. Theirs writes squares of 3 um in 98 levels of a depth of
 1.2 um.
 """
 
@@ -48,7 +48,7 @@ def device(
 ) -> Device:
     """The made height map of a camera's mask, or of a checkpoint's, without the errors of making it. Samples
     outside the pupil's square bounds do not occur; those in its corners are written like the rest. wrap_nm:
-    wavelength [nm] by whose whole waves a relief deeper than the limit is wrapped.
+    wavelength [nm] by whose whole waves a height map deeper than the limit is wrapped.
 
     Raises InputError for a mask without a height map, and one deeper than the limit.
     """

@@ -51,8 +51,8 @@ class Journal:
         path = self.folder / "pictures" / f"{step:07d}.png"
         write_png(path, grid.detach())
         if height is not None:
-            relief = stretched(height)[None].expand(3, -1, -1)
-            write_png(self.folder / "pictures" / f"{step:07d}-height.png", relief.detach().cpu())
+            picture = stretched(height)[None].expand(3, -1, -1)
+            write_png(self.folder / "pictures" / f"{step:07d}-height.png", picture.detach().cpu())
         return path
 
     def __enter__(self) -> Journal:

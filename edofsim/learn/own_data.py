@@ -100,7 +100,7 @@ def dataset_images(data: object, smallest: int) -> DatasetImages:
 
 
 @dataclass(frozen=True)
-class Taken:
+class StoredPairs:
     """Photos that were taken already, each with its ideal image: [batch, 6, y, x]."""
 
     pairs: Tensor
@@ -124,8 +124,8 @@ class PairSource:
     sha256: str
 
     def draw(self, count: int, generator: torch.Generator) -> Scenes:
-        return Taken(draw_patches(self.training, count, self.patch, (0, 0), generator, turned=False)[0])
+        return StoredPairs(draw_patches(self.training, count, self.patch, (0, 0), generator, turned=False)[0])
 
     def validation(self, count: int) -> list[Scenes]:
         patches = central_patches(self.held_back, count, self.patch, (0, 0))[0]
-        return [Taken(part) for part in patches.split(VALIDATION_BATCH)]
+        return [StoredPairs(part) for part in patches.split(VALIDATION_BATCH)]

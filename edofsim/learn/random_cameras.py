@@ -25,7 +25,7 @@ from .schedule import generator_of
 
 CAMERAS = 7  # purpose of random numbers
 TRIES = 1000
-CELLS = 160  # of a drawn height map across the pupil
+MASK_SAMPLES = 160  # of a drawn height map across the pupil
 DESIGNED = "paper-learned"  # whose height map is taken, turned, for some
 
 
@@ -60,7 +60,7 @@ def random_camera(
         if found is None or not least <= widest_blur_px(found) <= most:
             continue
         if isinstance(found.camera.mask, HeightMapMask):
-            return _with_relief(found, table, even, generator)
+            return _with_height_map(found, table, even, generator)
         return found
     raise InputError("cameras: no camera within these ranges blurs as blur_px asks for; widen them")
 
@@ -137,7 +137,7 @@ def _mask(kind: str, strength: float, even: Callable[[float, float], float]) -> 
     return {"kind": kind}
 
 
-def _with_relief(
+def _with_height_map(
     drawn: RandomCamera,
     table: CamerasTable,
     even: Callable[[float, float], float],
@@ -155,7 +155,7 @@ def _with_relief(
         strength = even(*table.strength_rad) / 2
         wavelength = HeightMapMask().design_wavelength_nm * 1e-9
         radian = metres_per_radian(float(camera.mask_material.index(wavelength)), wavelength)
-        height = strength * radian * _smooth(CELLS, even(1.5, 4), generator)
+        height = strength * radian * _smooth(MASK_SAMPLES, even(1.5, 4), generator)
     pitch = 2e6 * camera.aperture_radius / len(height) * (1 + 1e-9)
     mask = HeightMapMask(pitch_um=pitch)
     recipe = camera.recipe.model_copy(update={"mask": mask})

@@ -55,7 +55,7 @@ class Given:
 @dataclass(frozen=True)
 class Setup:
     """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    relief; history: of the checkpoint that the network starts from; beside: that of the one beside it; pool:
+    one; history: of the checkpoint that the network starts from; beside: that of the auxiliary network; pool:
     cameras in place of one."""
 
     recipe: TrainRecipe
@@ -92,11 +92,11 @@ def prepare(
     recipe = loaded.recipe
     camera, base = _camera(recipe, loaded.base) if given is None else (given.camera.recipe, given.camera.base)
     if given is not None and given.mask is not None:
-        mask, sampling, relief = camera_of(given.mask, given.camera)
-        camera = relief
+        mask, sampling, with_mask = camera_of(given.mask, given.camera)
+        camera = with_mask
     else:
-        mask, sampling, relief = build_mask(recipe, camera, base)
-    optics = TrainingCamera(Camera.from_recipe(relief, base), relief.psf.window_px, workers.device)
+        mask, sampling, with_mask = build_mask(recipe, camera, base)
+    optics = TrainingCamera(Camera.from_recipe(with_mask, base), with_mask.psf.window_px, workers.device)
     with torch.no_grad():
         designed = optics.with_height(mask.to(workers.device)())
     if given is not None and given.source is not None:
@@ -189,8 +189,8 @@ def camera_of(mask: nn.Module, camera: Camera) -> tuple[nn.Module, float, Camera
     camera.with_height(height)
     pitch = 2 * camera.aperture_radius * (1 + 1e-12) / len(height)
     material = camera.mask.material if isinstance(camera.mask, PhaseMask) else HeightMapMask().material
-    relief = HeightMapMask(pitch_um=pitch * 1e6, material=material)
-    return mask, pitch, camera.recipe.model_copy(update={"mask": relief})
+    with_mask = HeightMapMask(pitch_um=pitch * 1e6, material=material)
+    return mask, pitch, camera.recipe.model_copy(update={"mask": with_mask})
 
 
 def _learner(recipe: TrainRecipe, mask: Mask, optics: Camera, grid: PupilGrid, radian: float) -> nn.Module:
@@ -283,7 +283,7 @@ def _beside(
             "or start with the mask of that one (doe.start)"
         )
     try:
-        return network.beside(checkpoint.network), tuple(history_of(checkpoint))
+        return network.with_auxiliary(checkpoint.network), tuple(history_of(checkpoint))
     except InputError as error:
         raise InputError(f"network.beside = {source!r}: {error}") from None
 

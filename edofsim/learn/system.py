@@ -10,7 +10,7 @@ from typing import Protocol
 import torch
 from torch import Tensor, nn
 
-from ..capture.planes import photograph, surroundings
+from ..capture.planes import capture_planes, surroundings
 from ..restore.light import keep_light
 from ..restore.restorer import Restorer
 from .training_camera import TrainingCamera
@@ -87,7 +87,7 @@ class Planes:
         mean = None if self.mean is None else self.mean.to(optics.device)
         truncated = 1 - psf.sum((-1, -2)).mean()
         how = {"saturates": self.saturates, "broadband": self.broadband, "light": light}
-        return captured(photograph(sharp, psf, mean), ideal, truncated, psf, **how)
+        return captured(capture_planes(sharp, psf, mean), ideal, truncated, psf, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
         return replace(self, psf=psf, broadband=broadband)
@@ -99,7 +99,7 @@ class PooledCamera(Protocol):
     @property
     def optics(self) -> TrainingCamera: ...
 
-    def tell(self, network: Restorer) -> None:
+    def select_psfs(self, network: Restorer) -> None:
         """Condition the network on it."""
 
     def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
@@ -165,10 +165,10 @@ class System(nn.Module):
         height = self.mask()
         if draw.camera is None:
             captured = self.capture(draw, height)
-            self.tell(captured.broadband)
+            self.select_psfs(captured.broadband)
         else:
             captured = draw.scenes.photograph(draw.camera.optics)
-            draw.camera.tell(self.network)
+            draw.camera.select_psfs(self.network)
         photo = with_noise(captured, draw)
         seen = photo if draw.camera is None else draw.camera.seen(self.network, photo, captured)
         restored = self.restore(seen, height)
@@ -204,7 +204,7 @@ class System(nn.Module):
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.in_bfloat16):
             return restore(photo).to(torch.float32)
 
-    def prime(self) -> None:
+    def set_initial_psfs(self) -> None:
         """Give a network that is conditioned on the optics the PSFs of the mask as it is, made with the mean
         error of fabrication."""
         if self.network.psfs == "mean" and not self.network.any_camera:
@@ -217,22 +217,22 @@ class System(nn.Module):
         noise = 0.0 if height is None else self.height_noise
         return self.optics.with_height(height).psfs(depths, broadband, noise)
 
-    def tell(self, broadband: bool) -> None:
+    def select_psfs(self, broadband: bool) -> None:
         """Condition the network on the light that the sensor sees, where some of it is broadband. What is
         saved knows three lines."""
         if self.network.psfs != "mean" or self.network.any_camera or not (broadband or self._known):
             return
         if not self._known:
-            self._known[False] = self.network.known()
+            self._known[False] = self.network.psf_state()
         if broadband not in self._known:
             self.network.set_psfs(self._mean_psfs(broadband))
-            self._known[broadband] = self.network.known()
-        self.network.use(self._known[broadband])
+            self._known[broadband] = self.network.psf_state()
+        self.network.load_psf_state(self._known[broadband])
 
-    def settle(self) -> None:
+    def store_final_psfs(self) -> None:
         """Give a network that restores by the PSFs of each step those of the mask as it is now, for its
         checkpoint, and one that is conditioned on them those of the three colours."""
-        self.tell(broadband=False)
+        self.select_psfs(broadband=False)
         if self.network.psfs == "designed":
             with torch.no_grad():
                 self.network.set_psfs(self._designed_psfs(self.mask()))

@@ -119,7 +119,7 @@ def _train(
     else:
         if recipe.doe.design_steps and recipe.doe.learn:
             _design(setup, progress)
-        setup.system.prime()
+        setup.system.set_initial_psfs()
     setup.system.mask.requires_grad_(not kept)
     limit = max_minutes * 60 if max_minutes else None
     wrapped = workers.wrap(setup.system, partly=recipe.optimiser.network_steps > 1)
@@ -319,7 +319,7 @@ def save_result(setup: Setup, path: Path, position: Position, figures: Mapping[s
         card["history"] = list(setup.history)
     if setup.beside:
         card["beside"] = list(setup.beside)
-    setup.system.settle()
+    setup.system.store_final_psfs()
     height = setup.height()
     return save_checkpoint(path, setup.system.network, card, height=height, sampling=setup.sampling)
 
@@ -351,7 +351,7 @@ def _give_up(loop: _Loop, outcome: JudgedPhotos) -> None:
 
 
 def _save(loop: _Loop) -> None:
-    loop.setup.system.tell(broadband=False)
+    loop.setup.system.select_psfs(broadband=False)
     _save_state(loop, loop.out / "state.safetensors")
 
 

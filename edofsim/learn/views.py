@@ -143,9 +143,9 @@ class ViewParts:
                 y, x = part.axis_px
                 seen_by = optics.seen_at(part.width / 2 - x, y - part.height / 2)
                 light.append(relative_light(seen_by.camera))
-                shots.append(photographed(part, self.table, seen_by))
+                shots.append(capture_view(part, self.table, seen_by))
             else:
-                shots.append(part if isinstance(part, Shot) else photographed(part, self.table, optics))
+                shots.append(part if isinstance(part, Shot) else capture_view(part, self.table, optics))
         factors = self.factors.to(optics.device)[..., None, None]
         clean = torch.stack([shot.clean for shot in shots]).to(optics.device) * factors
         ideal = torch.stack([shot.ideal for shot in shots]).to(optics.device) * factors
@@ -158,8 +158,8 @@ class ViewParts:
         return self
 
 
-def photographed(view: View, table: Views, optics: TrainingCamera) -> Shot:
-    """A view as a source's table says; by one of many cameras, a view that is made `ready`."""
+def capture_view(view: View, table: Views, optics: TrainingCamera) -> Shot:
+    """A view as a source's table says; of many cameras, with `normalise_depth_range`."""
     if optics.stored is not None:
         part = crop(view, 0, 0, view.height, view.width, optics.window // 2).to(optics.device)
         clean, truncated = by_stored_psfs(part, optics.stored, table.layers, table.occlusion)
@@ -260,7 +260,7 @@ def open_views(
     """Render or fetch the views of a source. optics: with the mask's height map, where views are photographed
     once; base: where relative scene files start; held_back: share that is never trained on, of each scene's
     members, or of each view's rows; height_noise: standard deviation in metres of the errors of fabrication;
-    stretched: inverse depths that views are made `ready` for.
+    stretched: inverse depths for `normalise_depth_range`.
 
     Raises InputError for scenes that cannot be used.
     """
@@ -277,7 +277,7 @@ def open_views(
         digest.update(json.dumps(recipe.model_dump(mode="json"), sort_keys=True).encode())
         view = in_colours(view) if table.bands == "three" else view
         if stretched is not None:
-            view = ready(view, stretched)
+            view = normalise_depth_range(view, stretched)
         elif not table.once:
             _check_sampling(view, optics, recipe.name)
         last = held_back == 1 or (table.members > 0 and index % table.members >= table.members - kept)
@@ -295,7 +295,7 @@ def open_views(
     )
 
 
-def ready(view: View, depths: tuple[float, float]) -> View:
+def normalise_depth_range(view: View, depths: tuple[float, float]) -> View:
     """A view for many cameras: exposed automatically, what it spans in depth stretched to `depths` (least,
     largest inverse depth in 1/m). So does a camera's range end where what it photographs does."""
     low, high = view.inverse_depth.aminmax()
@@ -327,7 +327,7 @@ def _once(view: View, table: Views, optics: TrainingCamera, height_noise: float)
     key = _shot_key(view, table, optics)
     known = SHOTS.find(key, _folder())
     if known is None:
-        known = photographed(view, table, optics)
+        known = capture_view(view, table, optics)
         SHOTS.keep(key, known, _folder())
     shot = Shot(*(tensor.to(optics.device) for tensor in (known.clean, known.ideal, known.truncated)))
     if optics.camera.height_map is None:

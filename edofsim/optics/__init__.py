@@ -6,7 +6,7 @@ from .psf import channel_psfs, mean_psfs, psf_bank
 from .psf_field import PsfField
 from .sampling import plan_sampling, sampling_bound
 from .sensor import PAPER_COLOURS, response, response_curves
-from .sub_apertures import share_told, sub_aperture_psfs
+from .sub_apertures import between_part_variance, sub_aperture_psfs
 
 __all__ = [
     "MATERIALS",
@@ -26,6 +26,6 @@ __all__ = [
     "response",
     "response_curves",
     "sampling_bound",
-    "share_told",
+    "between_part_variance",
     "sub_aperture_psfs",
 ]

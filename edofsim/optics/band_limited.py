@@ -75,8 +75,8 @@ def _known(count: int, half: float, error: float) -> bool:
     nodes = half * _spread(count, error)
     between = torch.linspace(0, half, CHECKS * count // 2 + 1, dtype=torch.float64)
     weights = _weights(between, nodes)
-    told = weights * (2 * _correlation(between, nodes) - weights @ _correlation(nodes, nodes))
-    return float((1 - told.sum(1)).max()) <= error**2
+    captured = weights * (2 * _correlation(between, nodes) - weights @ _correlation(nodes, nodes))
+    return float((1 - captured.sum(1)).max()) <= error**2
 
 
 def _spread(count: int, error: float) -> Tensor:

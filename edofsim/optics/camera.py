@@ -65,8 +65,8 @@ class Camera:
         distance = math.nan if problems else _sensor_distance(recipe, lens, problems)
         if not problems:
             lens, distance = lens.at_sensor(1 / distance)
-        relief = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
-        mask_material = _material("mask.material", relief, problems)
+        material = (recipe.mask if isinstance(recipe.mask, PhaseMask) else HeightMapMask()).material
+        mask_material = _material("mask.material", material, problems)
         if lens.measured and not (isinstance(recipe.mask, ClearMask) and recipe.fabrication is None):
             problems.append(
                 "mask: measured PSFs hold what stood in the pupil; leave out mask and fabrication"

@@ -22,27 +22,27 @@ def straight_through(exact: Tensor, rounded: Tensor) -> Tensor:
     return exact + (rounded - exact).detach()
 
 
-def wave_height(wavelength: float, relief: Material) -> float:
+def wave_height(wavelength: float, material: Material) -> float:
     """Height [m] that delays `wavelength` [m] by one wave: lambda / (n - 1)."""
-    return wavelength / (float(relief.index(wavelength)) - 1)
+    return wavelength / (float(material.index(wavelength)) - 1)
 
 
-def unscattered_fraction(wavelengths: Tensor, height_error: float, relief: Material) -> Tensor:
+def unscattered_fraction(wavelengths: Tensor, height_error: float, material: Material) -> Tensor:
     """Fraction of the light [band] that independent height errors leave where the design sends it.
 
     wavelengths: [band] in metres, float64; height_error: standard deviation in metres. exp(-s^2), s the
     standard deviation of the phase (Goodman, *Statistical Optics*, random phase screens).
     """
-    return (-(2 * math.pi * (relief.index(wavelengths) - 1) * height_error / wavelengths).square()).exp()
+    return (-(2 * math.pi * (material.index(wavelengths) - 1) * height_error / wavelengths).square()).exp()
 
 
-def make(designed: Tensor, fabrication: Fabrication, relief: Material, seed: int) -> Tensor:
-    """The made surface [.., y, x] in metres from the designed one: `relief_of` it, and `height_error`."""
-    surface = relief_of(designed, fabrication, relief)
+def make(designed: Tensor, fabrication: Fabrication, material: Material, seed: int) -> Tensor:
+    """The made surface [.., y, x] in metres from the designed one: `made_height` it, and `height_error`."""
+    surface = made_height(designed, fabrication, material)
     return surface + height_error(surface, fabrication, seed)
 
 
-def relief_of(designed: Tensor, fabrication: Fabrication, relief: Material) -> Tensor:
+def made_height(designed: Tensor, fabrication: Fabrication, material: Material) -> Tensor:
     """The surface [.., y, x] in metres that is meant to be made of the designed one.
 
     In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
@@ -56,7 +56,7 @@ def relief_of(designed: Tensor, fabrication: Fabrication, relief: Material) -> T
         surface = surface - surface.detach().min()
     if fabrication.height_limit_um is not None:
         limit = fabrication.height_limit_um * 1e-6
-        surface = _limit(surface, limit, fabrication, relief, trainable=designed.requires_grad)
+        surface = _limit(surface, limit, fabrication, material, trainable=designed.requires_grad)
     if fabrication.levels is not None:
         surface = _quantise(surface, fabrication.levels, fabrication)
     return surface
@@ -76,7 +76,7 @@ def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor
 
 
 def _limit(
-    surface: Tensor, limit: float, fabrication: Fabrication, relief: Material, trainable: bool
+    surface: Tensor, limit: float, fabrication: Fabrication, material: Material, trainable: bool
 ) -> Tensor:
     depth = float(surface.detach().max())
     if depth <= limit * (1 + 1e-9):
@@ -89,12 +89,12 @@ def _limit(
             f" {fabrication.height_limit_um:g}; state fabrication.wrap_wavelength_nm to wrap it, or design it"
             " flatter"
         )
-    wave = wave_height(fabrication.wrap_wavelength_nm * 1e-9, relief)
+    wave = wave_height(fabrication.wrap_wavelength_nm * 1e-9, material)
     waves = math.floor(limit / wave)
     if waves < 1:
         raise InputError(
             f"fabrication.height_limit_um = {fabrication.height_limit_um:g} is below one wave of"
-            f" {fabrication.wrap_wavelength_nm:g} nm in {relief.name} ({wave * 1e6:.3g} um), so the mask"
+            f" {fabrication.wrap_wavelength_nm:g} nm in {material.name} ({wave * 1e6:.3g} um), so the mask"
             " cannot be wrapped; raise the limit or wrap at a shorter wavelength"
         )
     return straight_through(surface, torch.remainder(surface, waves * wave))

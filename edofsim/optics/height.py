@@ -16,7 +16,7 @@ from ..core.limits import existing
 from ..core.measurements import read_numbers
 from ..errors import InputError, first_line
 from .camera import Camera, check_thin
-from .fabrication import height_error, makes_squares, relief_of, wave_height
+from .fabrication import height_error, made_height, makes_squares, wave_height
 from .grid import PupilGrid, resample
 from .masks import PhaseMask, asked
 from .masks.height_map import HeightMapMask
@@ -202,7 +202,7 @@ def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor 
         designed = resample(given[0], given[1], stage, _wave(camera))
     if fabrication is None:
         return designed
-    made = relief_of(designed, fabrication, camera.mask_material)
+    made = made_height(designed, fabrication, camera.mask_material)
     error = height_error(made, fabrication, fabrication.seed if seed is None else seed)
     if makes_squares(fabrication):
         return _squares(made + error, stage, grid)

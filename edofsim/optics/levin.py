@@ -16,7 +16,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
-CELLS = 13
+CODE_CELLS = 13
 SIZES_PX = (5, 6, 7, 8, 9, 11, 13, 15)
 """Widths of the blur that are distinguished, in pixels: eight between 5 and 15, as they use."""
 FREQUENCIES = 24
@@ -62,7 +62,7 @@ def discrimination(pattern: Tensor) -> float:
 
 def random_pattern(generator: torch.Generator) -> Tensor:
     """Random open (1) and opaque (0) cells [13, 13] in the pupil's disc, cut from one piece."""
-    return _in_one_piece((torch.rand(CELLS, CELLS, generator=generator) < 0.5).double())
+    return _in_one_piece((torch.rand(CODE_CELLS, CODE_CELLS, generator=generator) < 0.5).double())
 
 
 def search(seed: int) -> Tensor:
@@ -72,7 +72,7 @@ def search(seed: int) -> Tensor:
     value, improved = discrimination(best), True
     while improved:
         improved = False
-        for cell in torch.randperm(CELLS**2, generator=generator).tolist():
+        for cell in torch.randperm(CODE_CELLS**2, generator=generator).tolist():
             changed = best.clone()
             changed.view(-1)[cell] = 1 - changed.view(-1)[cell]
             changed = _in_one_piece(changed)
@@ -83,7 +83,7 @@ def search(seed: int) -> Tensor:
 
 def _in_one_piece(opened: Tensor) -> Tensor:
     """The pattern with cells outside the disc closed, and opaque cells that nothing holds cut out."""
-    axis = (torch.arange(CELLS, dtype=torch.float64) - (CELLS - 1) / 2) / (CELLS / 2)
+    axis = (torch.arange(CODE_CELLS, dtype=torch.float64) - (CODE_CELLS - 1) / 2) / (CODE_CELLS / 2)
     inside = axis[:, None] ** 2 + axis[None, :] ** 2 <= 1
     opaque = (opened == 0) | ~inside
     held = ~inside
@@ -106,9 +106,9 @@ def _bases() -> tuple[Tensor, list[tuple[Tensor, Tensor]]]:
     prior = frequency[0] ** 2 / (both[:, None] ** 2 + frequency[None, :] ** 2)
 
     def transform(axis: Tensor, cell: float) -> Tensor:
-        centres = (torch.arange(CELLS, dtype=torch.float64) - (CELLS - 1) / 2) * cell
-        opening = torch.sinc(axis * cell)[:, None].expand(-1, CELLS)
+        centres = (torch.arange(CODE_CELLS, dtype=torch.float64) - (CODE_CELLS - 1) / 2) * cell
+        opening = torch.sinc(axis * cell)[:, None].expand(-1, CODE_CELLS)
         return torch.polar(opening, -2 * math.pi * axis[:, None] * centres)
 
-    sizes = [size / CELLS for size in SIZES_PX]
+    sizes = [size / CODE_CELLS for size in SIZES_PX]
     return prior, [(transform(both, cell), transform(frequency, cell).T) for cell in sizes]

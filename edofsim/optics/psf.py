@@ -29,7 +29,7 @@ from .sampling import plan_sampling, sampled_alike
 from .sensor import response
 from .transform import SensorWindow, make_bases
 
-BETWEEN = 3e-5
+INTERPOLATION_ERROR = 3e-5
 """Error of PSFs that are interpolated between depths, in the root mean square of their values over depths:
 that of float32 is not much smaller."""
 HELD_BYTES = 256 << 20
@@ -62,8 +62,8 @@ def psf_bank(
     any case.
 
     Many depths in float32 are interpolated between as many as a band-limited function of Psi needs
-    (`nodes_for`), to within `BETWEEN` of the PSF; float64 is computed depth by depth. Beside the bank itself
-    the work takes a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
+    (`nodes_for`), to within `INTERPOLATION_ERROR` of the PSF; float64 is computed depth by depth. The work
+    takes the bank itself, a fixed memory (`propagation.BLOCK_BYTES`) and a few waves.
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
@@ -261,7 +261,7 @@ def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: 
     per_dioptre = defocus_per_dioptre(camera, wavelength)
     if len(inverse_depths) <= fewest_nodes(low, high, per_dioptre):
         return inverse_depths
-    nodes = band_limited_nodes(low, high, per_dioptre, BETWEEN)
+    nodes = band_limited_nodes(low, high, per_dioptre, INTERPOLATION_ERROR)
     return nodes if len(nodes) < len(inverse_depths) else inverse_depths
 
 
@@ -294,8 +294,8 @@ def axes_of(
         problems.append(
             "inverse depths must be finite and not negative (0 is infinity); nothing lies behind the lens"
         )
-    relief = camera.height_map is not None or isinstance(camera.mask, PhaseMask)
-    for material in (*camera.lens.glasses(), *((camera.mask_material,) if relief else ())):
+    has_height = camera.height_map is not None or isinstance(camera.mask, PhaseMask)
+    for material in (*camera.lens.glasses(), *((camera.mask_material,) if has_height else ())):
         try:
             material.index(wavelengths)
         except InputError as error:

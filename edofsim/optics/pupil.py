@@ -32,7 +32,7 @@ class Aperture:
     lens: phase [rad] at a wavelength [m] that the lens adds to its parabola, float64 [samples, samples]; the
     parabola cancels against propagation and the incoming wave, and what is left of it is Psi (`defocus`).
     bend: what of defocus is no parabola (`Lens.bend`).
-    regions: amplitude (same shape) and height of the relief in metres, a map or the same everywhere; the wave
+    regions: amplitude (same shape) and height of the mask in metres, a map or the same everywhere; the wave
     is the sum over regions. light: all light that is let through, counted in cells of the grid; transmission:
     as a fraction of what the open aperture lets through.
     """
@@ -68,7 +68,7 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
     if camera.lens.varies:
         share = camera.lens.field_open(right, up, camera.field)
-        regions = [(part * share.sqrt(), relief) for part, relief in regions]
+        regions = [(part * share.sqrt(), heights) for part, heights in regions]
         light, round_one = light * share, lens
         seen_from = f" seen from the field {camera.field}"
 
@@ -106,17 +106,17 @@ def pupil_function(
 ) -> Tensor:
     """Pupil function at `wavelength` [m] without defocus, complex [samples, samples]: without Psi and `bent`.
 
-    Phases are summed in float64 and reduced modulo 2 pi before they become `dtype`. A relief that is being
-    trained keeps its own precision instead, its phase being a few waves only, and gradients reach it.
+    Phases are summed in float64 and reduced modulo 2 pi before they become `dtype`. A height map in training
+    keeps its own precision, since its phase is a few waves only; gradients reach it.
     """
     lens = opening.lens(wavelength)
     waves = []
-    for amplitude, relief in opening.regions:
-        if isinstance(relief, Tensor) and relief.requires_grad:
+    for amplitude, heights in opening.regions:
+        if isinstance(heights, Tensor) and heights.requires_grad:
             phase = _reduced(lens).to(device=device, dtype=dtype)
-            phase = phase + relief.to(device=device, dtype=dtype) * mask_delay(camera, wavelength)
+            phase = phase + heights.to(device=device, dtype=dtype) * mask_delay(camera, wavelength)
         else:
-            phase = _reduced(lens + _fixed_phase(camera, wavelength, relief)).to(device=device, dtype=dtype)
+            phase = _reduced(lens + _fixed_phase(camera, wavelength, heights)).to(device=device, dtype=dtype)
         # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
         amplitude = amplitude.to(device=device, dtype=dtype)
         waves.append(torch.complex(torch.cos(phase).mul_(amplitude), torch.sin(phase).mul_(amplitude)))
@@ -135,7 +135,7 @@ def bent(pupil: Tensor, opening: Aperture, wavelength: float, inverse_depths: Te
 
 
 def mask_delay(camera: Camera, wavelength: float) -> float:
-    """Phase [rad] for each metre of the mask's relief: 2 pi (n - 1) / lambda, Akpinar et al., Eq.
+    """Phase [rad] for each metre of the mask's height: 2 pi (n - 1) / lambda, Akpinar et al., Eq.
     `dtophi`; for light that passes it at an angle, n cos t' - cos t in place of n - 1.
     """
     index, sine = float(camera.mask_material.index(wavelength)), camera.lens.slant(camera.field)
@@ -143,10 +143,10 @@ def mask_delay(camera: Camera, wavelength: float) -> float:
     return 2 * math.pi / wavelength * thicker
 
 
-def _fixed_phase(camera: Camera, wavelength: float, relief: Tensor | float | None) -> Tensor | float:
-    if relief is None:
+def _fixed_phase(camera: Camera, wavelength: float, heights: Tensor | float | None) -> Tensor | float:
+    if heights is None:
         return 0.0
-    height = relief.detach().to("cpu", torch.float64) if isinstance(relief, Tensor) else relief
+    height = heights.detach().to("cpu", torch.float64) if isinstance(heights, Tensor) else heights
     return height * mask_delay(camera, wavelength)
 
 

@@ -37,7 +37,7 @@ DARK = 0.2
 COARSER = 4 / 3
 """How much farther apart samples are where pixels are coarse, which sum over finer detail anyway."""
 SHARE_SAMPLES = 130
-"""Across the pupil, for `share_told`."""
+"""Across the pupil, for `between_part_variance`."""
 PIECES = 2
 """Of the depths of a wavelength, for threads to share."""
 HELD_BYTES = 256 << 20
@@ -129,19 +129,19 @@ def _shared(piece: tuple[Wave, Tensor], parts: Sequence[Part]) -> Tensor:
     return shared_energies(*piece, parts)
 
 
-def share_told(camera: Camera, across: int) -> float:
-    """How much of what rays through all places of the pupil would tell of an edge that `across` x `across`
-    sub-apertures do, to second order: at most 1.
+def between_part_variance(camera: Camera, across: int) -> float:
+    """Share of the variance of places in the pupil that lies between `across` x `across` sub-apertures, at
+    most 1. The rest lies within them.
 
-    What an edge hides of what lies behind it depends on how the light of the two goes together over the
-    pupil. Where both change evenly across it, that is in proportion to the variance of the places that light
-    comes through, and what is lost by taking each sub-aperture as a whole, to the variance within it.
+    What an edge hides depends on how the light of both surfaces correlates over the pupil. Where both change
+    evenly across it, that is proportional to this variance, to second order; each sub-aperture taken as a
+    whole loses the variance within it.
     """
-    return _share_told(camera.mask, across)
+    return _between_part_variance(camera.mask, across)
 
 
 @lru_cache(maxsize=64)
-def _share_told(mask: Mask, across: int) -> float:
+def _between_part_variance(mask: Mask, across: int) -> float:
     grid = PupilGrid(SHARE_SAMPLES, 2 / (SHARE_SAMPLES - 2), 1.0)
     intensity = mask_amplitude(mask, grid)[1].double()
     along = windows_along(grid, across)
@@ -149,12 +149,12 @@ def _share_told(mask: Mask, across: int) -> float:
     light, place = intensity.sum(), grid.centres
     middle = torch.stack([(intensity.sum(1) @ place), (intensity.sum(0) @ place)]) / light
     whole = (intensity * grid.radius_squared()).sum() - light * middle.square().sum()
-    told = torch.zeros((), dtype=torch.float64)
+    between = torch.zeros((), dtype=torch.float64)
     for part in parts:
         seen = _window(along, part) * intensity
         own = torch.stack([seen.sum(1) @ place, seen.sum(0) @ place]) / seen.sum()
-        told += seen.sum() * (own - middle).square().sum()
-    return float(told / whole)
+        between += seen.sum() * (own - middle).square().sum()
+    return float(between / whole)
 
 
 def coarse_window(pixels: int, side: int) -> int:

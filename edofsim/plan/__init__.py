@@ -9,7 +9,7 @@ from .figures import plan_figures, with_predicted
 from .overrule import checked_overrule, insisted_rendering
 from .photo import Planner, plan_alone, plan_photo, planner_of
 from .rates import learn as learn_rates
-from .scene import Looked, look, plan_scene, seen_in_thumbnails, thumbnail
+from .scene import SceneFacts, look, plan_scene, seen_in_thumbnails, thumbnail
 from .target import RESTORED, Target, as_accurate, parse_target
 
 __all__ = [
@@ -20,7 +20,7 @@ __all__ = [
     "Facts",
     "Fidelity",
     "Level",
-    "Looked",
+    "SceneFacts",
     "Plan",
     "Planner",
     "Rendering",

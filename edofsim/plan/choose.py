@@ -11,7 +11,7 @@ Chosen = dict[str, int]
 Cost = Callable[[Chosen], float]
 """Of a simulation: counted work by the reference costs, or seconds of this machine for a target of time."""
 
-WORTH = 2e-3
+SAVING_WORTHWHILE = 2e-3
 """An effect is left out only where that saves this fraction of the cost: what costs nothing is simulated."""
 
 
@@ -50,7 +50,7 @@ def cheapest(estimates: Estimates, budget: float, cost: Cost, fixed: Mapping[str
             continue
         held = {**fixed, name: level + 1}
         other = _descended(estimates, everything(estimates, held), budget, cost, held)
-        if cost(other) < (1 - WORTH) * cost(best):
+        if cost(other) < (1 - SAVING_WORTHWHILE) * cost(best):
             best = other
     return best
 
@@ -73,7 +73,7 @@ def _descended(
                 if after > budget:
                     continue
                 saved = now - cost(other)
-                if saved <= WORTH * now:
+                if saved <= SAVING_WORTHWHILE * now:
                     continue
                 added = max(after**2 - error**2, 1e-6 * budget**2)
                 if saved / added > gain:

@@ -53,8 +53,8 @@ class Effect:
     (see `Spectra.by_psfs`). error(facts, level): the error itself of a level that is not full, where it needs
     no look at the light. added: how errors add up with others: `image` (by the correlation of differences),
     `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this one does
-    not matter; beside: whether that one is measured without this, so that both errors are made where it is
-    left out. stage: render, psf, expose or sensor. at_once: whether one look shows what all levels change.
+    not matter; adds_to_parent: whether that one is measured without this, so that leaving it out makes both
+    errors. stage: render, psf, expose or sensor. one_pass: one estimate shows what all levels change.
     cuts: fields of `Fidelity` by which a view is rendered without it, where a user insists on that.
     """
 
@@ -66,9 +66,9 @@ class Effect:
     error: Callable[[Facts, Level], Errors] | None = None
     added: str = "image"
     within: str = ""
-    beside: bool = False
+    adds_to_parent: bool = False
     stage: str = "expose"
-    at_once: bool = False
+    one_pass: bool = False
     cuts: Values = field(default_factory=dict)
 
 

@@ -16,7 +16,7 @@ from ..core.threads import in_threads
 from .effect import Effect, Errors, Level, overall
 from .facts import Facts, rms
 
-AT_ONCE = 2**16
+CHUNK = 2**16
 """Entries of differences whose products are summed at a time, so that little memory is touched."""
 LITTLE = 0.2
 """Share of the error that a photo may have: what errs by less leaves nearly all of it to other effects."""
@@ -108,7 +108,7 @@ def estimate(
         measured = effect.error if len(levels) > 1 else None
         errors = [measured(facts, level) if measured else _nothing(facts) for level in levels[:-1]]
         if len(levels) > 1 and effect.error is None:
-            all_levels = effect.at_once or effect.name in (more or {}) or math.isinf(facts.allowed)
+            all_levels = effect.one_pass or effect.name in (more or {}) or math.isinf(facts.allowed)
             todo[len(rows)] = (effect, levels, all_levels)
         rows.append(Estimate(effect, absent, levels, (*errors, _nothing(facts)), (-1,) * len(levels)))
     differences: list[Tensor] = []
@@ -166,7 +166,7 @@ def _products(differences: Sequence[Tensor]) -> Tensor:
     for size in {each.shape for each in differences}:
         like = [k for k, each in enumerate(differences) if each.shape == size]
         at, flat = torch.tensor(like), [differences[k].flatten() for k in like]
-        for parts in zip(*(each.split(AT_ONCE) for each in flat), strict=True):
+        for parts in zip(*(each.split(CHUNK) for each in flat), strict=True):
             stack = torch.stack(parts)
             found[at[:, None], at] += (stack @ stack.T).double() / size[0]
     return found
@@ -193,7 +193,7 @@ def _add_nested_effects(rows: Sequence[Estimate], differences: list[Tensor]) -> 
     differences are added to that one's."""
     found = {row.effect.name: row for row in rows}
     for row in rows:
-        if not row.effect.beside or row.images[0] < 0:
+        if not row.effect.adds_to_parent or row.images[0] < 0:
             continue
         name = row.effect.within
         while name in found and found[name].full and found[name].images[0] >= 0:

@@ -48,9 +48,10 @@ class Facts:
     response: [channel, band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in
     focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the
     distinct ones where they are few, else None; hides: which fragments hide which; cuts: inverse depths at
-    which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds; shorter:
-    error of each channel if paths end after this many bounces, and plain_glass: if glass does not disperse,
-    both from small renderings; noisier: the view's noise over that of the recipe's samples; allowed:
+    which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds;
+    bounce_errors: error of each channel if paths end after this many bounces, and glass_error: if glass does
+    not disperse, both from small renderings;
+    noise_ratio: the view's noise over that of the samples asked for; allowed:
     root mean square error that the photo may have: how much more something errs is of no account.
     """
 
@@ -69,9 +70,9 @@ class Facts:
     shape: Shape
     fingerprint: str
     recipe: SceneRecipe | None = None
-    shorter: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
-    plain_glass: tuple[float, ...] = ()
-    noisier: float = 1.0
+    bounce_errors: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    glass_error: tuple[float, ...] = ()
+    noise_ratio: float = 1.0
     allowed: float = math.inf
 
     @cached_property
@@ -114,7 +115,7 @@ class Facts:
         """The noise of each channel that rendering leaves in the photo at the recipe's samples: that of a
         pixel, averaged by the PSF as independent noise is. The view's noise is relative to the mean of its
         bands and alike in all of them."""
-        own = max(0.0, self.view.noise) / self.noisier
+        own = max(0.0, self.view.noise) / self.noise_ratio
         return tuple((own * self.levels_of_light * torch.tensor(self.averaging)).tolist())
 
     def layers_of(self, layers: int | None) -> int:
@@ -195,10 +196,10 @@ def facts_of(
     camera: Camera,
     *,
     recipe: SceneRecipe | None = None,
-    noisier: float = 1.0,
+    noise_ratio: float = 1.0,
 ) -> Facts:
-    """Look at a view, with what is guessed behind its edges where that is not known. noisier: its noise over
-    that of the recipe's samples."""
+    """Look at a view, with what is guessed behind its edges where that is not known. noise_ratio: its
+    noise over that of the recipe's samples."""
     view = with_guessed(view, camera)
     response = channel_weights(camera, view.wavelengths)
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
@@ -226,7 +227,7 @@ def facts_of(
         shape=shape_of(view, camera, hidden, cut),
         fingerprint=_fingerprint(view),
         recipe=recipe,
-        noisier=noisier,
+        noise_ratio=noise_ratio,
     )
     if facts.blur_spread < SAME_DEPTH_PX:
         facts = replace(facts, full=facts.full.changed({"layers": 1}))
@@ -254,7 +255,7 @@ def _fingerprint(view: View) -> str:
     return digest.hexdigest()
 
 
-def photographed(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
+def photo_changes(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
     """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`. rest:
     how else the rest is simulated than in one group of bands a channel and 4 layers, with the pupil as a
     whole."""

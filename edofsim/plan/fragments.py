@@ -11,7 +11,7 @@ from torch import Tensor
 from ..render.view import View
 from .tiles import Tiles
 
-SOME = 20_000
+MEAN_SAMPLE = 20_000
 """Fragments that stand for all where only the mean of their light counts."""
 
 
@@ -112,7 +112,7 @@ def light_by_depth(view: View, nodes: Tensor, reach: int) -> Tensor:
     by some of its fragments: [band, node] float64."""
     reach = min(reach, view.margin)
     rows, columns, count = view.height + 2 * reach, view.width + 2 * reach, nodes.numel()
-    step = max(1, view.pixel.numel() // SOME)
+    step = max(1, view.pixel.numel() // MEAN_SAMPLE)
     pixel = view.pixel[::step]
     y = pixel // view.padded_shape[1] - (view.margin - reach)
     x = pixel % view.padded_shape[1] - (view.margin - reach)

@@ -17,7 +17,7 @@ from ..optics.sampling import sampled_alike
 
 WINDOWS = 0.5, 0.75
 """Of a window, the smaller ones that are tried."""
-NEARLY_ALL = 0.95
+ENCIRCLED_SHARE = 0.95
 """Share of a PSF's light that a smaller one must hold."""
 
 MakeOtfs: TypeAlias = Callable[..., Tensor]
@@ -80,6 +80,6 @@ def reach_of(make: MakeOtfs, fidelity: Fidelity, gathering: Gathering, nodes: Te
     def held(side: int) -> Tensor:
         return make(fidelity.changed({"window_px": side}), gathering, nodes)[..., 0, 0].real
 
-    enough = NEARLY_ALL * held(window)
+    enough = ENCIRCLED_SHARE * held(window)
     some = (2 * round(window * share / 2) for share in WINDOWS)
     return next((side for side in some if bool((held(side) >= enough).all())), window)

@@ -24,7 +24,7 @@ Rates = Mapping[str, Mapping[str, float]]
 """Seconds a unit of each kind of work, by stage (see `Work`); and under `PACE`, those of a moment's work
 of each kind where they were measured."""
 PACE = "pace"
-IN_MOMENTS = ("psf", "sub_apertures")
+PARALLEL_STAGES = ("psf", "sub_apertures")
 """Stages whose threads work on pieces of their own, and wait for each other now and then; those of the others
 share each operation."""
 SHARED = 0.4
@@ -70,7 +70,9 @@ def _corrected(now: Mapping[str, float]) -> Rates:
     corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
     found = {PACE: now}
     for stage in STAGES:
-        by = corrections.get(stage, 1.0) * (threads_allowed() ** (1 - SHARED) if stage in IN_MOMENTS else 1.0)
+        by = corrections.get(stage, 1.0) * (
+            threads_allowed() ** (1 - SHARED) if stage in PARALLEL_STAGES else 1.0
+        )
         found[stage] = {
             kind: by * rate * now[kind] / SHIPPED[PACE][kind] for kind, rate in SHIPPED[stage].items()
         }

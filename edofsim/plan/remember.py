@@ -95,7 +95,7 @@ def _key(
         "more": {name: [level.label, repr(level.change)] for name, level in more.items()},
         "asked": None if asked is None else sorted(asked),
         "most_db": round(decibels(facts.allowed), 3),
-        "rendering": [facts.shorter, facts.plain_glass, facts.view.noise, facts.noisier],
+        "rendering": [facts.bounce_errors, facts.glass_error, facts.view.noise, facts.noise_ratio],
         "frame": [facts.view.height, facts.view.width, facts.view.margin, facts.view.axis_px],
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True, default=str).encode())

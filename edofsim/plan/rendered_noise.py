@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ..capture import capture
-from ..capture.noise import LAYERS, photographed_noise
+from ..capture.noise import LAYERS, photo_noise
 from ..capture.photograph import all_in_focus
 from ..errors import InputError
 from .effect import overall
@@ -35,13 +35,13 @@ def noise_in(facts: Facts) -> dict[str, float]:
     return {"truth": overall(tuple(channels)), "photo": overall(tuple(photo))}
 
 
-def noise_photographed(facts: Facts) -> float:
+def photo_noise_of(facts: Facts) -> float:
     """As `photo` of `noise_in`, of a photo that is taken of the noise."""
     few = {"occlusion": "none", "sub_apertures": 1, "layers": min(LAYERS, facts.layers_of(None))}
     few["field_step_px"] = 0
     coarse = facts.full.changed(few)
     photo = capture(facts.view, facts.camera, coarse, exposure=facts.exposure)
-    noise = photographed_noise(facts.view, facts.camera, coarse, photo).image
+    noise = photo_noise(facts.view, facts.camera, coarse, photo).image
     return 0.0 if noise is None else float(noise.double().square().mean().sqrt())
 
 
@@ -56,7 +56,7 @@ def view_noise_for(facts: Facts, place: str) -> float | None:
     sensor = sensor_noise(facts)
     if place == "photo" and not sensor:
         raise InputError("--noise photo: this camera's sensor has no noise; give truth, or a fraction as 1%")
-    now = noise_photographed(facts) if place == "photo" else noise_in(facts).get(place, 0.0)
+    now = photo_noise_of(facts) if place == "photo" else noise_in(facts).get(place, 0.0)
     if not now:
         raise InputError(f"--noise {place}: a preview does not tell its noise here; give a fraction as 1%")
     wanted = SHARE_OF_SENSOR * sensor if place == "photo" else 10 ** (-TRUTH_DB / 20)
@@ -72,7 +72,7 @@ def score_error_db(truth: float, pixels: int, psnr_db: float = TYPICAL_DB) -> fl
 
 def noise_in_words(facts: Facts) -> str:
     """What the recipe's samples leave, in a sentence; empty where that is not known."""
-    found = {place: value / facts.noisier for place, value in noise_in(facts).items()}
+    found = {place: value / facts.noise_ratio for place, value in noise_in(facts).items()}
     if not all(found.values()) or not found:
         return ""
     truth, photo = (-20 * math.log10(found[place]) for place in ("truth", "photo"))

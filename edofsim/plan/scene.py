@@ -34,14 +34,14 @@ PREVIEW_SAMPLES = 4
 RAY = 1e-7
 """Reference seconds of a ray from one surface to the next, on one thread: about that of shipped scenes. What
 the rays of this scene take on this machine, previews measure; that is reported."""
-SURVEYED = 0.1
+SURVEY_RAY_COST = 0.1
 """A ray of the survey of depths, in seconds of a path."""
 BOUNCES = (2, 3)
 """Path lengths that thumbnails are rendered with, to see what longer paths add."""
 
 
 @dataclass(frozen=True)
-class Looked:
+class SceneFacts:
     """What is known of a scene before its photo. facts; rendering: what its view costs; disk_mib: of the
     view; recipe: of the scene."""
 
@@ -60,7 +60,7 @@ def look(
     cache: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
-) -> Looked:
+) -> SceneFacts:
     """Facts of a scene from its view where that is in the cache or read from files, else from a preview; both
     with the camera's pixels. preview: from a preview whatever the cache holds, for a choice that must not
     depend on it."""
@@ -69,17 +69,17 @@ def look(
         view = render(recipe, base, cache=cache)  # read, not rendered
     if view is not None:
         seen, view = seen_through(camera, recipe, view)
-        return Looked(facts_of(view, camera, recipe=seen), Rendering(), 0.0, recipe)
+        return SceneFacts(facts_of(view, camera, recipe=seen), Rendering(), 0.0, recipe)
     how: Values = {"cache": cache, "device": device, "progress": progress}
     # the first rendering compiles kernels: a thumbnail's does, so that the preview's seconds are of rays
     render(thumbnail(recipe), base, **how)
     small = preview_of(recipe)
     seen_quickly = render(small, base, **how)
-    noisier = (recipe.render.samples / small.render.samples) ** 0.5
+    noise_ratio = (recipe.render.samples / small.render.samples) ** 0.5
     seen, through = seen_through(camera, recipe, seen_quickly)
-    facts = facts_of(through, camera, recipe=seen, noisier=noisier)
-    shorter, plain = seen_in_thumbnails(facts, base, **how)
-    facts = replace(facts, shorter=shorter, plain_glass=plain)
+    facts = facts_of(through, camera, recipe=seen, noise_ratio=noise_ratio)
+    bounce_errors, plain = seen_in_thumbnails(facts, base, **how)
+    facts = replace(facts, bounce_errors=bounce_errors, glass_error=plain)
     expected = forecast([Task(recipe, base)], cache=cache)
     taken = _seconds(recipe, base, cache)
 
@@ -92,9 +92,9 @@ def look(
         planned = simpler_recipe(recipe, fidelity)
         times = _rays(planned, seen_quickly, fidelity) / _rays(small, seen_quickly, Fidelity())
         surveyed = max(times * min(1.0, SURVEY_SAMPLES / planned.render.samples) - 1, 0.0)
-        return taken[0] + taken[1] * (times + SURVEYED * surveyed)
+        return taken[0] + taken[1] * (times + SURVEY_RAY_COST * surveyed)
 
-    return Looked(facts, Rendering(reference, seconds), expected.bytes / 2**20, recipe)
+    return SceneFacts(facts, Rendering(reference, seconds), expected.bytes / 2**20, recipe)
 
 
 def seen_in_thumbnails(
@@ -111,13 +111,13 @@ def seen_in_thumbnails(
     """
     recipe = facts.recipe
     how: Values = {"cache": cache, "device": device, "progress": progress}
-    shorter: dict[int, tuple[float, ...]] = {}
+    bounce_errors: dict[int, tuple[float, ...]] = {}
     if recipe is None or recipe.source is not None:
-        return shorter, ()
+        return bounce_errors, ()
     small = thumbnail(recipe)
     lengths = [length for length in BOUNCES if length < recipe.render.max_depth]
     if not lengths and not disperses(recipe):
-        return shorter, ()
+        return bounce_errors, ()
     whole = render(small, base, **how)
 
     def error(fidelity: Fidelity) -> tuple[float, ...]:
@@ -125,12 +125,12 @@ def seen_in_thumbnails(
         return _in_photo(_difference(without, whole, facts.camera), facts, small)
 
     for length in lengths:
-        shorter[length] = error(Fidelity(bounces=length))
-    return shorter, error(Fidelity(scene_dispersion=False)) if disperses(recipe) else ()
+        bounce_errors[length] = error(Fidelity(bounces=length))
+    return bounce_errors, error(Fidelity(scene_dispersion=False)) if disperses(recipe) else ()
 
 
 def plan_scene(
-    looked: Looked,
+    scene_facts: SceneFacts,
     camera: Camera,
     *,
     overrule: Values | None = None,
@@ -139,14 +139,14 @@ def plan_scene(
 ) -> Plan:
     """The plan for a scene that was looked at. See `plan_photo`."""
     return plan_photo(
-        looked.facts.view,
+        scene_facts.facts.view,
         camera,
         overrule,
         target,
-        facts=looked.facts,
+        facts=scene_facts.facts,
         progress=progress,
-        rendering=looked.rendering,
-        disk_mib=looked.disk_mib,
+        rendering=scene_facts.rendering,
+        disk_mib=scene_facts.disk_mib,
     )
 
 

@@ -17,13 +17,13 @@ from torch import Tensor
 
 from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
 from ..capture.layers import BLOCK_PIXELS
-from ..capture.light import SMALLER
+from ..capture.light import CROP_BELOW
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
 from ..optics.grid import PupilGrid, disc_coverage
 from ..optics.height import natural_samples
-from ..optics.psf import BETWEEN
+from ..optics.psf import INTERPOLATION_ERROR
 from ..optics.sampling import plan_sampling, sampled_alike
 from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition, windows_along
 from .shape import Shape, nodes_used
@@ -42,7 +42,7 @@ OPTICS = (
     "simplifications",
 )
 """Fields of a fidelity that change the camera, see `simpler_camera`."""
-EVEN = 0.25
+SYMMETRIC_PUPIL_COST = 0.25
 """Of the work of PSFs is left where the pupil is its own mirror image, as without a mask."""
 COVERAGES = 3
 """Images of coverage that are blurred for each depth: one a channel."""
@@ -65,13 +65,13 @@ class Work:
     bytes: float
 
 
-def _psfs(samples: int, out: float, relief: bool, pupils: int, between: float) -> Amounts:
-    """What PSFs take. samples: across the pupil; out: along half an axis of their window; relief: whether a
-    mask changes the wave; pupils: grids of it that are made, one a wavelength; between: PSFs."""
-    half, known = samples / 2, between * (1.0 if relief else EVEN)
+def _psfs(samples: int, out: float, has_height: bool, pupils: int, between: float) -> Amounts:
+    """What PSFs take. samples: across the pupil; out: along half an axis of their window; has_height:
+    whether a mask changes the wave; pupils: grids of it that are made, one a wavelength; between: PSFs."""
+    half, known = samples / 2, between * (1.0 if has_height else SYMMETRIC_PUPIL_COST)
     return {
         "calls": pupils,
-        "elements": (pupils + 1 + relief) * samples**2 + LITTLE * known * (half**2 + out**2),
+        "elements": (pupils + 1 + has_height) * samples**2 + LITTLE * known * (half**2 + out**2),
         "products": known * (out * half**2 + out**2 * half),
     }
 
@@ -90,9 +90,9 @@ def work_of(
     samples, finest = shape.counted.get(
         ("optics", window, *optics), lambda: _optics_of(shape, camera, fidelity, window)
     )
-    relief = camera.height_map is not None or camera.recipe.mask.kind != "clear"
+    has_height = camera.height_map is not None or camera.recipe.mask.kind != "clear"
     between = shape.counted.get(("between", layers), lambda: waves_between(camera, shape, layers)) * colours
-    waves = _psfs(samples, (window * finest + 2) / 2, relief, colours, between)
+    waves = _psfs(samples, (window * finest + 2) / 2, has_height, colours, between)
     how = (fidelity.occlusion, window, layers, groups)
     blur, largest = shape.counted.get(("blur", *how), lambda: _blur_of(shape, *how))
     coarse = of_sub_apertures(fidelity, camera, abs(shape.ends[1] - shape.ends[0]))
@@ -126,7 +126,9 @@ def work_of(
 def waves_between(camera: Camera, shape: Shape, layers: int) -> int:
     """Depths at which the PSFs of this many layers are computed, at the wavelength in the middle."""
     middle = (shape.wavelengths[0] + shape.wavelengths[-1]) / 2
-    return min(layers, len(band_limited_nodes(*shape.ends, defocus_per_dioptre(camera, middle), BETWEEN)))
+    return min(
+        layers, len(band_limited_nodes(*shape.ends, defocus_per_dioptre(camera, middle), INTERPOLATION_ERROR))
+    )
 
 
 def _optics_of(shape: Shape, camera: Camera, fidelity: Fidelity, window: int) -> tuple[int, int]:
@@ -199,7 +201,7 @@ def _boxes(shape: Shape, reach: int, side: int = 1) -> Tensor:
     part = (shape.slabs.part.double() + margin) / side
     own = (shape.slabs.extent.double() + 2 * reach) / side
     box, whole = torch.minimum(own, part).prod(1), part.prod(1)
-    return torch.where(box < SMALLER * whole, box, whole)
+    return torch.where(box < CROP_BELOW * whole, box, whole)
 
 
 def _parts_of(

@@ -23,12 +23,12 @@ PRESETS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "paper-test": {"pitch_um": 3.0, "height_noise_nm": 30.0},
     }
 )
-"""Values that a preset stands for; a key given beside it wins. `paper-device` is the photoresist relief that
+"""Values that a preset stands for; a key given beside it wins. `paper-device` is the photoresist mask that
 Akpinar et al. made and measured (section Experimental Results), the others what they simulate."""
 
 
 class Fabrication(RecipeModel):
-    """Making a relief: upsampled (bicubic, wraps kept), wrapped, limited, quantised, and with height errors,
+    """Making a mask: upsampled (bicubic, wraps kept), wrapped, limited, quantised, and with height errors,
     drawn anew for each sample of the made surface."""
 
     preset: Literal["paper-device", "paper-training", "paper-test"] | None = None
@@ -36,9 +36,9 @@ class Fabrication(RecipeModel):
     pitch_um: Positive | None = None
     """pitch of the flat squares made, um; without it a smooth surface, with errors of the designed pitch"""
     height_limit_um: Positive | None = None
-    """deepest relief, um"""
+    """largest height, um"""
     levels: Annotated[int, Field(ge=1, le=65536)] | None = None
-    """grey levels from 0 to the deepest relief"""
+    """grey levels from 0 to the largest height"""
     level_nm: Positive | None = None
     """height between two grey levels, nm"""
     wrap_wavelength_nm: Positive | None = None
@@ -61,7 +61,7 @@ class Fabrication(RecipeModel):
     def _makeable(self) -> Fabrication:
         problems = []
         if self.levels == 1:
-            problems.append("levels = 1 leaves a flat surface; a relief needs at least 2 grey levels")
+            problems.append("levels = 1 leaves a flat surface; a height map needs at least 2 grey levels")
         if self.levels is not None and self.height_limit_um is None and self.level_nm is None:
             problems.append("levels need height_limit_um or level_nm to say how far apart they are")
         if self.level_nm and self.height_limit_um and self.height_limit_um * 1e3 < self.level_nm:

@@ -36,7 +36,7 @@ class NetworkTable(RecipeModel):
 
 class DoeTable(RecipeModel):
     """What becomes of the camera's mask: `learn.design` says what the design steps do. 1.2 um is the deepest
-    relief that Akpinar et al. could make."""
+    mask that Akpinar et al. could make."""
 
     learn: bool = True
     """whether the mask learns: height maps, Zernike and Fourier terms and rings can"""

@@ -45,7 +45,7 @@ DEFOCUS_STEP = 1.5
 """Nodes for the fragments that the whole pupil sees, in radians of Psi: interpolation errs below 60 dB."""
 SPAN = 2.0
 """Half-width of the square that is looked at, in pupil radii: shadows beyond the rim bend light into it."""
-LOOKS = 4
+RAY_ROUNDS = 4
 """Places at which a fragment that fills its pixel in part is looked at from the pupil."""
 NEAR = 1.3
 """Shadows that come no nearer to the centre than this, in pupil radii, are left out: Fresnel's fringes of an
@@ -183,7 +183,7 @@ def _visibility(
         places = places_of(mi, scene, lambda d, r: at(partial, d, r), depth[partial], hidden)
         total = np.zeros((partial.size, rays, rays), np.float32)
         gaps, count = np.zeros(partial.size), np.zeros(partial.size)
-        for look in range(LOOKS):
+        for look in range(RAY_ROUNDS):
             down, right = _somewhere(places, look)
             found, gap = visible(
                 mi, scene, at(partial, down, right), depth[partial], points, shift=shift[partial]
@@ -191,8 +191,8 @@ def _visibility(
             total += found
             gaps += gap
             count += (~found).sum((1, 2))
-            say(0.15 + 0.05 * (look + 1) / LOOKS, "rays at edges")
-        seen[partial] = total / LOOKS
+            say(0.15 + 0.05 * (look + 1) / RAY_ROUNDS, "rays at edges")
+        seen[partial] = total / RAY_ROUNDS
         nearer[partial], blocked[partial] = gaps, count
     return seen, nearer / np.maximum(blocked, 1)
 

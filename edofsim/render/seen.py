@@ -26,7 +26,7 @@ def by_itself(recipe: SceneRecipe, base: Path) -> tuple[SceneRecipe | None, str]
     return None, f"that of the scene's camera, {recipe.camera}"
 
 
-def as_looked_at(recipe: SceneRecipe, samples: int) -> SceneRecipe:
+def for_preview(recipe: SceneRecipe, samples: int) -> SceneRecipe:
     """A scene without the surroundings that only blur needs, at a number of light paths a pixel."""
     frame = recipe.frame.model_copy(update={"margin_px": 0})
     paths = recipe.render.model_copy(update={"samples": samples, "hidden": False})

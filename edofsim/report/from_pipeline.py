@@ -53,7 +53,7 @@ def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     Raises InputError where it cannot be written.
     """
     camera = result.optics
-    height, width = _relief(camera)
+    height, width = _height_map(camera)
     count = len(result.psf_depths)  # nodes from far to near; the blur changes alike from one to the next
     shown = torch.linspace(0, count - 1, min(count, SHOWN)).round().long()
     depths_m = tuple(1 / each if each > 0 else math.inf for each in result.psf_depths[shown].tolist()[::-1])
@@ -167,7 +167,7 @@ def _target(plan: Plan) -> str:
     return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 
 
-def _relief(camera: Camera) -> tuple[Tensor | None, float | None]:
+def _height_map(camera: Camera) -> tuple[Tensor | None, float | None]:
     """Height of the DOE inside the pupil, [y, x] in metres, NaN outside, and its width in metres; None for
     masks that only block light."""
     grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)

@@ -122,10 +122,10 @@ class CameraBank(FilterBank):
         return low + (high - low) * (torch.arange(count, dtype=torch.float64) + 0.5) / count
 
     def set_psfs(self, psf: Tensor) -> None:
-        self.use(self.condition(psf, NOISE))
+        self.load_psf_state(self.condition(psf, NOISE))
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
-        self.use(self.condition(psf, noise))
+        self.load_psf_state(self.condition(psf, noise))
         self._given = psf.to(torch.float16), noise
         self._brightened.clear()
 
@@ -138,7 +138,7 @@ class CameraBank(FilterBank):
             other = CameraBank(**self.settings())  # pyrefly: ignore[bad-argument-type] - its own
             other.load_state_dict(self.state_dict())
             other = other.eval().to(self.belief)
-            other.use(self.condition(psf.to(torch.float64), factor * max(noise, LEAST_NOISE)))
+            other.load_psf_state(self.condition(psf.to(torch.float64), factor * max(noise, LEAST_NOISE)))
             self._brightened[factor] = other
         return self._brightened[factor], float(factor)
 
@@ -166,7 +166,7 @@ class CameraBank(FilterBank):
         expected = ((psnr - MIDDLE_PSNR) / PSNR_SCALE).to(torch.float32)
         return Conditioning(filters.flatten(0, 1).to(torch.float32), matrix, constant, expected, noise)
 
-    def use(self, known: object) -> None:
+    def load_psf_state(self, known: object) -> None:
         """Restore photos of that camera from now on. known: a `Conditioning`."""
         assert isinstance(known, Conditioning)
         where = self.belief.device

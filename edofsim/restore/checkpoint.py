@@ -188,10 +188,10 @@ def _glare_in_training(card: Json) -> tuple[float, ...] | None:
     card does not say."""
     try:
         error = float(card["recipe"]["doe"]["height_noise_nm"]) * 1e-9
-        relief = material(card["camera"]["mask"]["material"])
+        glass = material(card["camera"]["mask"]["material"])
     except (KeyError, TypeError, ValueError, InputError):
         return None
-    return tuple((1 - unscattered_fraction(PAPER_COLOURS, error, relief)).tolist())
+    return tuple((1 - unscattered_fraction(PAPER_COLOURS, error, glass)).tolist())
 
 
 def without_denormals(values: Tensor) -> Tensor:

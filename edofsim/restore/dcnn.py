@@ -113,7 +113,7 @@ class DCnn(DepthConditioned):
                 f"{list(found.dilations)} and {found.distances}"
             )
         if network.distances:
-            found.use(network.known())
+            found.load_psf_state(network.psf_state())
         with torch.no_grad():
             for index in range(len(found.dilations)):
                 _hand_on(found.residual[3 * index], found.residual[3 * index + 1], network.kernels)

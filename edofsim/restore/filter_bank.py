@@ -96,7 +96,7 @@ class FilterBank(DepthConditioned):
         beside = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
         return {**own, **self.trunk.settings(), **beside}
 
-    def beside(self, network: Restorer) -> Self:
+    def with_auxiliary(self, network: Restorer) -> Self:
         """The same with a copy of a D-CNN beside it; until it is trained, it gives the mean of both images
         where it had none. Raises InputError for another network, and for one that is given other
         distances."""
@@ -124,15 +124,15 @@ class FilterBank(DepthConditioned):
         if self.dcnn is not None and self.dcnn.distances:
             self.dcnn.set_psfs(psf)
 
-    def known(self) -> object:
-        return super().known(), None if self.dcnn is None else self.dcnn.known()
+    def psf_state(self) -> object:
+        return super().psf_state(), None if self.dcnn is None else self.dcnn.psf_state()
 
-    def use(self, known: object) -> None:
+    def load_psf_state(self, known: object) -> None:
         assert isinstance(known, tuple)
         own, of_dcnn = known
-        super().use(own)
+        super().load_psf_state(own)
         if self.dcnn is not None:
-            self.dcnn.use(of_dcnn)
+            self.dcnn.load_psf_state(of_dcnn)
 
     def linear_error(self, psf: Tensor, filters: int) -> Tensor:
         return colour_error(psf, groups=filters)

@@ -62,11 +62,11 @@ class Restorer(nn.Module):
         """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
         raise NotImplementedError
 
-    def known(self) -> object:
+    def psf_state(self) -> object:
         """What it was given by `set_psfs`, for `use`."""
         return tuple(getattr(self, name) for name in self.psf_buffers)
 
-    def use(self, known: object) -> None:
+    def load_psf_state(self, known: object) -> None:
         """Go by that again."""
         assert isinstance(known, tuple)
         for name, value in zip(self.psf_buffers, known, strict=True):
@@ -93,7 +93,7 @@ class Restorer(nn.Module):
         place of that network's. Raises InputError where that cannot be."""
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
-    def beside(self, network: Restorer) -> Restorer:
+    def with_auxiliary(self, network: Restorer) -> Restorer:
         """The same network, which sees what another one makes of a photo, too. Raises InputError where that
         cannot be."""
         raise InputError(f"a network {self.kind!r} takes no other beside it; remove network.beside")

@@ -53,7 +53,7 @@ class Truth:
         return image, self.ideal, Noise(self.noise.ideal, noise)
 
 
-def noise_said(state: NoiseState, figures: Mapping[str, float]) -> str:
+def noise_sentence(state: NoiseState, figures: Mapping[str, float]) -> str:
     """What became of the noise of the rendering in the figures of a run, in a sentence."""
     if state != "taken out":
         return SAID[state]

@@ -22,7 +22,7 @@ from .reader import SceneReader
 
 BRIGHTEST = 1e20
 """W/m2/sr/nm: a star's surface has 1e5."""
-TELL_EVERY = 50
+REPORT_EVERY = 50
 """Objects between two words on the progress."""
 NEAREST = 1e-3
 """Everything lies at least this far in front of the lens plane, in metres."""
@@ -48,7 +48,7 @@ def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = Non
     angle = recipe.frame.pixel_angle_mrad
     about = (wavelengths, Path(base), recipe.seed)
     for number, (name, item) in enumerate(zip(names, recipe.objects, strict=True)):
-        if progress is not None and number % TELL_EVERY == 0:
+        if progress is not None and number % REPORT_EVERY == 0:
             progress(number / len(names), f"building the scene, object {number + 1} of {len(names)}")
         try:
             assert isinstance(item, Builder)  # what the registry holds

@@ -78,8 +78,8 @@ def _noise(cameras: Mapping[str, Camera]) -> Iterator[Finding]:
 def _variance(light: Tensor, effects: Sequence[SensorEffect]) -> float:
     noise = record(light, effects, 4) - light
     square = (noise - noise.mean()).square()
-    told = sum(float(each.variance(light).mean()) for each in effects)
-    return abs(float(square.mean()) - told) / max(float(square.std()) / square.numel() ** 0.5, 1e-30)
+    predicted = sum(float(each.variance(light).mean()) for each in effects)
+    return abs(float(square.mean()) - predicted) / max(float(square.std()) / square.numel() ** 0.5, 1e-30)
 
 
 def cases_of(cameras: Cameras) -> tuple[Case, ...]:

@@ -24,7 +24,7 @@ from edofsim.capture.occlusion import OCCLUSIONS
 from edofsim.capture.occlusion.hidden import TILE, composite
 from edofsim.capture.occlusion.slabs import cuts, hides, revealed
 from edofsim.capture.occlusion.sub_apertures import change_by_sub_apertures
-from edofsim.optics import Camera, PsfField, share_told
+from edofsim.optics import Camera, PsfField, between_part_variance
 from edofsim.optics.lenses.plano_convex import PlanoConvexLens
 from edofsim.recipe import CameraRecipe
 from edofsim.recipe.camera import PsfSettings
@@ -475,9 +475,9 @@ def test_a_photo_makes_up_for_what_few_sub_apertures_do_not_tell(monkeypatch):
         return capture(view, camera, Fidelity(layers=2, sub_apertures=across), exposure=1.0).clean.double()
 
     whole, few = photo(1), photo(2)
-    told = share_told(camera, 2)
-    monkeypatch.setattr("edofsim.capture.imaging.share_told", lambda *_: told / 2)
+    gain = between_part_variance(camera, 2)
+    monkeypatch.setattr("edofsim.capture.imaging.between_part_variance", lambda *_: gain / 2)
     assert (few - whole).abs().max() > 1e-4
     assert (photo(2) - whole - 2 * (few - whole)).abs().max() < 1e-6
-    monkeypatch.setattr("edofsim.capture.imaging.share_told", lambda *_: 1.0)
-    assert (photo(2) - whole - told * (few - whole)).abs().max() < 1e-6
+    monkeypatch.setattr("edofsim.capture.imaging.between_part_variance", lambda *_: 1.0)
+    assert (photo(2) - whole - gain * (few - whole)).abs().max() < 1e-6

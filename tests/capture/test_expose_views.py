@@ -11,7 +11,7 @@ import torch
 from edofsim.capture import Fidelity, capture, light
 from edofsim.capture.checks import check_pixel_angle, check_view, check_window
 from edofsim.capture.crop import crop, with_margin
-from edofsim.capture.noise import photographed_noise
+from edofsim.capture.noise import photo_noise
 from edofsim.capture.photograph import depths_of
 from edofsim.capture.prepare import DEFOCUS_STEP, depth_nodes
 from edofsim.capture.resample import resampled
@@ -270,10 +270,10 @@ def test_blur_of_a_part_of_the_frame_is_that_of_all_of_it(monkeypatch):
     pasted = light.Box.pasted
     monkeypatch.setattr(light.Box, "pasted", lambda box, *how: parts.append(box) or pasted(box, *how))
     for how in (Fidelity(layers=7), Fidelity()):
-        monkeypatch.setattr(light, "SMALLER", 1.0)
+        monkeypatch.setattr(light, "CROP_BELOW", 1.0)
         cut = capture(view, camera, how, exposure=1.0, dtype=torch.float64).clean
         assert parts
-        monkeypatch.setattr(light, "SMALLER", 0.0)
+        monkeypatch.setattr(light, "CROP_BELOW", 0.0)
         parts.clear()
         whole = capture(view, camera, how, exposure=1.0, dtype=torch.float64).clean
         assert not parts
@@ -281,7 +281,7 @@ def test_blur_of_a_part_of_the_frame_is_that_of_all_of_it(monkeypatch):
 
 
 def test_noise_is_photographed_as_light_is(bench):
-    """Photos of both halves differ by twice what `photographed_noise` finds, where nothing hides anything."""
+    """Photos of both halves differ by twice what `photo_noise` finds, where nothing hides anything."""
     camera = Camera.from_recipe(CameraRecipe(name="paper"))
     light = bench.texture(5, 48, 56)
     view = bench.flat_view(light, 0.9, 8, camera.pixel_angle)
@@ -289,17 +289,15 @@ def test_noise_is_photographed_as_light_is(bench):
     view = replace(view, noise=0.05, half_difference=noise.flatten(1))
     fidelity = Fidelity(window_px=33, read_noise=False)
     photo = capture(view, camera, fidelity)
-    found = photographed_noise(view, camera, fidelity, photo)
+    found = photo_noise(view, camera, fidelity, photo)
     ends = [capture(view.with_light(view.radiance + s * view.half_difference), camera, fidelity,
                     exposure=photo.exposure) for s in (1, -1)]  # fmt: skip
     assert found.state == "taken out"
     for name, mine in (("clean", found.image), ("ideal", found.ideal)):
         expected = (getattr(ends[0], name) - getattr(ends[1], name)) / 2
         assert float((mine - expected).square().mean().sqrt() / expected.square().mean().sqrt()) < 1e-3
-    assert (
-        photographed_noise(replace(view, half_difference=None), camera, fidelity, photo).state == "included"
-    )
-    assert photographed_noise(bench.flat_view(light, 0.9, 8), camera, fidelity, photo).state == "none"
+    assert photo_noise(replace(view, half_difference=None), camera, fidelity, photo).state == "included"
+    assert photo_noise(bench.flat_view(light, 0.9, 8), camera, fidelity, photo).state == "none"
 
 
 def test_noise_does_not_move_the_exposure(bench):

@@ -55,17 +55,17 @@ def test_an_interrupt_within_an_import_is_taken_when_it_is_done(first: str, ends
 )
 def test_interrupts_are_taken_where_progress_is_told_or_at_the_end(number: int, raised: type[BaseException]):
     before = signal.getsignal(number)
-    told: list[float] = []
+    reported: list[float] = []
     for at in (0.5, None):
         whole = False
-        with pytest.raises(raised), interruptible(lambda done, text: told.append(done)) as say:
+        with pytest.raises(raised), interruptible(lambda done, text: reported.append(done)) as say:
             os.kill(os.getpid(), number)
             whole = True
             if at is not None:
                 say(at, "half")
-                told.append(1.0)
+                reported.append(1.0)
         assert whole and signal.getsignal(number) == before
-    assert told == [0.5]
+    assert reported == [0.5]
 
 
 def test_a_second_interrupt_does_not_wait():

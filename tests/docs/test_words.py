@@ -59,6 +59,49 @@ def test_code_says_the_same_words():
     assert not problems, "\n".join(problems)
 
 
+NAMES = {
+    "told",
+    "tells",
+    "looks",
+    "looked",
+    "lies",
+    "taker",
+    "takers",
+    "contestant",
+    "relief",
+    "photographed",
+}
+"""Words that no name of a module, class, function or field holds."""
+MEANINGLESS = {"SOME", "BETWEEN", "EVEN", "SMALLER", "WORTH"}
+"""Names of constants that do not say what they hold."""
+
+
+def defined(path: Path) -> list[tuple[int, str]]:
+    """Modules, classes, functions, parameters, fields and constants that a file defines, with their lines."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = [(1, path.stem)]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef | ast.FunctionDef):
+            found.append((node.lineno, node.name))
+        elif isinstance(node, ast.arg):
+            found.append((node.lineno, node.arg))
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            found.append((node.lineno, node.target.id))
+    assigned = (node for node in tree.body if isinstance(node, ast.Assign))
+    names = (name for node in assigned for name in node.targets if isinstance(name, ast.Name))
+    return found + [(name.lineno, name.id) for name in names]
+
+
+def test_names_say_the_same_words():
+    problems = []
+    for path in sorted((ROOT / "edofsim").rglob("*.py")):
+        for line, name in defined(path):
+            parts = set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
+            if parts & NAMES or name in MEANINGLESS:
+                problems.append(f"{path.relative_to(ROOT)}:{line}: {name}")
+    assert not problems, "\n".join(problems)
+
+
 def test_the_ban_catches_its_words():
     said = "A net that is told, so many of before, lacks it; `told` and depth-dcnn are names, told: a field."
     assert len(found(said, EVERYWHERE)) == 4

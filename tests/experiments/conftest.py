@@ -14,7 +14,7 @@ from skimage import data as pictures
 from torch import Tensor
 
 from edofsim.experiments import broadband, chromatic, cubes, photographs, planes, robustness
-from edofsim.experiments.systems import Contestant
+from edofsim.experiments.systems import EvaluatedSystem
 from edofsim.optics import Camera
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.recipe.fabrication import Fabrication
@@ -62,14 +62,14 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def echo() -> Callable[..., Contestant]:
+def echo() -> Callable[..., EvaluatedSystem]:
     """A system that gives its photo back."""
 
     def build(
         mask: str = "clear", restore: Callable[[Tensor, Tensor], Tensor] = lambda photo, glare: photo
-    ) -> Contestant:
+    ) -> EvaluatedSystem:
         recipe = CameraRecipe(name="c", mask={"kind": mask}, psf=PSF)
-        return Contestant("echo", Camera.from_recipe(recipe), restore, "echo" + mask)
+        return EvaluatedSystem("echo", Camera.from_recipe(recipe), restore, "echo" + mask)
 
     return build
 
@@ -86,10 +86,10 @@ def network(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Contestant], None]:
+def only(monkeypatch: pytest.MonkeyPatch) -> Callable[[EvaluatedSystem], None]:
     """Evaluate one system, whatever is asked for."""
 
-    def put(system: Contestant) -> None:
+    def put(system: EvaluatedSystem) -> None:
         monkeypatch.setattr(robustness, "contestants", lambda names: [system])
 
     return put

@@ -17,7 +17,7 @@ from edofsim.errors import InputError
 from edofsim.experiments import broadband, chromatic
 from edofsim.experiments.cubes import Reading, read_cubes, read_one
 from edofsim.experiments.experiment import Findings
-from edofsim.experiments.systems import Contestant
+from edofsim.experiments.systems import EvaluatedSystem
 from edofsim.optics import Camera, response, response_curves
 from edofsim.recipe.camera import CameraRecipe
 from edofsim.report import page_html
@@ -52,7 +52,7 @@ def test_sharp_optics_give_the_response_weighted_cube(cave: Path) -> None:
     point = torch.zeros(len(cube.radiance), 9, 9)
     point[:, 4, 4] = 1
     weights = response(Camera.from_recipe(CameraRecipe(name="c")), cube.wavelengths).float()
-    photo, errors = broadband.photographed(cube.radiance, point, weights)
+    photo, errors = broadband.capture_cube(cube.radiance, point, weights)
     assert torch.allclose(photo, torch.einsum("cb,byx->cyx", weights, cube.radiance), atol=1e-6)
     assert max(errors) < 1e-6
 
@@ -101,7 +101,7 @@ def test_cubes_that_cannot_be_used_are_refused(cave: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("coarse")
-def test_optics_of_a_lens_alone(echo: Callable[..., Contestant]) -> None:
+def test_optics_of_a_lens_alone(echo: Callable[..., EvaluatedSystem]) -> None:
     """Round, on the axis, sharp farther away for red than for blue, and the same as with a clear mask."""
     found = chromatic.chromatic(echo())
     assert float(found.centroid_um.abs().max()) < 0.01
@@ -113,7 +113,7 @@ def test_optics_of_a_lens_alone(echo: Callable[..., Contestant]) -> None:
 
 
 @pytest.mark.usefixtures("coarse")
-def test_a_cubic_mask_levels_depth_and_is_one_sided(echo: Callable[..., Contestant]) -> None:
+def test_a_cubic_mask_levels_depth_and_is_one_sided(echo: Callable[..., EvaluatedSystem]) -> None:
     found = chromatic.chromatic(echo("cubic"))
     spread = [float(values.max() / values.min()) for values in (found.transfer, found.lens_transfer)]
     assert spread[0] < spread[1] / 1.5
@@ -121,7 +121,7 @@ def test_a_cubic_mask_levels_depth_and_is_one_sided(echo: Callable[..., Contesta
 
 
 def test_a_sensor_that_sees_three_lines_loses_nothing_to_its_bands(
-    echo: Callable[..., Contestant], monkeypatch: pytest.MonkeyPatch
+    echo: Callable[..., EvaluatedSystem], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With a response of one band for each colour, those of the training, all bands restore as three
     wavelengths do; with the real one the light of a cubic mask smears, most at both ends of the range."""

@@ -10,7 +10,7 @@ import pytest
 from edofsim.core.progress import silent
 from edofsim.experiments import kept, noise
 from edofsim.experiments.kept import Kept, code_of, key_of
-from edofsim.experiments.systems import Contestant
+from edofsim.experiments.systems import EvaluatedSystem
 
 
 def test_another_line_of_code_is_other_code(tmp_path: Path):
@@ -42,8 +42,8 @@ def test_a_key_says_everything(monkeypatch: pytest.MonkeyPatch):
 def test_a_changed_line_of_code_makes_kept_results_be_made_anew(
     folder: Path,
     tmp_path: Path,
-    echo: Callable[..., Contestant],
-    only: Callable[[Contestant], None],
+    echo: Callable[..., EvaluatedSystem],
+    only: Callable[[EvaluatedSystem], None],
     monkeypatch: pytest.MonkeyPatch,
 ):
     calls: list[int] = []

@@ -21,7 +21,7 @@ from edofsim.experiments.known_depth import at_known_depth
 from edofsim.experiments.paper_figures import FABRICATION, NOISE
 from edofsim.experiments.photographs import chart, photographs
 from edofsim.experiments.planes import Condition, measure, random_depths
-from edofsim.experiments.systems import READ_NOISE, Contestant, contestant, paper_test
+from edofsim.experiments.systems import READ_NOISE, EvaluatedSystem, evaluated_system, paper_test
 from edofsim.experiments.training import Training, training_of
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.optics.field import relative_light
@@ -35,7 +35,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "example_package"))
 from edofsim_example.off_axis_lens import OffAxisLens
 
 pytestmark = pytest.mark.usefixtures("coarse")
-Echo = Callable[..., Contestant]
+Echo = Callable[..., EvaluatedSystem]
 
 
 def at(depth_m: float | None, noise: float = READ_NOISE) -> Condition:
@@ -92,7 +92,7 @@ def test_a_frame_is_a_middle_and_nobody_is_told_what_lies_beyond(
         assert db == pytest.approx(-10 * math.log10(float(truth.square().mean())), abs=1e-3)
 
 
-def _varying(system: Contestant) -> Contestant:
+def _varying(system: EvaluatedSystem) -> EvaluatedSystem:
     """With a lens that has coma and loses light towards the corners of a small picture."""
     lens = {"kind": "ideal", "focal_length_mm": 25, "f_number": 5}
     focus, psf = {"distance_m": 1.0, "wavelength_nm": 550}, {"window_px": 12}
@@ -321,7 +321,7 @@ def test_what_cannot_be_judged_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         table.run(tmp_path, silent, tmp_path / "none", systems=["paper-clear"])
     with pytest.raises(InputError, match="no such checkpoint"):
-        contestant("nobody")
+        evaluated_system("nobody")
     with pytest.raises(InputError, match="no such picture; there are a.png, b.png, c.png"):
         noise.run(tmp_path, silent, folder, show=["d.png"])
     with pytest.raises(InputError, match="two systems are called 'paper-clear"):
@@ -344,7 +344,7 @@ def test_the_table_compares_all_that_ship(
     """By default: networks, systems trained for comparison, and the two apertures without training."""
     asked: list[str] = []
 
-    def nothing(system: Contestant, *rest: object, **options: object) -> list[planes.PictureScore]:
+    def nothing(system: EvaluatedSystem, *rest: object, **options: object) -> list[planes.PictureScore]:
         asked.append(system.name)
         return []
 

@@ -27,11 +27,11 @@ from edofsim.experiments.protocols import (
     OURS,
     WAYS,
     System,
+    capture_restored,
     flattened,
     quantised,
     saturating,
     systems_of,
-    take,
     unscattered_light,
     views_of,
     with_glare,
@@ -123,7 +123,7 @@ def folder(tmp_path: Path) -> Path:
 def test_the_papers_photo_is_its_equation(view: View):
     """Written out once more: for each depth the picture where it is at that depth, convolved, and summed."""
     flat = views_of(view, CAMERA)["paper"]
-    taken = take(flat, PAPER_WAY, System("lens_alone", CAMERA))
+    taken = capture_restored(flat, PAPER_WAY, System("lens_alone", CAMERA))
     colours = torch.tensor([611e-9, 543e-9, 482e-9], dtype=torch.float64)
     rows, columns = flat.padded_shape
     picture = flat.radiance.flip(0).reshape(3, rows, columns)  # bands ascend, colours do not
@@ -255,8 +255,10 @@ def test_systems_with_one_mask_share_its_photo(
     def with_height(name: str, other: torch.Tensor) -> System:
         return replace(trained, name=name, camera=trained.camera.with_height(other))
 
-    relief = 1e-6 * torch.rand(height.shape, generator=torch.Generator().manual_seed(1), dtype=height.dtype)
-    twin, other = with_height("twin", height + 1e-13), with_height("other", relief)
+    height_map = 1e-6 * torch.rand(
+        height.shape, generator=torch.Generator().manual_seed(1), dtype=height.dtype
+    )
+    twin, other = with_height("twin", height + 1e-13), with_height("other", height_map)
     taken = []
 
     def counted(*given: object, **more: object) -> Photo:
@@ -296,7 +298,9 @@ def test_ours_is_the_photo_through_parts_of_the_pupil(view: View, monkeypatch: p
         hidden=hidden[order],
     )
     by_name = {way.name: way for way in WAYS}
-    ours, whole = (take(layered, by_name[name], System("lens_alone", CAMERA)) for name in (OURS, "hidden"))
+    ours, whole = (
+        capture_restored(layered, by_name[name], System("lens_alone", CAMERA)) for name in (OURS, "hidden")
+    )
     across = min(by_name[OURS].sub_apertures, full_fidelity(CAMERA, layered).sub_apertures)
     monkeypatch.setattr("edofsim.capture.imaging.of_sub_apertures", lambda fidelity, *_: fidelity)
     slow, one = (
@@ -322,7 +326,7 @@ def test_the_sensor_saturates_and_the_truth_alike(view: View, network: Path, fol
     for system in systems_of(camera, [str(network)]):
         for way in (WAYS[0], WAYS[2]):
             shown = views_of(replace(view, radiance=lit), system.camera)[way.name]
-            taken = take(shown, way, system)
+            taken = capture_restored(shown, way, system)
             assert taken.truth.max() == 1
             assert taken.photo.image.min() >= 0 and taken.photo.image.max() <= 1
             if not way.flat:  # whose values are an 8-bit picture's
@@ -484,9 +488,11 @@ def test_every_way_knows_the_noise_of_its_truth(view, way):
         0.02 * view.radiance * torch.randn(view.radiance.shape, generator=torch.Generator().manual_seed(1))
     )
     seen = replace(view, noise=0.02, half_difference=noise)
-    taken = take(views_of(seen, system.camera)[way.name], way, system)
+    taken = capture_restored(views_of(seen, system.camera)[way.name], way, system)
     ends = [
-        take(views_of(view.with_light(view.radiance + s * noise), system.camera)[way.name], way, system).photo
+        capture_restored(
+            views_of(view.with_light(view.radiance + s * noise), system.camera)[way.name], way, system
+        ).photo
         for s in (1, -1)
     ]
     half = (ends[0].ideal - ends[1].ideal) / 2

@@ -16,7 +16,7 @@ from edofsim.cli import app
 from edofsim.errors import InputError
 from edofsim.experiments import protocols
 from edofsim.experiments.mtf import camera_curves, depths_of, frequencies_of
-from edofsim.experiments.protocols import LENS_ALONE, WAYS, System, converged_db, take
+from edofsim.experiments.protocols import LENS_ALONE, WAYS, System, capture_restored, converged_db
 from edofsim.experiments.restorations import ByWiener
 from edofsim.experiments.sources import system_of
 from edofsim.optics import Camera
@@ -74,14 +74,14 @@ def page(camera: Camera) -> View:
 
 def scores(view: View, camera: Camera, layers: int | None) -> tuple[float, float]:
     """PSNR in dB of a photo, and of what Wiener deconvolution makes of it."""
-    taken = take(view, replace(NONE, layers=layers), System("wiener", camera, ByWiener()))
+    taken = capture_restored(view, replace(NONE, layers=layers), System("wiener", camera, ByWiener()))
     photo, restored = (psnr(taken.images[name].clamp(0, 1), taken.truth) for name in ("photo", "restored"))
     return photo, restored
 
 
 def shift(view: View, camera: Camera, layers: int | None) -> float:
     """By how much scores move with twice the layers, in dB at most; None for as many as the camera asks."""
-    count = layers or int(str(take(view, NONE, System(LENS_ALONE, camera)).photo.how["layers"]))
+    count = layers or int(str(capture_restored(view, NONE, System(LENS_ALONE, camera)).photo.how["layers"]))
     once, twice = scores(view, camera, layers), scores(view, camera, 2 * count)
     return max(abs(a - b) for a, b in zip(once, twice, strict=True))
 

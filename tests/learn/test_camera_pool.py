@@ -16,7 +16,7 @@ from edofsim.learn.setup import prepare
 from edofsim.learn.system import Planes
 from edofsim.learn.trainer import draw_batch, train
 from edofsim.learn.training_camera import StoredPsfs, TrainingCamera
-from edofsim.learn.views import by_stored_psfs, ready
+from edofsim.learn.views import by_stored_psfs, normalise_depth_range
 from edofsim.learn.workers import Workers
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.recipe.kinds import MASKS
@@ -76,8 +76,10 @@ def test_the_same_number_gives_the_same_camera_and_others_differ() -> None:
     first, again, other = (random_camera(EVERY, 1, number, 0, NOISE) for number in (0, 0, 12))
     assert first.camera.recipe == again.camera.recipe and first.depths == again.depths
     assert first.camera.recipe != other.camera.recipe
-    relief = [random_camera(CamerasTable(masks=("height-map",)), 1, n, 0, NOISE).camera for n in (0, 0, 1)]
-    maps = [camera.height_map for camera in relief]
+    height_map = [
+        random_camera(CamerasTable(masks=("height-map",)), 1, n, 0, NOISE).camera for n in (0, 0, 1)
+    ]
+    maps = [camera.height_map for camera in height_map]
     assert maps[0] is not None and torch.equal(maps[0], maps[1])
     assert maps[0].shape != maps[2].shape or not torch.equal(maps[0], maps[2])
 
@@ -194,11 +196,11 @@ def test_what_lies_behind_an_edge_of_a_view_is_seen_past_it() -> None:
 
 def test_a_view_is_stretched_to_the_range_of_the_cameras() -> None:
     depth = torch.linspace(0.4, 0.9, 144).reshape(12, 12)
-    found = ready(_flat(0.01 * _radiance(12, 12, 1), depth, 2), (0.0, 2.0))
+    found = normalise_depth_range(_flat(0.01 * _radiance(12, 12, 1), depth, 2), (0.0, 2.0))
     assert found.inverse_depth.aminmax() == (0, 2)
     assert torch.allclose(found.inverse_depth.diff(), 2 / 0.5 * depth.flatten().diff(), atol=1e-4)
     assert 0.5 < found.all_in_focus().max() < 2
-    flat = ready(_flat(_radiance(12, 12, 1), 0.7, 2), (0.5, 2.0))
+    flat = normalise_depth_range(_flat(_radiance(12, 12, 1), 0.7, 2), (0.5, 2.0))
     assert flat.inverse_depth.aminmax() == (0.5, 0.5)
 
 

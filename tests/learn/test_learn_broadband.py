@@ -88,31 +88,31 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
     """Of each kind of light its own filters, those of lines for the checkpoint, whatever came last."""
     setup = prepare(_loaded(0.5), None, WORKERS)
     system, network = setup.system, setup.system.network
-    system.prime()
+    system.set_initial_psfs()
     lines = network.filters.clone()
     with torch.no_grad():
         for broadband in (True, False, True):
             outcome = system(_photo_of(setup, broadband))
             assert outcome.broadband == broadband
             assert torch.equal(network.filters, lines) != broadband
-        told = network.filters.clone()
+        kept = network.filters.clone()
         expected = system.optics.with_height(system.mask()).psfs(
             network.psf_depths(system.depth_range), True, system.height_noise
         )
         network.set_psfs(expected)
-        assert torch.equal(network.filters, told)
-    system.settle()
+        assert torch.equal(network.filters, kept)
+    system.store_final_psfs()
     assert torch.equal(network.filters, lines)
 
 
 def test_filters_of_its_light_restore_a_broadband_photo_better() -> None:
     setup = prepare(_loaded(0.5), None, WORKERS)
-    setup.system.prime()
+    setup.system.set_initial_psfs()
     setup.system.eval()
     draw = _photo_of(setup, True)
     with torch.no_grad():
         own = setup.system(draw)
-        setup.system.tell(broadband=False)
+        setup.system.select_psfs(broadband=False)
         noisy = torch.zeros_like(own.ideal)
         border = setup.system.network.border
         whole = torch.nn.functional.pad(own.photo, (border,) * 4, mode="replicate")
@@ -170,7 +170,7 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
         torch.zeros(239, 239)
     )
     taken: list[float] = []
-    once = views_.photographed
+    once = views_.capture_view
     monkeypatch.setattr(views_, "photographed", lambda *how: taken.append(0.0) or once(*how))
     monkeypatch.setattr(views_, "_folder", lambda: tmp_path / "photos")
     shade = [0.5]

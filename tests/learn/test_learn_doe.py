@@ -69,11 +69,11 @@ def test_a_mask_turned_into_a_height_map_has_the_psf_of_its_recipe(mask: object,
     height map has its edges between samples, which moves some percent of the light."""
     psf = PsfSettings(window_px=32, pupil_sampling_um=21.0)
     camera = CameraRecipe(name="c", mask=mask, psf=psf)
-    learner, _, relief = _build(mask, learn)
+    learner, _, height_map = _build(mask, learn)
     with torch.no_grad():
         height = learner()
-    relief = Camera.from_recipe(relief.model_copy(update={"psf": psf}))
-    found = psf_bank(relief.with_height(height), GREEN, [1.0]).values
+    height_map = Camera.from_recipe(height_map.model_copy(update={"psf": psf}))
+    found = psf_bank(height_map.with_height(height), GREEN, [1.0]).values
     wanted = psf_bank(Camera.from_recipe(camera), GREEN, [1.0]).values
     tolerance = 0.1 if isinstance(mask, RingsMask) else 1e-5
     assert (found - wanted).abs().sum() < tolerance * wanted.sum()
@@ -83,8 +83,8 @@ def test_a_mask_turned_into_a_height_map_has_the_psf_of_its_recipe(mask: object,
     "mask", [ZernikeMask(), FourierMask(), RingsMask(), HeightMapMask()], ids=lambda m: m.kind
 )
 def test_gradients_reach_every_value_of_the_mask(mask: object) -> None:
-    learner, _, relief = _build(mask)
-    bank = psf_bank(Camera.from_recipe(relief).with_height(learner()), GREEN, [0.4], window_px=32)
+    learner, _, height_map = _build(mask)
+    bank = psf_bank(Camera.from_recipe(height_map).with_height(learner()), GREEN, [0.4], window_px=32)
     weights = torch.rand(bank.values.shape, generator=torch.Generator().manual_seed(2))
     (bank.values * weights).sum().backward()
     for name, value in learner.named_parameters():

@@ -37,10 +37,10 @@ def test_the_made_relief_is_the_learned_one_in_98_levels(tmp_path: Path) -> None
     assert made.levels.min() == 0 and made.levels.max() <= 97
     assert made.level_height == pytest.approx(1.2e-6 / 97)
     # square (i, j) of the device lies on sample 119 + (i - 833) / 7 of the map: every seventh meets one
-    relief = torch.from_numpy(made.levels[::7, ::7].astype(float)) * made.level_height
+    height_map = torch.from_numpy(made.levels[::7, ::7].astype(float)) * made.level_height
     designed = (height - height.min()).double()
-    assert relief.shape == designed.shape
-    assert (relief - designed).abs().max() < 0.6 * made.level_height
+    assert height_map.shape == designed.shape
+    assert (height_map - designed).abs().max() < 0.6 * made.level_height
 
 
 def test_files_hold_the_levels_and_say_what_they_mean(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.signal import convolve2d
 
-from edofsim.capture.planes import photograph, surroundings
+from edofsim.capture.planes import capture_planes, surroundings
 
 
 @pytest.mark.parametrize("window", [1, 5, 8])
@@ -20,7 +20,7 @@ def test_a_patch_is_cut_from_the_whole_convolution(window: int) -> None:
     before, after = surroundings(window)
     top, left, rows, columns = 12, 11, 9, 14
     cut = picture[top - before : top + rows + after, left - before : left + columns + after]
-    photo = photograph(torch.from_numpy(cut)[None, None], torch.from_numpy(psf)[None, None])[0, 0].numpy()
+    photo = capture_planes(torch.from_numpy(cut)[None, None], torch.from_numpy(psf)[None, None])[0, 0].numpy()
     centre = window // 2
     expected = full[top + centre : top + centre + rows, left + centre : left + centre + columns]
     np.testing.assert_allclose(photo, expected, atol=1e-12)
@@ -32,7 +32,7 @@ def test_light_goes_where_the_psf_says() -> None:
     psf[..., 3, 4] = 1
     sharp = torch.rand(1, 1, 15, 15, generator=torch.Generator().manual_seed(0))
     before, _ = surroundings(6)
-    photo = photograph(sharp, psf)
+    photo = capture_planes(sharp, psf)
     assert torch.allclose(photo, sharp[..., before : before + 10, before - 1 : before + 9], atol=1e-6)
 
 
@@ -49,7 +49,7 @@ def test_light_beyond_the_window_is_a_veil() -> None:
     rows = slice(middle - before, middle + exact.shape[0] + after)
     core = halo[wide // 2 - small // 2 : wide // 2 + small // 2 + 1][:, wide // 2 - 4 : wide // 2 + 5]
     cut, psf = (torch.from_numpy(a.copy())[None, None] for a in (picture[rows, rows], core))
-    photo = photograph(cut, psf)[0, 0].numpy()
+    photo = capture_planes(cut, psf)[0, 0].numpy()
     lost = 1 - core.sum()
     error = np.abs(photo - exact)
     assert error.max() < 0.03 * lost

@@ -28,7 +28,7 @@ FIFTY = settings(
 AXIS = (np.arange(N) - (N - 1) / 2) * PITCH_UM * 1e-6
 
 
-def relief(seed: int) -> np.ndarray:
+def height_map(seed: int) -> np.ndarray:
     """A smooth surface below a micrometre, in metres."""
     a, b, c = np.random.default_rng(seed).uniform(-3, 3, 3)
     u, v = AXIS[None] / RADIUS, AXIS[:, None] / RADIUS
@@ -64,7 +64,7 @@ def test_every_format_and_unit_gives_the_same_surface_within_the_pupil(
 ):
     """A .npy is in metres unless a unit is stated; NaN outside the pupil, as interferometers write, are
     legal."""
-    height = relief(seed)
+    height = height_map(seed)
     within = np.hypot(AXIS[None], AXIS[:, None]) <= RADIUS
     numbers = np.where(within | (not border), height, np.nan) / METRES[unit]
     write(tmp_path / f"h{suffix}", numbers)
@@ -75,7 +75,7 @@ def test_every_format_and_unit_gives_the_same_surface_within_the_pupil(
 
 
 def test_whole_numbers_of_a_png_count_in_the_unit_that_is_stated(tmp_path: Path):
-    counts = np.round(relief(1) * 1e9).astype(np.uint16)
+    counts = np.round(height_map(1) * 1e9).astype(np.uint16)
     Image.fromarray(counts).save(tmp_path / "h.png")
     for unit in ("nm", 1e-9):
         found = designed_map(camera(tmp_path, "h.png", unit=unit))
@@ -85,7 +85,7 @@ def test_whole_numbers_of_a_png_count_in_the_unit_that_is_stated(tmp_path: Path)
 
 @pytest.mark.parametrize("suffix", [".csv", ".tif", ".mat"])
 def test_the_unit_is_asked_for(tmp_path: Path, suffix: str):
-    write(tmp_path / f"h{suffix}", relief(0))
+    write(tmp_path / f"h{suffix}", height_map(0))
     with pytest.raises(InputError, match="does not say its unit"):
         designed_map(camera(tmp_path, f"h{suffix}"))
 
@@ -107,7 +107,7 @@ def test_millimetres_and_metres_are_told_apart_by_what_is_stated(tmp_path: Path,
 
 
 def test_a_hole_within_the_pupil_is_refused_with_its_place(tmp_path: Path):
-    height = relief(0)
+    height = height_map(0)
     height[30, 25] = np.nan
     np.save(tmp_path / "h.npy", height)
     with pytest.raises(InputError, match="row 30, column 25"):

@@ -45,8 +45,8 @@ def case(name: str, wavelength: float) -> tuple[Camera, float, np.ndarray]:
     lens = -k * (n - 1) * (curvature - np.sqrt(curvature**2 - square) - square / (2 * curvature))
     phase = lens + float(defocus(camera, wavelength, inverse_depth)) * square / radius**2
     if alpha is not None:
-        relief = camera.mask_material.index(torch.tensor([wavelength, 543e-9], dtype=torch.float64))
-        scale = 543e-9 / wavelength * float((relief[0] - 1) / (relief[1] - 1))
+        height_map = camera.mask_material.index(torch.tensor([wavelength, 543e-9], dtype=torch.float64))
+        scale = 543e-9 / wavelength * float((height_map[0] - 1) / (height_map[1] - 1))
         phase = phase + alpha * scale * ((right / radius) ** 3 + (up / radius) ** 3)
     return camera, inverse_depth, disc_amplitude(grid, radius).numpy() * np.exp(1j * phase)
 

@@ -67,14 +67,14 @@ def test_light_outside_agrees_with_a_finer_pupil(entry):
 @every_mask
 def test_turning_the_relief_turns_the_psf(entry):
     grid = PupilGrid(101, 5e-3 / 101, 2.5e-3)
-    relief = surface(camera(entry.example), grid)
-    if relief is None:
+    height_map = surface(camera(entry.example), grid)
+    if height_map is None:
         pytest.skip("blocks light only")
     clear = camera({"kind": "clear"})
     kept = {"window_px": 41, "dtype": torch.float64}
-    plain = psf_bank(clear.with_height(relief), [GREEN], [0.9], **kept).values
+    plain = psf_bank(clear.with_height(height_map), [GREEN], [0.9], **kept).values
     for axis in (0, 1):
-        turned = psf_bank(clear.with_height(relief.flip(axis)), [GREEN], [0.9], **kept).values
+        turned = psf_bank(clear.with_height(height_map.flip(axis)), [GREEN], [0.9], **kept).values
         assert torch.allclose(turned, plain.flip(axis - 2), atol=1e-12)
 
 
@@ -101,13 +101,13 @@ def test_recipes_survive_json(entry):
 def test_saved_and_loaded_reliefs_give_the_same_psfs(entry, tmp_path):
     seen = camera(entry.example, psf={"window_px": 32, "pupil_sampling_um": 5000 / 256})
     grid = PupilGrid(256, 5e-3 / 256, 2.5e-3)
-    relief = surface(seen, grid)
-    if relief is None:
+    height_map = surface(seen, grid)
+    if height_map is None:
         pytest.skip("blocks light only")
     about = {"edofsim": json.dumps({"pitch_um": grid.pitch * 1e6})}
-    save_file({"height_m": relief.contiguous()}, tmp_path / "relief.safetensors", about)
+    save_file({"height_m": height_map.contiguous()}, tmp_path / "relief.safetensors", about)
     loaded, pitch = load_height_map(tmp_path / "relief.safetensors")
-    assert torch.equal(loaded, relief) and pitch == pytest.approx(grid.pitch, rel=1e-12)
+    assert torch.equal(loaded, height_map) and pitch == pytest.approx(grid.pitch, rel=1e-12)
     material = entry.example.material
     mask = {"kind": "height-map", "file": "relief.safetensors", "pitch_um": pitch * 1e6, "material": material}
     recipe = CameraRecipe(name="loaded", mask=mask, psf=seen.recipe.psf)

@@ -14,7 +14,7 @@ from edofsim.capture.convolution import Grid
 from edofsim.capture.occlusion.sub_apertures import spectra_of
 from edofsim.capture.prepare import blur_per_dioptre
 from edofsim.errors import InputError
-from edofsim.optics import Camera, PsfField, plan_sampling, psf_bank, share_told, sub_aperture_psfs
+from edofsim.optics import Camera, PsfField, between_part_variance, plan_sampling, psf_bank, sub_aperture_psfs
 from edofsim.optics.grid import PupilGrid, disc_coverage
 from edofsim.optics.masks.clear import ClearMask
 from edofsim.optics.masks.cubic import CubicMask
@@ -147,12 +147,12 @@ def test_parts_tell_the_share_of_rays_that_lies_between_them(across):
     rays = np.bincount(number, minlength=across**2)
     expected = (rays * (means**2).sum(1)).sum() / (ray**2).sum()
     camera = Camera.from_recipe(CameraRecipe(name="parts"))
-    assert share_told(camera, across) == pytest.approx(expected, abs=3e-3)
+    assert between_part_variance(camera, across) == pytest.approx(expected, abs=3e-3)
 
 
 def test_more_parts_tell_more_and_one_part_nothing():
     camera = Camera.from_recipe(CameraRecipe(name="parts", mask=CubicMask(alpha_rad=30.0)))
-    told = [share_told(camera, across) for across in (1, 2, 4, 8, 16)]
+    told = [between_part_variance(camera, across) for across in (1, 2, 4, 8, 16)]
     assert abs(told[0]) < 1e-12
     assert told == sorted(told)
     assert 0.98 < told[-1] < 1

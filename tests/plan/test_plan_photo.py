@@ -89,9 +89,9 @@ SLANTED = torch.linspace(0.0, 2.0, 80).expand(72, 80)
 def planner_with_map():
     """A rough relief in place of the mask of a camera whose own recipe has none; with its view."""
     draw = torch.Generator().manual_seed(1)
-    relief = 0.3e-6 * torch.rand(96, 96, generator=draw, dtype=torch.float64)
+    height_map = 0.3e-6 * torch.rand(96, 96, generator=draw, dtype=torch.float64)
     view = scene(SLANTED)
-    return planner_of(view, CAMERA.with_height(relief)), view, relief
+    return planner_of(view, CAMERA.with_height(height_map)), view, height_map
 
 
 @functools.cache
@@ -143,7 +143,7 @@ def test_levels_that_cannot_be_taken_are_not_looked_at(kind: str, asked: int):
         assert row.levels[0] == known[row.effect.name].levels[0]  # what leaving it out costs is always told
         assert row.levels[-1] == known[row.effect.name].levels[-1]
         errors = [overall(level) for level in row.errors]
-        if not row.effect.at_once and errors[0] > most:
+        if not row.effect.one_pass and errors[0] > most:
             assert sum(error > most for error in errors) <= 2
     levels = [sum(len(row.levels) for row in rows) for rows in (found.rows, whole.estimates.rows)]
     assert levels[0] < levels[1]
@@ -190,9 +190,9 @@ def test_what_is_promised_is_met(asked: int):
 @pytest.mark.parametrize("effect", ["dispersion of the DOE", "pupil sampling"])
 def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
     """Against the whole photo: a map beside a recipe without a mask disperses, and scatters light."""
-    found, view, relief = planner_with_map()
+    found, view, height_map = planner_with_map()
     estimate = found.estimates.by_name[effect]
-    how = functools.partial(capture, view, CAMERA.with_height(relief))
+    how = functools.partial(capture, view, CAMERA.with_height(height_map))
     full = found.facts.full
     difference = how(full.changed(estimate.levels[0].change)).clean - how(full).clean
     ratio = overall(estimate.errors[0]) / float(difference.square().mean().sqrt())
@@ -201,8 +201,8 @@ def test_a_height_map_in_the_mask_s_place_has_the_effects_of_one(effect: str):
 
 @pytest.mark.parametrize("asked", [40, 50, 60])
 def test_what_is_promised_with_a_height_map_is_met(asked: int):
-    found, view, relief = planner_with_map()
-    how = functools.partial(capture, view, CAMERA.with_height(relief))
+    found, view, height_map = planner_with_map()
+    how = functools.partial(capture, view, CAMERA.with_height(height_map))
     plan = found.plan(parse_target(f"{asked}dB", None))
     difference = how(plan.fidelity).clean - how(found.facts.full).clean
     assert -20 * difference.square().mean().sqrt().log10() > asked - 1

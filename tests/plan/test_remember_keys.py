@@ -44,8 +44,8 @@ def test_a_glass_that_bends_otherwise_counts():
 
 
 def test_a_relief_counts_by_its_values():
-    relief = torch.zeros(32, 32, dtype=torch.float64)
-    found = {key_of(CAMERA.with_height(relief)), key_of(CAMERA.with_height(relief + 1e-9)), key_of()}
+    height_map = torch.zeros(32, 32, dtype=torch.float64)
+    found = {key_of(CAMERA.with_height(height_map)), key_of(CAMERA.with_height(height_map + 1e-9)), key_of()}
     assert len(found) == 3
 
 

@@ -9,14 +9,14 @@ import pytest
 import torch
 
 from edofsim.capture import capture
-from edofsim.capture.noise import photographed_noise
+from edofsim.capture.noise import photo_noise
 from edofsim.errors import InputError
 from edofsim.optics import Camera
 from edofsim.plan import Facts, facts_of
 from edofsim.plan.rendered_noise import (
     noise_in,
     noise_in_words,
-    noise_photographed,
+    photo_noise_of,
     score_error_db,
     view_noise_for,
 )
@@ -60,10 +60,10 @@ def test_noise_of_the_ideal_image_is_that_of_its_pixels():
 def test_noise_of_the_photo_is_as_photographed():
     found = facts()
     photo = capture(found.view, CAMERA, found.full, exposure=2.0)
-    noise = photographed_noise(found.view, CAMERA, found.full, photo).image
+    noise = photo_noise(found.view, CAMERA, found.full, photo).image
     assert noise is not None
-    assert noise_photographed(found) == pytest.approx(float(noise.double().square().mean().sqrt()), rel=0.01)
-    assert noise_in(found)["photo"] == pytest.approx(noise_photographed(found), rel=0.2)
+    assert photo_noise_of(found) == pytest.approx(float(noise.double().square().mean().sqrt()), rel=0.01)
+    assert noise_in(found)["photo"] == pytest.approx(photo_noise_of(found), rel=0.2)
     assert noise_in(found)["photo"] < 0.8 * noise_in(found)["truth"]
 
 
@@ -73,7 +73,7 @@ def test_at_the_noise_to_stop_at_what_is_asked_for_is_reached():
         level = view_noise_for(found, place)
         assert level is not None
         there = facts(sigma=level / 4)
-        reached = noise_photographed(there) if place == "photo" else noise_in(there)[place]
+        reached = photo_noise_of(there) if place == "photo" else noise_in(there)[place]
         assert reached == pytest.approx(wanted, rel=0.01)
 
 
@@ -91,7 +91,7 @@ def test_what_cannot_be_reached_is_said():
 
 def test_samples_are_said_with_what_they_leave():
     assert noise_in_words(facts()).startswith("16 samples a pixel leave noise of ")
-    louder = replace(facts(), noisier=2.0)
+    louder = replace(facts(), noise_ratio=2.0)
     quiet = [float(noise_in_words(each).split("noise of ")[1].split(" dB")[0]) for each in (facts(), louder)]
     assert quiet[1] - quiet[0] == pytest.approx(6.0, abs=0.11)
 

@@ -43,7 +43,7 @@ def test_cameras_see_the_view_s_pixels_and_are_sharp_where_asked(mask):
 @pytest.mark.parametrize("name", ["lens-50mm-f2", "phone-5mm-f2", "paper-levin", "paper-learned"])
 def test_any_camera_is_moved_to_the_edge_with_its_mask(name: str):
     loaded = load_camera(name)
-    takers = occlusion_cameras.takers_of(loaded)
+    takers = occlusion_cameras.test_cameras(loaded)
     own = Camera.from_recipe(loaded.recipe, loaded.base)
     assert takers.names == (name,)
     framed = takers.framed(load_scene("bench").recipe)
@@ -59,7 +59,7 @@ def test_any_camera_is_moved_to_the_edge_with_its_mask(name: str):
         assert camera.recipe.mask == (own.without_mask() if bare else own).recipe.mask
         assert camera.lens.aberrates == (own.lens.aberrates and not bare)
     # edges count whose blurs are as wide as the paper's
-    paper, wide = (each.gaps(own.pixel_angle) for each in (occlusion_cameras.takers_of(None), takers))
+    paper, wide = (each.gaps(own.pixel_angle) for each in (occlusion_cameras.test_cameras(None), takers))
     by_paper = blur_per_dioptre(occlusion_cameras.camera_with("clear", 1.5, ANGLE)) * paper[1]
     assert blur_per_dioptre(own) * wide[1] == pytest.approx(by_paper, rel=0.02)
 

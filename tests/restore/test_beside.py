@@ -97,12 +97,12 @@ def test_told_other_psfs_both_go_by_them_and_back() -> None:
     photo = _photo(6, 1, 3, 64, 64)
     assert both.dcnn is not None
     with torch.no_grad():
-        known, first = both.known(), both.unclamped(photo)
+        known, first = both.psf_state(), both.unclamped(photo)
         own = both.dcnn.unclamped(photo)
         both.set_psfs(_blurs(1))
         assert (both.unclamped(photo) - first).abs().max() > 1e-3
         assert (both.dcnn.unclamped(photo) - own).abs().max() > 1e-5
-        both.use(known)
+        both.load_psf_state(known)
         torch.testing.assert_close(both.unclamped(photo), first, rtol=0, atol=0)
         torch.testing.assert_close(both.dcnn.unclamped(photo), own, rtol=0, atol=0)
 

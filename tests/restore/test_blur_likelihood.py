@@ -8,7 +8,7 @@ import torch
 from skimage import data
 from torch import Tensor
 
-from edofsim.capture.planes import photograph
+from edofsim.capture.planes import capture_planes
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.restore import blur_likelihood
 from edofsim.restore.blur_likelihood import (
@@ -41,7 +41,7 @@ def _photo(psf: Tensor, noise: float, seed: int) -> Tensor:
     """A photograph of 128 pixels, sharp in every pixel, at the depth of one PSF [3, y, x]."""
     picture = torch.from_numpy(data.astronaut()[:350, :350].copy()).movedim(-1, 0)[None] / 255
     sharp = torch.nn.functional.avg_pool2d(picture, 2)
-    clean = photograph(sharp, psf[None])
+    clean = capture_planes(sharp, psf[None])
     return clean + noise * torch.randn(clean.shape, generator=torch.Generator().manual_seed(seed))
 
 

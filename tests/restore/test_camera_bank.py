@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture.planes import photograph, surroundings
+from edofsim.capture.planes import capture_planes, surroundings
 from edofsim.errors import InputError
-from edofsim.experiments.systems import contestant
+from edofsim.experiments.systems import evaluated_system
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.optics.nodes import node_shares, nodes_between
 from edofsim.recipe import load_camera
@@ -145,7 +145,7 @@ def test_told_a_blur_it_takes_it_away_untrained() -> None:
     generator = torch.Generator().manual_seed(0)
     grey = torch.rand(1, 1, 20, 20, generator=generator).expand(1, 3, 20, 20)
     world = torch.nn.functional.interpolate(grey, size=(120, 120))
-    photo = photograph(world, psf[1:2])
+    photo = capture_planes(world, psf[1:2])
     before, after = surroundings(24)
     sharp = world[..., before:-after, before:-after]
     inside = (..., slice(16, -16), slice(16, -16))
@@ -343,7 +343,7 @@ def test_a_sentence_says_that_it_restored(checkpoint: Checkpoint) -> None:
 
 def test_as_a_system_it_has_the_camera_that_is_named(checkpoint: Checkpoint) -> None:
     assert checkpoint.path is not None
-    clear, rings = (contestant(checkpoint.path, camera=name) for name in (None, "paper-rings"))
+    clear, rings = (evaluated_system(checkpoint.path, camera=name) for name in (None, "paper-rings"))
     assert (clear.name, rings.name) == ("paper-clear+any", "paper-rings+any")
     assert rings.camera.mask.kind == "rings" and clear.digest != rings.digest
 

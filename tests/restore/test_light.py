@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from edofsim.capture.planes import photograph
+from edofsim.capture.planes import capture_planes
 from edofsim.optics import PAPER_COLOURS, Camera, psf_bank
 from edofsim.restore import restore
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
@@ -80,7 +80,7 @@ def test_a_flat_colour_looks_the_same_at_every_distance(distance: float) -> None
     back as veiling glare of the same colour."""
     psf = psf_bank(_camera(), PAPER_COLOURS, [1 / distance]).values
     colour = torch.tensor([0.8, 0.05, 0.3])
-    photo = photograph(_flat(colour)[None], psf)[0]
+    photo = capture_planes(_flat(colour)[None], psf)[0]
     torch.testing.assert_close(photo, colour[:, None, None].expand(photo.shape), rtol=1e-4, atol=0)
 
 
@@ -138,9 +138,9 @@ def test_the_veil_of_a_training_follows_from_its_errors_of_fabrication() -> None
     the phase."""
     for name in ("depth-dcnn", "paper-bank"):
         checkpoint = load_checkpoint(name)
-        relief = Camera.from_recipe(trained_camera(checkpoint)).mask_material
+        height_map = Camera.from_recipe(trained_camera(checkpoint)).mask_material
         error = checkpoint.card["recipe"]["doe"]["height_noise_nm"] * 1e-9
-        phase = 2 * math.pi * error * (relief.index(PAPER_COLOURS) - 1) / PAPER_COLOURS
+        phase = 2 * math.pi * error * (height_map.index(PAPER_COLOURS) - 1) / PAPER_COLOURS
         assert checkpoint.network.glare == pytest.approx((1 - (-phase.square()).exp()).tolist())
     assert [load_checkpoint(name).network.glare for name in ("paper-dcnn", "universal")] == [None, None]
 

@@ -92,8 +92,8 @@ def test_parts_have_standard_errors_of_their_own():
     image, noisy, noise = drawn(3, 0.02, 0.0)
     left = torch.zeros(SIDE, SIDE, dtype=torch.bool)
     left[:, : SIDE // 2] = True
-    whole, noisier, calmer = score_parts(image, noisy, [None, left, ~left], noise)
-    assert noisier.psnr_db_se > 1.3 * calmer.psnr_db_se > 0 and whole.pixels == 2 * noisier.pixels
+    whole, noise_ratio, calmer = score_parts(image, noisy, [None, left, ~left], noise)
+    assert noise_ratio.psnr_db_se > 1.3 * calmer.psnr_db_se > 0 and whole.pixels == 2 * noise_ratio.pixels
 
 
 def test_what_noise_hides_is_not_told():

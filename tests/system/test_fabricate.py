@@ -51,9 +51,9 @@ def test_a_given_height_map_is_made_as_it_is():
     axis = torch.linspace(-1, 1, 239, dtype=torch.float64)
     height = 0.5e-6 * (1 + torch.sin(2 * axis[:, None] + axis[None]))
     made = device(package.camera(height=height, pitch=21e-6), pitch_um=21.0)
-    relief = made.levels * made.level_height
+    height_map = made.levels * made.level_height
     want = (height - height.min()).numpy()
-    assert np.abs(relief - want).max() < 0.51 * made.level_height
+    assert np.abs(height_map - want).max() < 0.51 * made.level_height
 
 
 def test_a_wrong_option_names_its_command(edofsim: Run):

@@ -88,9 +88,9 @@ def test_commands_of_one_photo_agree(
     run = figures_of(edofsim, folder, camera, "run", "SCENE")
     expose = figures_of(edofsim, folder, camera, "expose", "SCENE", "--accuracy", "restored")
     assert {"psnr_db.photo", "psnr_db_se.photo", "plan.psnr_db"} <= set(shared_figures(run, expose))
-    taker = package.camera(folder / f"{camera}.toml")
-    view = package.view(folder / "cat.toml", taker)
-    photo = package.photograph(view, taker, accuracy="restored")
+    camera_recipe = package.camera(folder / f"{camera}.toml")
+    view = package.view(folder / "cat.toml", camera_recipe)
+    photo = package.photograph(view, camera_recipe, accuracy="restored")
     assert image_psnr(photo.image, photo.ideal) == pytest.approx(run["psnr_db.photo"], abs=SAME)
     for rival in RIVALS:
         gain = run["psnr_db.restored"] - run[f"psnr_db.{rival}"]
@@ -121,9 +121,9 @@ def test_experiments_on_deep_scenes_agree_with_run(edofsim: Command, folder: Pat
     for one, other in ours.items():
         assert deep[other] == pytest.approx(full[one], abs=ALIKE), one
         assert full[one] == pytest.approx(planned[one], abs=0.1), one
-    (taker,) = cameras.asked_for([str(folder / "clear.toml")])
+    (camera_recipe,) = cameras.asked_for([str(folder / "clear.toml")])
     by = {cameras.WIENER: ByWiener()}
-    judge = cameras.Judge(taker, by, Failures(), folder, 0, None)
+    judge = cameras.Judge(camera_recipe, by, Failures(), folder, 0, None)
     found = {what: level for what, (level, _) in judge.deep(str(folder / "cat.toml")).items()}
     figures = camera_figures.figures_of({"clear": {"cat": found}})
     for rival in (*RIVALS, "restored"):

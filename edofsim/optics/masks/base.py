@@ -67,7 +67,7 @@ class PhaseMask(Mask):
     """What all transparent masks share: what they are made of and where their phase is stated."""
 
     material: str = "S1813"
-    """material of the relief"""
+    """material of the mask"""
     design_wavelength_nm: Positive = 543.0
     """wavelength at which the phase is stated, nm"""
 

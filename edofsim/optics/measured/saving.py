@@ -81,5 +81,5 @@ def _camera_of(camera: Camera, path: Path) -> CameraRecipe:
     focus = {"distance_m": given.focus.distance_m, "wavelength_nm": given.focus.wavelength_nm}
     kept = given.model_dump(exclude_unset=True, include={"sensor", "psf"})
     psf = {key: value for key, value in kept.get("psf", {}).items() if key != "pupil_sampling_um"}
-    told = {"name": f"{given.name[:55]}-measured", "lens": lens, "focus": focus, "psf": psf}
-    return CameraRecipe.model_validate({**told, "sensor": kept.get("sensor", {})})
+    new = {"name": f"{given.name[:55]}-measured", "lens": lens, "focus": focus, "psf": psf}
+    return CameraRecipe.model_validate({**new, "sensor": kept.get("sensor", {})})

@@ -15,7 +15,7 @@ from .trace import Rays, trace, why_lost
 
 LOOK = 17
 """Rays along each side of the grid that the pupil is looked for with; it is half as wide across."""
-LOOKS = 3
+AIMING_ROUNDS = 3
 """Each with a finer grid where light gets through."""
 
 
@@ -126,7 +126,7 @@ def pupil(held: Focused, tangents: Tensor, distance: float | None = None) -> Pup
         # the ray that is nearest to getting through, where none does
         return at_x, at_y, rays, worst < least.clamp_min(1) + 1e-9, least
 
-    for _ in range(LOOKS - 1):
+    for _ in range(AIMING_ROUNDS - 1):
         at_x, at_y, _, inside, _ = seen()
         low = at_y.where(inside, torch.inf).amin(-1, keepdim=True) - along / side
         high = at_y.where(inside, -torch.inf).amax(-1, keepdim=True) + along / side

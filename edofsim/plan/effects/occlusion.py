@@ -4,7 +4,7 @@ Both are seen in coarse photos with the pupil as a whole."""
 from __future__ import annotations
 
 from ..effect import Effect, Level
-from ..facts import Facts, photographed
+from ..facts import Facts, photo_changes
 
 
 def _none_hidden(facts: Facts) -> str:
@@ -27,7 +27,7 @@ OCCLUSION = Effect(
     ],
     lambda facts: f"{facts.edges} pixels lie on depth edges",
     lambda facts: "" if facts.edges else "there are no depth edges: nothing covers anything",
-    lambda facts, levels: photographed(facts, [level.change for level in levels]),
+    lambda facts, levels: photo_changes(facts, [level.change for level in levels]),
 )
 
 # layers that are filled from beside lie at the depth nodes: it would take many of them
@@ -42,7 +42,7 @@ HIDDEN = Effect(
     _behind,
     _none_hidden,
     # hidden fragments are taken out of the view
-    lambda facts, levels: photographed(facts, [{"occlusion": "normalised"} for _ in levels], layers=75),
+    lambda facts, levels: photo_changes(facts, [{"occlusion": "normalised"} for _ in levels], layers=75),
     within="occlusion",
     cuts={"hidden_surfaces": False},
 )

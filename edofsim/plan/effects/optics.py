@@ -69,9 +69,11 @@ LENS_DISPERSION = _effect(
 )
 
 
-def _no_relief(facts: Facts) -> str:
-    relief = facts.camera.height_map is not None or hasattr(facts.camera.recipe.mask, "design_wavelength_nm")
-    return _one_band(facts) if relief else "the mask has no height map"
+def _no_height_map(facts: Facts) -> str:
+    has_height = facts.camera.height_map is not None or hasattr(
+        facts.camera.recipe.mask, "design_wavelength_nm"
+    )
+    return _one_band(facts) if has_height else "the mask has no height map"
 
 
 def _indices(facts: Facts) -> str:
@@ -85,7 +87,7 @@ DOE_DISPERSION = _effect(
     lambda facts: Level("refracts the same", {"doe_dispersion": False}),
     lambda facts: "each wavelength",
     _indices,
-    _no_relief,
+    _no_height_map,
 )
 
 

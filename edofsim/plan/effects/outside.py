@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from torch import Tensor
 
 from ..effect import Effect, Level
-from ..facts import Facts, photographed
+from ..facts import Facts, photo_changes
 
 
 def absent(facts: Facts) -> str:
@@ -33,7 +33,7 @@ def why(facts: Facts) -> str:
 
 def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     """Of coarse photos without occlusion."""
-    return photographed(facts, [level.change for level in levels], occlusion="none", layers=4)
+    return photo_changes(facts, [level.change for level in levels], occlusion="none", layers=4)
 
 
 EFFECT = Effect(

@@ -9,7 +9,7 @@ from ...optics.sampling import plan_sampling
 from ..effect import Effect, Level
 from ..facts import Facts
 
-BETWEEN = 1.6
+MIDDLE_LEVEL_FROM = 1.6
 """From this ratio of the coarsest to the finest pitch on, there is a level between them."""
 
 
@@ -23,7 +23,7 @@ def levels(facts: Facts) -> list[Level]:
     ratio = coarsest / finest
     if ratio < 1.05:
         return [Level(f"{finest:.1f} um", {})]
-    pitches = [coarsest, finest * ratio**0.5] if ratio > BETWEEN else [coarsest]
+    pitches = [coarsest, finest * ratio**0.5] if ratio > MIDDLE_LEVEL_FROM else [coarsest]
     coarser = [Level(f"{pitch:.1f} um", {"pupil_sampling_um": pitch}) for pitch in pitches]
     return [*coarser, Level(f"{finest:.1f} um", {})]
 

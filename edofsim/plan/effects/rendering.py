@@ -26,7 +26,7 @@ def _direct(facts: Facts) -> str:
 
 def _lengths(facts: Facts) -> Sequence[Level]:
     most = facts.scene.render.max_depth
-    said = {n: "direct light" if n == 2 else f"{n - 1} bounces" for n in (*sorted(facts.shorter), most)}
+    said = {n: "direct light" if n == 2 else f"{n - 1} bounces" for n in (*sorted(facts.bounce_errors), most)}
     return [*(Level(label, {"bounces": n}) for n, label in said.items() if n < most), Level(said[most], {})]
 
 
@@ -35,7 +35,7 @@ INTERREFLECTION = Effect(
     _lengths,
     lambda facts: f"the recipe follows paths over {facts.scene.render.max_depth - 1} surfaces",
     _direct,
-    error=lambda facts, level: facts.shorter[level.change["bounces"]],
+    error=lambda facts, level: facts.bounce_errors[level.change["bounces"]],
     added="bias",
     stage="render",
     cuts={"bounces": 2},
@@ -53,7 +53,7 @@ DISPERSION = Effect(
     lambda facts: [Level("one index for all bands", ONE_INDEX), Level("behind the glass alone", {})],
     lambda facts: f"glass bends each wavelength differently ({', '.join(disperses(facts.scene))})",
     _no_glass,
-    error=lambda facts, level: facts.plain_glass or (0.0,) * len(facts.response),
+    error=lambda facts, level: facts.glass_error or (0.0,) * len(facts.response),
     added="bias",
     stage="render",
     cuts=ONE_INDEX,

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from ...capture.fidelity import FULL_SUB_APERTURES
 from ..effect import Effect, Level
-from ..facts import Facts, photographed
+from ..facts import Facts, photo_changes
 
 FEWER = 3
 SEEN = 0.75
@@ -61,7 +61,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     full = facts.full.sub_apertures
     most = min(FEWER, full)
     few = [{"sub_apertures": n} for n in ((1, FEWEST) if most < full else (1,))]
-    seen, *by_fewest = photographed(facts, few, sub_apertures=most)
+    seen, *by_fewest = photo_changes(facts, few, sub_apertures=most)
     fewer = LEFT_BY_FEWER * (full - most) / (FULL_SUB_APERTURES - FEWER)
     fewer *= sum(map(_size, by_fewest)) / max(_size(seen), 1e-30)
     whole = seen / SEEN
@@ -73,7 +73,7 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
         if across == 1:
             return whole
         if across not in (most, full):  # what a user insists on
-            return photographed(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
+            return photo_changes(facts, [{"sub_apertures": across}], sub_apertures=most)[0]
         side = level.change.get("sub_aperture_pixel", 1)
         return whole * math.hypot(fewer if across == most else 0.0, _left_by(side, fine, 2 * coarse.times))
 
@@ -105,5 +105,12 @@ def _size(change: Tensor) -> float:
 
 
 EFFECT = Effect(
-    "sub-apertures", levels, why, absent, differences, within="hidden surfaces", beside=True, at_once=True
+    "sub-apertures",
+    levels,
+    why,
+    absent,
+    differences,
+    within="hidden surfaces",
+    adds_to_parent=True,
+    one_pass=True,
 )

@@ -8,10 +8,10 @@ from torch import Tensor
 
 from ..effect import Effect, Level, overall
 from ..estimate import of_psfs
-from ..facts import Facts, photographed, rms
+from ..facts import Facts, photo_changes, rms
 
 WINDOWS = (16, 32, 48, 64, 96, 128, 192, 256, 384)
-LITTLE_ELSE = 0.375
+SMALLEST_WINDOW_SHARE = 0.375
 """Share of the recipe's window. Windows of at least that are also seen in coarse photos with occlusion."""
 
 
@@ -31,13 +31,13 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
     found = of_psfs(facts, levels)
     if facts.full.occlusion != "hidden":
         return found
-    least = LITTLE_ELSE * facts.camera.recipe.psf.window_px
+    least = SMALLEST_WINDOW_SHARE * facts.camera.recipe.psf.window_px
     wide = [
         number
         for number, level in enumerate(levels)
         if level.change["window_px"] >= least and overall(rms(found[number])) <= facts.allowed
     ]
-    for number, seen in zip(wide, photographed(facts, [levels[n].change for n in wide]), strict=True):
+    for number, seen in zip(wide, photo_changes(facts, [levels[n].change for n in wide]), strict=True):
         found[number] = max(found[number], seen, key=lambda change: float(change.square().sum()))
     return found
 

@@ -117,21 +117,25 @@ def reached(view: View, camera: Camera, plan: Plan) -> float:
     return psnr(photo.clean, capture(view, camera, converged, exposure=photo.exposure).clean)
 
 
-def photos(taker: Taker, scenes: tuple[str, ...]) -> Iterator[tuple[str, float, float, int | None, float]]:
+def photos(
+    camera_recipe: Taker, scenes: tuple[str, ...]
+) -> Iterator[tuple[str, float, float, int | None, float]]:
     """What is photographed, the promised and the reached PSNR in dB, depth layers, and seconds it took."""
-    camera = taker.make()
+    camera = camera_recipe.make()
     alone = camera.without_mask()
     for scene in scenes:
-        view = view_of(scene, camera, taker.within)
+        view = view_of(scene, camera, camera_recipe.within)
         begun = time.process_time()
         facts = facts_of(view, camera)
-        plan = plan_photo(view, camera, None, taker.target, every_effect=False, facts=facts)
-        if taker.masked:
+        plan = plan_photo(view, camera, None, camera_recipe.target, every_effect=False, facts=facts)
+        if camera_recipe.masked:
             found = reached(view, camera, plan)
             yield f"{scene}, masked", _asked(plan), found, plan.fidelity.layers, time.process_time() - begun
-        if taker.alone:
+        if camera_recipe.alone:
             begun = time.process_time()
-            bare = plan_alone(plan, facts, alone, None, taker.target) if taker.masked else plan
+            bare = (
+                plan_alone(plan, facts, alone, None, camera_recipe.target) if camera_recipe.masked else plan
+            )
             found = reached(view, alone, bare)
             yield f"{scene}, alone", _asked(bare), found, bare.fidelity.layers, time.process_time() - begun
 
@@ -141,34 +145,34 @@ def _asked(plan: Plan) -> float:
     return plan.asked_db
 
 
-def _findings(taker: Taker, scenes: tuple[str, ...]) -> Iterator[Finding]:
-    for said, asked, found, _, seconds in photos(taker, scenes):
+def _findings(camera_recipe: Taker, scenes: tuple[str, ...]) -> Iterator[Finding]:
+    for said, asked, found, _, seconds in photos(camera_recipe, scenes):
         error = math.nan if math.isnan(found) else 10 ** ((asked - found) / 20)
         yield Finding(f"{said}, error over the promised one", error, 1.0, seconds)
 
 
-def _case(name: str, taker: Taker, scenes: tuple[str, ...] = SCENES) -> Case:
+def _case(name: str, camera_recipe: Taker, scenes: tuple[str, ...] = SCENES) -> Case:
     return Case(
         name,
         "plan",
         "depth edges, slopes, thin occluders; the lens alone and through a mask",
         "a plan made for another photo, or for other cameras, misses what it promises",
         f"within the promised error of {LAYERS} layers",
-        lambda: _findings(taker, scenes),
+        lambda: _findings(camera_recipe, scenes),
     )
 
 
 CASES: tuple[Case, ...] = (
     _case(QUICK, Taker(lambda: ideal(35, 4, 3.45, 1.0, 64), target=RESTORED), (PICTURE,)),
-    *(_case(f"{name} as promised", taker) for name, taker in CAMERAS.items()),
+    *(_case(f"{name} as promised", camera_recipe) for name, camera_recipe in CAMERAS.items()),
 )
 SLOW = {case.name for case in CASES[1:]}
 
 
 def _main(names: list[str]) -> None:
-    for name, taker in CAMERAS.items():
+    for name, camera_recipe in CAMERAS.items():
         if not names or name in names:
-            for said, asked, found, layers, seconds in photos(taker, SCENES):
+            for said, asked, found, layers, seconds in photos(camera_recipe, SCENES):
                 layered = "all" if layers is None else layers
                 met = "" if found >= asked else "  MISSED"
                 line = (

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
-from edofsim.capture.planes import photograph
+from edofsim.capture.planes import capture_planes
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, trained_camera
 from edofsim.restore.light import REACH
@@ -66,7 +66,7 @@ def _restored() -> Iterator[Finding]:
         camera = camera_with_mask(trained_camera(checkpoint), checkpoint)
         for inverse_depth in (0.0, 1.0, 2.0):
             psf = psf_bank(camera, PAPER_COLOURS, [inverse_depth], window_px=64).values
-            photo = photograph(picture[None], psf)[0]
+            photo = capture_planes(picture[None], psf)[0]
             sharp = picture[:, 31:-32, 31:-32]
             noise = torch.randn(photo.shape, generator=torch.Generator().manual_seed(3))
             photo = photo + READ_NOISE * noise

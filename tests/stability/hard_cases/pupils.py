@@ -142,8 +142,8 @@ def _height(camera: Camera) -> Tensor:
 
 def _wave(camera: Camera) -> float:
     """Height of the mask's material that delays green light by a wave, in metres."""
-    relief = camera.mask_material
-    return float(GREEN) / (float(relief.index(GREEN)) - 1)
+    height_map = camera.mask_material
+    return float(GREEN) / (float(height_map.index(GREEN)) - 1)
 
 
 def _random_heights() -> Iterator[Finding]:

@@ -103,7 +103,7 @@ def coded(radius: float, rows: Sequence[str], order: int = 12) -> Pupil:
     return Pupil(radius, passes=passes, pieces=count, order=order)
 
 
-def relief(radius: float, height: Array, pitch: float, order: int = 4) -> Pupil:
+def height_map(radius: float, height: Array, pitch: float, order: int = 4) -> Pupil:
     """A free height map [n, n] in metres, row 0 the top, cubic between its samples (Keys 1981, a = -1/2), its
     outermost samples repeated."""
     count = len(height)

@@ -17,7 +17,7 @@ from edofsim.recipe.camera import CameraRecipe
 from edofsim.stability import Case, photo_cases_of, small_cameras
 from edofsim.stability.true_photos import Source
 
-from .written_out import Array, Psfs, Pupil, coded, cubic, relief, sensor_response
+from .written_out import Array, Psfs, Pupil, coded, cubic, height_map, sensor_response
 
 _pupils: dict[str, Pupil] = {}
 
@@ -33,7 +33,7 @@ def pupil_of(recipe: CameraRecipe, height: Tensor | None = None) -> Pupil:
         lens = recipe.lens.model_dump()
         radius = lens["aperture_radius_mm"] * 1e-3
         if height is not None:
-            _pupils[named] = relief(radius, height.detach().double().numpy(), 2 * radius / len(height))
+            _pupils[named] = height_map(radius, height.detach().double().numpy(), 2 * radius / len(height))
         elif isinstance(mask, CubicMask):
             _pupils[named] = cubic(radius, mask.alpha_rad)
         elif isinstance(mask, CodedMask):

@@ -91,8 +91,8 @@ def _flat(lens: PlanoConvexLens, square: Tensor) -> Tensor:
     return square * 0
 
 
-def _upside_down(relief: Tensor | None) -> Tensor | None:
-    return None if relief is None else relief.flip(0)
+def _upside_down(height_map: Tensor | None) -> Tensor | None:
+    return None if height_map is None else height_map.flip(0)
 
 
 def _ragged(found: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

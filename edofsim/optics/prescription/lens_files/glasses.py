@@ -63,14 +63,14 @@ def catalogue(path: Path) -> dict[str, dict[str, object]]:
 def keys_of(
     name: str,
     index: tuple[float, float] | None,
-    told: Mapping[str, tuple[float, float]],
+    glasses_by_name: Mapping[str, tuple[float, float]],
     catalogues: Sequence[Mapping[str, dict[str, object]]],
 ) -> tuple[dict[str, object], str]:
     """Keys of a surface for a glass, and a note where they are less than its data. Raises InputError for one
     that is not known."""
     plain = re.sub(r"_(SCHOTT|OHARA|HOYA|CDGM|CORNING|SUMITA|HIKARI|PLASTIC|SPECIAL)$", "", name.upper())
-    if plain in told:
-        return {"nd": told[plain][0], "vd": told[plain][1]}, ""
+    if plain in glasses_by_name:
+        return {"nd": glasses_by_name[plain][0], "vd": glasses_by_name[plain][1]}, ""
     for known in catalogues:
         if plain in known:
             keys = dict(known[plain])

@@ -52,7 +52,7 @@ def camera_of(
     path: Path,
     *,
     name: str | None = None,
-    told: Mapping[str, tuple[float, float]] | None = None,
+    glasses_by_name: Mapping[str, tuple[float, float]] | None = None,
     catalogues: Sequence[Path] = (),
     focus_m: float = 2.0,
     pixel_um: float = 3.45,
@@ -70,7 +70,7 @@ def camera_of(
     """
     found = read_lens(path)
     rows, notes = found.rows[1:-1], list(found.notes)
-    upper = {key.upper(): value for key, value in (told or {}).items()}
+    upper = {key.upper(): value for key, value in (glasses_by_name or {}).items()}
     known = [catalogue(each) for each in catalogues]
     surfaces: list[dict[str, object]] = []
     problems: list[str] = []
