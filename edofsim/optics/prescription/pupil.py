@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ...errors import InputError
 from .aim import Focused, chief_planes, launch, on_sphere
-from .trace import Rays, trace, why_lost
+from .trace import Hit, Rays, trace, why_lost
 
 LOOK = 17
 """Rays along each side of the grid that the pupil is looked for with; it is half as wide across."""
@@ -43,13 +43,16 @@ class Pupil:
         lens = self.held.lens
         return tuple(n for n, clear in enumerate(lens.clear) if clear is not None and n != lens.stop)
 
-    def through(self, index: Tensor, x: Tensor, y: Tensor) -> tuple[Rays, Tensor, Tensor, Tensor]:
+    def through(
+        self, index: Tensor, x: Tensor, y: Tensor, hits: list[Hit] | None = None
+    ) -> tuple[Rays, Tensor, Tensor, Tensor]:
         """Rays at places [batch, ray] of the plane: on the sensor's plane, with their paths, squares of their
         distances from the axis at stop and rims over the radii [rim, batch, ray], and places in the stop over
-        its radius [2, batch, ray]."""
+        its radius [2, batch, ray]. hits: as of `trace`."""
         lens = self.held.lens
         start, direction, longer = launch(self.plane, self.tangent, self.vergence, x, y)
-        rays = trace(lens, index, start, direction, (lens.stop, *self.rims)).to_plane(self.held.sensor)
+        rays = trace(lens, index, start, direction, (lens.stop, *self.rims), hits=hits)
+        rays = rays.to_plane(self.held.sensor)
         stop = torch.stack(rays.at[lens.stop]) / lens.stop_radius
         shut = [stop.square().sum(0)]
         for rim in self.rims:

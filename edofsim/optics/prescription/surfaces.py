@@ -3,8 +3,8 @@ millimetres."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import torch
@@ -14,6 +14,7 @@ from torch import Tensor
 from ...errors import InputError
 from ...recipe.base import Positive, RecipeModel
 from ..materials import Material, material
+from .moves import Move
 
 LINES = {"d": 587.56, "F": 486.13, "C": 656.27, "g": 435.83}
 """Fraunhofer's lines, nm."""
@@ -114,7 +115,8 @@ class Stack:
     """Surfaces as numbers, float64: curvature, conic [surface], aspheres [surface, term] of r^2, r^4, ...,
     thickness [surface], the last of which is not used. clear: radii that light passes within, None where
     nothing is in its way. stop: number of the stop; stop_radius: of its opening, NaN where it is not known
-    yet. media: what follows each surface, None for air."""
+    yet. media: what follows each surface, None for air. moves: of surfaces by number that are not in their
+    places; pupils and focus are those of all in place."""
 
     curvature: Tensor
     conic: Tensor
@@ -125,6 +127,7 @@ class Stack:
     stop: int
     stop_radius: float
     media: tuple[Material | None, ...]
+    moves: Mapping[int, Move] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.media)

@@ -33,6 +33,17 @@ Shape = tuple[float | Tensor, float | Tensor, list[float] | list[Tensor], list[f
 
 
 @dataclass(frozen=True)
+class Hit:
+    """Rays [batch, ray] at a surface: place from its vertex, way there in the medium before it, normal of
+    length 1 along the light, and by how much of it the direction times the index grows."""
+
+    place: tuple[Tensor, Tensor, Tensor]
+    way: Tensor
+    normal: tuple[Tensor, Tensor, Tensor]
+    bent: Tensor
+
+
+@dataclass(frozen=True)
 class Rays:
     """Rays behind the last surface, each [batch, ray]: place (x, y) on its vertex plane, direction (right,
     up, along), optical path since the start. at: place (x, y) on each surface that was asked for. lost: 0, or
@@ -69,11 +80,13 @@ def trace(
     direction: tuple[Tensor, Tensor, Tensor],
     keep: Collection[int] = (),
     surfaces: int | None = None,
+    hits: list[Hit] | None = None,
 ) -> Rays:
     """Rays from `start` (x, y, z from the first vertex), each [batch, ray], through a lens in air.
 
     index: [batch, 1, surface + 1], of the ray's wavelength; keep: surfaces whose places are kept; surfaces:
-    how many are met, None for all. Gradients reach the start and the tensors of the lens.
+    how many are met, None for all; hits: gets what happens at each. Gradients reach the start and the tensors
+    of the lens. Places on a surface that is moved are those that it sees.
     """
     x, y, z = start
     right, up, along = direction
@@ -84,6 +97,9 @@ def trace(
     last = count if surfaces is None else surfaces
     for number in range(last):
         before, after = index[..., number], index[..., number + 1]
+        move = lens.moves.get(number)
+        if move:
+            (x, y, z), (right, up, along) = move.into((x, y, z), (right, up, along))
         flat = -z / along  # to the vertex plane, then to the surface
         x, y = x + flat * right, y + flat * up
         more, met, (x, y, z), normal = _meet(lens, number, (x, y), (right, up, along), lost == 0)
@@ -99,6 +115,10 @@ def trace(
             lost = torch.where((lost == 0) & true, 1 + number + reason * count, lost)
         bent = torch.sqrt(square.clamp_min(TINY)) - ratio * cosine
         right, up, along = (ratio * old + bent * n for old, n in zip((right, up, along), normal, strict=True))
+        if hits is not None:
+            hits.append(Hit((x, y, z), way, normal, after * bent))
+        if move:
+            (x, y, z), (right, up, along) = move.back((x, y, z), (right, up, along))
         if number + 1 < last:
             z = z - lens.thickness[number]
     way = -z / along

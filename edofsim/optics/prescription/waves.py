@@ -18,6 +18,7 @@ from ...errors import InputError
 from .aim import Focused, on_sphere
 from .polynomials import REACH, basis, fit
 from .pupil import Pupil, chief_of, refuse_lost
+from .trace import Hit
 
 RINGS = 12
 OUTSIDE = 0.03
@@ -49,17 +50,43 @@ class Wave:
     odd: Tensor
 
 
-def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
-    """Waves of places in the field at wavelengths [m], [field], or of one place at several.
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Rays [batch, ray] from a place in the field, the chief ray first, then those with x from 0 on.
+
+    longer: path [mm] beyond the chief ray's, to the sphere; shut, stop: as of `Pupil.through`; slant: what of
+    the direction from the sphere to the sensor is along the axis. a, b: places in the disc of the polynomials
+    (across, along), 0 where `used` is false; middle, half: of t and of that disc [mm], [batch]; up: of the
+    chief ray on the sphere, over its radius, [batch, 1]. inside: which get through; used: which count at all.
+    """
+
+    longer: Tensor
+    shut: Tensor
+    stop: Tensor
+    slant: Tensor
+    a: Tensor
+    b: Tensor
+    middle: Tensor
+    half: Tensor
+    up: Tensor
+    inside: Tensor
+    used: Tensor
+
+    @property
+    def weight(self) -> Tensor:
+        """Of rays in a fit."""
+        return torch.where(self.inside, 1.0, OUTSIDE) * self.used
+
+
+def sample(seen: Pupil, wavelengths: Tensor, hits: list[Hit] | None = None) -> Sample:
+    """Rays in rings from places in the field at wavelengths [m], as of `waves`; hits: as of `trace`.
 
     Raises InputError outside the data of a glass.
     """
     held = seen.held
     index = held.lens.index(wavelengths)[:, None, :]
-    zero = torch.zeros(len(wavelengths), 1, dtype=torch.float64)
-    rings = _rings()
-    x, y = zero + rings[0] * seen.half[0], zero + seen.middle + rings[1] * seen.half[1]
-    rays, path, shut, stop = seen.through(index, torch.cat([zero, x], -1), torch.cat([zero, y], -1))
+    x, y = starts(seen, len(wavelengths))
+    rays, path, shut, stop = seen.through(index, x, y, hits)
     refuse_lost(held, rays.lost[:, 0], seen.tangent[:, 0].expand(len(wavelengths)))
     across, up, back = on_sphere(held, rays, seen.landing[:, 0])
     longer = path - back
@@ -72,15 +99,35 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     size = torch.hypot(s, t - mid[:, None]).where(inside, 0.0).amax(-1)
     a, b = s / size[:, None], (t - mid[:, None]) / size[:, None]
     used = fine & (torch.hypot(a, b) < REACH)
-    weight = torch.where(inside, 1.0, OUTSIDE) * used
     a, b = a.where(used, 0.0), b.where(used, 0.0)
-    near = [each for each in shut[1:] if bool((each.where(inside, 0.0) > NEAR**2).any())]
-    quantities = torch.stack([longer, stop[1], *near], -1).where(used[..., None], 0.0)
-    even = fit(a, b, weight, quantities)
-    odd = fit(a, b, weight, stop[0].where(used, 0.0)[..., None], odd=True)
+    slant = torch.sqrt(1 - across.square() - up.square())
+    return Sample(longer, shut, stop, slant, a, b, mid, size, up[:, :1], inside, used)
+
+
+def starts(seen: Pupil, count: int) -> tuple[Tensor, Tensor]:
+    """Places (x, y) in front of the lens, [count, ray], of the rays of `sample`."""
+    zero = torch.zeros(count, 1, dtype=torch.float64)
+    rings = _rings()
+    x, y = zero + rings[0] * seen.half[0], zero + seen.middle + rings[1] * seen.half[1]
+    return torch.cat([zero, x], -1), torch.cat([zero, y], -1)
+
+
+def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
+    """Waves of places in the field at wavelengths [m], [field], or of one place at several.
+
+    Raises InputError outside the data of a glass.
+    """
+    rays = sample(seen, wavelengths)
+    a, b, inside, used, size = rays.a, rays.b, rays.inside, rays.used, rays.half
+    near = [each for each in rays.shut[1:] if bool((each.where(inside, 0.0) > NEAR**2).any())]
+    quantities = torch.stack([rays.longer, rays.stop[1], *near], -1).where(used[..., None], 0.0)
+    even = fit(a, b, rays.weight, quantities)
+    odd = fit(a, b, rays.weight, rays.stop[0].where(used, 0.0)[..., None], odd=True)
     left = (basis(a, b) @ even[..., :1] - quantities[..., :1])[..., 0].where(inside, 0.0)
     residual = torch.sqrt(left.square().sum(-1) / inside.sum(-1))
-    chief = -mid / size  # of the reference wavelength; the others' go through the stop's centre beside it
+    chief = (
+        -rays.middle / size
+    )  # of the reference wavelength; the others' go through the stop's centre beside it
     for _ in range(3):
         at = basis(torch.zeros(2, 1, dtype=torch.float64), torch.stack([chief, chief + 1e-4]))
         height, beyond = (at * even[..., 1]).sum(-1)
