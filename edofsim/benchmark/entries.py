@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, replace
+from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +24,10 @@ SHIPPED = (
     "paper-clear+photo", "paper-cubic+wiener", "rings-dcnn", "fourier-wiener", "zernike-wiener", "levin-dcnn",
     "paper-dcnn", "paper-bank", "photo", "wiener", ANY_CAMERA, f"{OPTICS}paper-clear", f"{OPTICS}paper-cubic",
 )  # fmt: skip
-"""What is scored where nothing else is named."""
+"""What is scored where nothing else is named, with `OF_DEEPINV` where that is installed."""
+OF_DEEPINV = ("deepinv-wiener", "deepinv-tv")
+"""Functions of `benchmark.by_deepinv`."""
+LEFT_OUT = "deepinv-wiener and deepinv-tv are left out: deepinv comes with pip install 'edofsim[benchmark]'"
 USES = ("psf", "depth range", "noise")
 """What a restoration is given where it does not declare it."""
 KNOWN = (*USES, "depth")
@@ -111,7 +115,7 @@ def entries_of(texts: tuple[str, ...]) -> list[Entry]:
     """Entries as they were typed. Raises InputError, all problems together, and for two of one name."""
     found: list[Entry] = []
     problems: list[str] = []
-    for text in texts or SHIPPED:
+    for text in texts or (*SHIPPED, *(OF_DEEPINV if deepinv_version() else ())):
         try:
             found += entry_of(text)
         except InputError as error:
@@ -122,10 +126,26 @@ def entries_of(texts: tuple[str, ...]) -> list[Entry]:
     return found
 
 
+def deepinv_version() -> str:
+    """The version of deepinv here, empty where it is not installed."""
+    try:
+        return metadata.version("deepinv")
+    except metadata.PackageNotFoundError:
+        return ""
+
+
 def entry_of(text: str) -> list[Entry]:
     """What one text names: a system (see `experiments.sources.system_of`); FILE.py, whose function `restore`
-    restores; `optics:CAMERA`, restored by the network for any camera and by Wiener deconvolution; a folder of
-    images KEY.exr or KEY.png, with what it used in entry.json. Raises InputError."""
+    restores; `optics:CAMERA`, restored by the network for any camera and by Wiener deconvolution; one of
+    `OF_DEEPINV`; a folder of images KEY.exr or KEY.png, with what it used in entry.json. Raises InputError.
+    """
+    if text in OF_DEEPINV:
+        if not (version := deepinv_version()):
+            raise InputError(
+                f"{text}: needs deepinv, which is not installed: pip install 'edofsim[benchmark]'"
+            )
+        made = _system(f"edofsim.benchmark.by_deepinv:{text.replace('-', '_')}")
+        return [replace(made, name=text, digest=f"{made.digest}, deepinv {version}")]
     path = Path(text)
     if path.is_dir():
         return [_folder(path)]

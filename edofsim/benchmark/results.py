@@ -72,7 +72,8 @@ class Results:
             mine = [row for row in self.rows if row.entry == entry.name and row.region == WHOLE]
             found[f"failures.{entry.name}"] = len(self.failures(entry.name))
             for each in ("seconds", "peak_mib", "gmacs"):
-                found[f"{each}.{entry.name}"] = median(getattr(row, each) for row in mine)
+                known = [value for row in mine if not np.isnan(value := getattr(row, each))]
+                found[f"{each}.{entry.name}"] = median(known or [np.nan])
             if entry.parameters is not None:
                 found[f"parameters.{entry.name}"] = entry.parameters
         for (one, other), each in self.paired().items():

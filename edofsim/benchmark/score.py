@@ -42,7 +42,7 @@ class Row:
     psnr_db_se: see `restore.scores`; flip: NaN where that cannot be computed; failure: what was wrong with
     the image, in whose place a black one is scored; seconds: of the processor; peak_mib: memory that the
     restoration added at its peak, NaN where the system does not say; gmacs: of matrix products and
-    convolutions, counted in a run of their own, NaN where none was counted."""
+    convolutions, counted in a run of their own for the first scene, NaN where none was counted."""
 
     entry: str
     scene: str
@@ -74,9 +74,10 @@ def score_scene(
         known = _remembered(kept, key, entry.name)
         if known is None:
             known = [row for meta in metas for row in _rows(benchmark, entry, meta, photos)]
-            of_scene = {str(meta["camera"]): meta for meta in metas}
-            gmacs = median(_gmacs(entry, meta, photos) for meta in of_scene.values())
-            known = [replace(row, gmacs=gmacs) for row in known]
+            if scene == next(iter(benchmark.scenes)):  # all have frames of one size
+                of_scene = {str(meta["camera"]): meta for meta in metas}
+                gmacs = median(_gmacs(entry, meta, photos) for meta in of_scene.values())
+                known = [replace(row, gmacs=gmacs) for row in known]
             kept.put(key, {"rows": [asdict(row) for row in known]})
         rows += known
     return rows

@@ -73,7 +73,8 @@ def score(
         typer.Argument(
             metavar="[ENTRY]...",
             help="FILE.py with a function restore, a folder of images KEY.exr or KEY.png, a system as of "
-            "`edofsim evaluate --system`, `photo`, or optics:CAMERA; default: the entries that ship.",
+            "`edofsim evaluate --system`, `photo`, optics:CAMERA, deepinv-wiener, deepinv-tv; default: the "
+            "entries that ship.",
         ),
     ] = None,
     data: Annotated[Path, typer.Option("--data", metavar="DIR", help="The benchmark's folder.")] = Path(
@@ -96,7 +97,7 @@ def score(
     how = spread_of(jobs, cluster, None)
     with begun("benchmark score", json, quiet=quiet) as progress:
         from ..benchmark.definition import Benchmark
-        from ..benchmark.entries import entries_of
+        from ..benchmark.entries import LEFT_OUT, deepinv_version, entries_of
         from ..benchmark.results import Results, page_of, submission, write_rows
         from ..benchmark.score import check_entries, score_scene
         from ..report import write_page
@@ -118,7 +119,7 @@ def score(
         }
         done = finish(
             "benchmark score",
-            [results.table()],
+            [results.table(), *([] if entries or deepinv_version() else [LEFT_OUT])],
             figures,
             outputs,
             json or folder / "benchmark.json",

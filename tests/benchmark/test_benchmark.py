@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from edofsim.benchmark import score
+from edofsim.benchmark import entries, score
 from edofsim.benchmark.definition import Benchmark
 from edofsim.benchmark.score import regions_of
 from edofsim.benchmark.statistics import differences, interval
@@ -218,6 +218,49 @@ def test_intervals_are_those_of_closed_forms():
     holes[:3] = np.nan
     assert interval(holes).scenes == 397
     assert np.isnan(interval(values[:1]).low) and interval(values[:1] * np.nan).scenes == 0
+
+
+def test_entries_of_deepinv_are_left_out_with_a_sentence_where_it_is_not_installed(
+    edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(entries, "deepinv_version", lambda: "")
+    monkeypatch.setattr(entries, "SHIPPED", ("photo",))
+    command = ["benchmark", "score", "--data", place / "data", "--out", tmp_path / "out", "--quiet"]
+    status, said = edofsim(*command, "deepinv-tv")
+    assert status == 2 and "deepinv-tv: needs deepinv" in said and "edofsim[benchmark]" in said
+    assert [entry.name for entry in entries.entries_of(())] == ["photo"]
+    assert edofsim(*command)[0] == 0
+
+
+def test_deepinv_is_given_the_mean_psf_and_mirror_images():
+    """Its Wiener filter in closed form, by NumPy; total variation comes nearer to a picture of bars."""
+    pytest.importorskip("deepinv")
+    from edofsim.benchmark.by_deepinv import BEYOND_PX, SMOOTHNESS, deepinv_tv, deepinv_wiener
+
+    rng = np.random.default_rng(0)
+    sharp = np.repeat(np.repeat(rng.random((3, 6, 8)), 8, 1), 8, 2)
+    around = ((0, 0), *[(BEYOND_PX, BEYOND_PX)] * 2)
+    psfs = rng.random((4, 3, 8, 8)) * np.exp(-np.square(np.indices((8, 8)) - 4).sum(0) / 4)
+    mean = psfs.mean(0) / psfs.mean(0).sum((-2, -1), keepdims=True)
+
+    def transfer(kernel: np.ndarray) -> np.ndarray:
+        whole = np.zeros((len(kernel), *np.pad(sharp, around).shape[1:]))
+        whole[:, : kernel.shape[1], : kernel.shape[2]] = kernel
+        return np.fft.fft2(np.roll(whole, [-(n // 2) for n in kernel.shape[1:]], (1, 2)))
+
+    def cut(spectrum: np.ndarray) -> np.ndarray:
+        return np.fft.ifft2(spectrum).real[:, BEYOND_PX:-BEYOND_PX, BEYOND_PX:-BEYOND_PX]
+
+    period = np.fft.fft2(np.pad(sharp, around, "symmetric"))
+    photo = cut(period * transfer(mean)) + 0.005 * rng.normal(size=sharp.shape)
+    seen = np.fft.fft2(np.pad(photo, around, "symmetric"))
+    penalty = SMOOTHNESS * np.abs(transfer(np.array([[[0, -1, 0], [-1, 4, -1], [0, -1, 0]]]))) ** 2
+    blur = transfer(mean)
+    expected = cut(seen * blur.conj() / (np.abs(blur) ** 2 + penalty))
+    given = torch.from_numpy(photo).float(), torch.from_numpy(psfs).float(), None
+    np.testing.assert_allclose(deepinv_wiener(*given).numpy(), expected, atol=1e-4)
+    by_tv, truth = deepinv_tv(*given), torch.from_numpy(sharp).float()
+    assert psnr(by_tv, truth) > psnr(given[0], truth) + 3
 
 
 @pytest.mark.parametrize("size", ["tiny", "small", "full"])
