@@ -58,11 +58,13 @@ from .restore.truth import Truth, noise_figures, samples_for
 class Run:
     """All that the main job made. Images are linear [channel, y, x], full scale 1.
 
-    wiener: the photo restored by Wiener deconvolution, for comparison where a network restored; psfs:
-    `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in 1/m,
-    from far to near, that stand for the scene (`nodes_between`); plan_lens_alone: of the photo through the
-    lens alone; noise: of the photo, and noises: what images are scored without, by the
-    names of scores; gains: of the restored image in dB, see `restore.gains`.
+    wiener: the photo restored by Wiener deconvolution, for comparison where a network restored.
+    psfs: `channel_psfs` of the camera as the plan simulates it, at the inverse depths `psf_depths` [depth] in
+        1/m, from far to near, that stand for the scene (`nodes_between`).
+    plan_lens_alone: of the photo through the lens alone.
+    noise: of the photo.
+    noises: what images are scored without, by the names of scores.
+    gains: of the restored image in dB, see `restore.gains`.
     """
 
     scene: Loaded[SceneRecipe]
@@ -91,7 +93,10 @@ class Run:
 
 @dataclass
 class Stopwatch:
-    """Seconds of each stage, by name; progress: of all stages together."""
+    """Seconds of each stage, by name.
+
+    progress: of all stages together.
+    """
 
     progress: Progress | None = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -129,12 +134,16 @@ def run(
     Either photo has a plan of its own: what a mask evens out, the bare lens may show, and nothing is restored
     from its photo (see `plan_alone`).
 
-    cache: folder of rendered views, None for the default one. network: see `choose_network`. resample: the
-    view, where the scene's pixels see another angle than the camera's (see `framed`). overrule: what replaces
-    the plan's choices (see `plan_photo`). target: the accuracy or time that is planned for,
-    None for one that keeps the restored image's PSNR (`RESTORED`). fidelity: a
-    preset or a file that says what is simulated, in place of a plan. seed: of the sensor's noise.
+    cache: folder of rendered views, None for the default one.
+    network: see `choose_network`.
+    resample: the view, where the scene's pixels see another angle than the camera's (see `framed`).
+    overrule: what replaces the plan's choices (see `plan_photo`).
+    target: the accuracy or time that is planned for, None for one that keeps the restored image's PSNR
+        (`RESTORED`).
+    fidelity: a preset or a file that says what is simulated, in place of a plan.
+    seed: of the sensor's noise.
     device: auto, cpu or cuda.
+
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     watch = Stopwatch(progress)

@@ -27,9 +27,15 @@ from ..render.view import View
 
 @dataclass(frozen=True)
 class Shot:
-    """A photo to be restored, and what is known of it. key: the pair's name; photo, ideal: [channel, y, x];
-    inverse_depth, edge_px: [y, x]; truncated: [channel]; noise: of the rendering; seed: of the sensor's
-    noise."""
+    """A photo to be restored, and what is known of it.
+
+    key: the pair's name.
+    photo, ideal: [channel, y, x].
+    inverse_depth, edge_px: [y, x].
+    truncated: [channel].
+    noise: of the rendering.
+    seed: of the sensor's noise.
+    """
 
     key: str
     family: str

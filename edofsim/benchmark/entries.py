@@ -55,8 +55,13 @@ def restore(photo: torch.Tensor, psfs: torch.Tensor, info) -> torch.Tensor:
 
 @dataclass(frozen=True)
 class Entry:
-    """Who enters. name: in figures; uses: what it knows besides the photo; source: what restores, and its
-    camera if it has one; folder: of restored images, in its place."""
+    """Who enters.
+
+    name: in figures.
+    uses: what it knows besides the photo.
+    source: what restores, and its camera if it has one.
+    folder: of restored images, in its place.
+    """
 
     name: str
     track: Track

@@ -39,10 +39,15 @@ FINISHED = "finished.jsonl"
 @dataclass(frozen=True)
 class Row:
     """A score of an entry's image of one photo, over a region: `whole`, `depth A-B m`, `edge A-B px`.
-    psnr_db_se: see `restore.scores`; flip: NaN where that cannot be computed; failure: what was wrong with
-    the image, in whose place a black one is scored; seconds: of the processor; peak_mib: memory that the
-    restoration added at its peak, NaN where the system does not say; gmacs: of matrix products and
-    convolutions, counted in a run of their own for the first scene, NaN where none was counted."""
+
+    psnr_db_se: see `restore.scores`.
+    flip: NaN where that cannot be computed.
+    failure: what was wrong with the image, in whose place a black one is scored.
+    seconds: of the processor.
+    peak_mib: memory that the restoration added at its peak, NaN where the system does not say.
+    gmacs: of matrix products and convolutions, counted in a run of their own for the first scene, NaN where
+        none was counted.
+    """
 
     entry: str
     scene: str

@@ -19,9 +19,13 @@ from ..render.view import View
 
 @dataclass(frozen=True)
 class Gathering:
-    """Groups of bands. wavelengths: [m] at which PSFs are computed, metres; psfs: [group, m] which of them
-    make a group's PSF, rows summing to 1; light: [group, band] which bands' light it carries; response:
-    [channel, group]. All float64."""
+    """Groups of bands.
+
+    wavelengths: [m] at which PSFs are computed, metres.
+    psfs: [group, m] which of them make a group's PSF, rows summing to 1.
+    light: [group, band] which bands' light it carries.
+    response: [channel, group]. All float64.
+    """
 
     wavelengths: Tensor
     psfs: Tensor
@@ -44,10 +48,12 @@ def gathered(
 ) -> Gathering:
     """Each channel's bands in `groups` groups whose PSFs are computed at `colours` wavelengths (0: all).
 
-    wavelengths: [band]; response: [channel, band]; spectrum: [band], of the view's light as a whole; place:
-    [band], a coordinate along which PSFs change, such as Psi. Within a channel the groups are those that
-    leave the least variance of it. With all of its wavelengths a group's PSF is exact for light of the
-    view's own spectrum.
+    wavelengths: [band].
+    response: [channel, band].
+    spectrum: [band], of the view's light as a whole.
+    place: [band], a coordinate along which PSFs change, such as Psi. Within a channel the groups are those
+        that leave the least variance of it. With all of its wavelengths a group's PSF is exact for light of
+        the view's own spectrum.
     """
     light: list[Tensor] = []
     channels: list[int] = []

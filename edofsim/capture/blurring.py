@@ -16,9 +16,11 @@ from .light import Light, SmoothLight, box_of, light_of
 class Blurring:
     """A camera's PSFs and its response, ready to blur fragments on frames of any size.
 
-    psfs: at depth nodes; response: [channel, band]; gap: difference in inverse depth below which two
-    surfaces are one, in 1/m: their blurs differ by less than a pixel; between: how light between the nodes is
-    blurred, None: it is shared by the two next to it.
+    psfs: at depth nodes.
+    response: [channel, band].
+    gap: difference in inverse depth below which two surfaces are one, in 1/m: their blurs differ by less than
+        a pixel.
+    between: how light between the nodes is blurred, None: it is shared by the two next to it.
     """
 
     def __init__(
@@ -43,7 +45,8 @@ class Blurring:
     def light(self, view: View, which: Tensor, part: Tensor | None = None) -> Tensor:
         """Blurred light of some fragments: [channel, y, x] of the padded frame.
 
-        which: int64 [n]; part: [n], the fraction of each fragment's light (default: all).
+        which: int64 [n].
+        part: [n], the fraction of each fragment's light (default: all).
         """
         radiance = None if part is None else view.radiance.index_select(1, which) * part
         if self.between is not None:
@@ -55,9 +58,10 @@ class Blurring:
     def coverage(self, view: View, which: Tensor, amount: Tensor) -> Tensor:
         """How much some fragments block of what lies behind them: [channel, y, x] of the padded frame.
 
-        which: int64 [n]; amount: [n], the coverage of each. It is blurred with the PSFs of each band and
-        weighted by the response, as white light is. An opaque surface blocks everything though part of its
-        light may leave the PSFs' windows: these PSFs sum to 1.
+        which: int64 [n].
+        amount: [n], the coverage of each. It is blurred with the PSFs of each band and weighted by the
+            response, as white light is. An opaque surface blocks everything though part of its light may
+            leave the PSFs' windows: these PSFs sum to 1.
         """
         if self.between is not None:
             return self._smooth_coverage(self._nearby(view, which), view, which, amount)

@@ -18,7 +18,10 @@ class CoarsePixels:
     side: int
 
     def grid(self, rows: int, columns: int, margin: int, window: int) -> Grid:
-        """Of a padded frame of fine pixels; window: of the PSFs in coarse ones."""
+        """Of a padded frame of fine pixels.
+
+        window: of the PSFs in coarse ones.
+        """
         return Grid(-(-rows // self.side), -(-columns // self.side), margin // self.side, window)
 
     def light(self, light: Light) -> Light:

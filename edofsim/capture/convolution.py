@@ -17,10 +17,11 @@ from torch import Tensor
 class Grid:
     """The padded frame and the sizes of its Fourier transforms.
 
-    rows, columns: of the frame with its margin; margin: pixels on each side; window: width of the PSFs in
-    pixels, centred on pixel window // 2. The transform is as large as it must be for light that leaves one
-    side not to come back on the other side inside the frame: where the margin holds half a window, it is
-    no larger than the padded frame.
+    rows, columns: of the frame with its margin.
+    margin: pixels on each side.
+    window: width of the PSFs in pixels, centred on pixel window // 2. The transform is as large as it must be
+        for light that leaves one side not to come back on the other side inside the frame: where the margin
+        holds half a window, it is no larger than the padded frame.
     """
 
     rows: int
@@ -48,9 +49,12 @@ def spectrum(image: Tensor, grid: Grid) -> Tensor:
 def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Tensor, grid: Grid) -> Tensor:
     """Convolve images with PSFs and add them, weighted, to the channels' spectra.
 
-    total: complex [channel, ky, kx] or None for a first sum; light: [n, y, x] of the padded frame, or one for
-    all, and psf: [n, v, u], or the spectra of either, n convolutions in all; weights: [channel, n]. Returns
-    the new total; channel c gains sum_n weights[c, n] light[n] * psf[n].
+    total: complex [channel, ky, kx] or None for a first sum.
+    light: [n, y, x] of the padded frame, or one for all.
+    psf: [n, v, u], or the spectra of either, n convolutions in all.
+    weights: [channel, n].
+
+    Returns the new total; channel c gains sum_n weights[c, n] light[n] * psf[n].
     """
     through, image = (each if each.is_complex() else spectrum(each, grid) for each in (psf, light))
     gained = mixed(weights, image * through)

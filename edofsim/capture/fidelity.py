@@ -56,8 +56,10 @@ def _knob(default: T, effect: str, unit: str, meaning: str) -> T:
 
 @dataclass(frozen=True)
 class Simplification:
-    """Something of a camera that is left out, for effects that other packages add. apply: the camera without
-    it; a function of a module, distinguished from others by its name."""
+    """Something of a camera that is left out, for effects that other packages add.
+
+    apply: the camera without it; a function of a module, distinguished from others by its name.
+    """
 
     name: str
     apply: Callable[[Camera], Camera] = field(repr=False, compare=False)
@@ -216,7 +218,10 @@ def describe() -> tuple[Knob, ...]:
 
 
 def full_fidelity(camera: Camera, view: View, edges: int | None = None) -> Fidelity:
-    """Everything that a camera and a view have. edges: its `edge_pixels`, where they are known."""
+    """Everything that a camera and a view have.
+
+    edges: its `edge_pixels`, where they are known.
+    """
     edges = edge_pixels(view, 1 / blur_per_dioptre(camera)) if edges is None else edges
     occlusion = "hidden" if edges else "none"
     across = resolved_sub_apertures(camera, view) if occlusion == "hidden" else 1
@@ -245,9 +250,12 @@ def of_sub_apertures(fidelity: Fidelity, camera: Camera, span: float) -> Fidelit
     """How that which sub-apertures change in a photo is simulated: in one group of bands a channel and few
     layers, whatever the photo itself has. It is a small part of the photo, and costs a composite each. In
     coarse pixels it has fewer layers and wavelengths, too, but for a mask that is wrapped as it is made: its
-    blur is another one a few nanometres on. Their pupil may be sampled as coarsely as may be,
-    where recipe and fidelity leave it free: a fine one is for the light that a height map scatters far, next
-    to nothing of the change. span: of all inverse depths, 1/m."""
+    blur is another one a few nanometres on. Their pupil may be sampled as coarsely as may be, where recipe
+    and fidelity leave it free: a fine one is for the light that a height map scatters far, next to nothing of
+    the change.
+
+    span: of all inverse depths, 1/m.
+    """
     coarse = fidelity.sub_aperture_pixel > 1
     least = COARSE_LAYERS if coarse else SUB_APERTURE_LAYERS
     steps = math.ceil(span * blur_per_dioptre(camera) / SUB_APERTURE_STEP_PX)

@@ -41,8 +41,10 @@ def write_fidelity(path: Path, fidelity: Fidelity) -> Path:
 
 def read_fidelity(path: Path, kind: type[F], keys: Sequence[str] = WHERE) -> F:
     """The fidelity that a file holds: JSON that `run`, `expose`, `plan` or `Fidelity.save` wrote, or TOML
-    with the fields of `Fidelity`, in a table [fidelity] or alone. Others have their defaults. kind:
-    `Fidelity`; keys: where it may stand in JSON, the first that is there counts.
+    with the fields of `Fidelity`, in a table [fidelity] or alone. Others have their defaults.
+
+    kind: `Fidelity`.
+    keys: where it may stand in JSON, the first that is there counts.
 
     Raises InputError, naming every field, for what is no fidelity.
     """
@@ -59,9 +61,13 @@ def read_fidelity(path: Path, kind: type[F], keys: Sequence[str] = WHERE) -> F:
 
 
 def fidelity_of_values(values: Mapping[str, object], where: str, kind: type[F]) -> F:
-    """A fidelity from values by field. where: what holds them, for messages; kind: `Fidelity`.
+    """A fidelity from values by field.
 
-    Raises InputError."""
+    where: what holds them, for messages.
+    kind: `Fidelity`.
+
+    Raises InputError.
+    """
     given = _of_today(dict(values), where)
     if given.pop("simplifications", None):
         raise InputError(

@@ -18,8 +18,10 @@ def framed(recipe: SceneRecipe, camera: Camera, resample: bool = False) -> Scene
     sees what one of the camera's does. It is seen along the chief rays of a lens that distorts.
 
     resample: a scene whose recipe gives another angle is left as it is, for its view will be resampled (see
-    `seen_through`). Raises InputError for such a scene otherwise, as its view could not be photographed, and
-    for one whose frame would have too many pixels.
+        `seen_through`).
+
+    Raises InputError for such a scene otherwise, as its view could not be photographed, and for one whose
+    frame would have too many pixels.
     """
     if recipe.follows_camera:
         return recipe.seen_at(camera.pixel_angle, chief_rays_of(recipe, camera))

@@ -108,8 +108,11 @@ def _said(view: View, hidden: str, count: int = 0) -> View:
 
 @dataclass(frozen=True)
 class Edges:
-    """Pairs of fragments on the two sides of depth edges, int64 [pair]; at: the pixel behind of each; width:
-    [pixel of the padded frame], how far what is behind goes on from it, in pixels."""
+    """Pairs of fragments on the two sides of depth edges, int64 [pair].
+
+    at: the pixel behind of each.
+    width: [pixel of the padded frame], how far what is behind goes on from it, in pixels.
+    """
 
     front: Tensor
     behind: Tensor
@@ -241,8 +244,10 @@ def _between(depth: Tensor, known: Tensor) -> Tensor:
 
 
 def push_pull(light: Tensor, weight: Tensor) -> Tensor:
-    """Light where it is not known, from averages about it, the farther the coarser: [k, y, x]. light: [k, y,
-    x], of as much as `weight` [y, x] from 0 to 1 says is known; where that is 1, it stays."""
+    """Light where it is not known, from averages about it, the farther the coarser: [k, y, x].
+
+    light: [k, y, x], of as much as `weight` [y, x] from 0 to 1 says is known; where that is 1, it stays.
+    """
     rows, columns = weight.shape
     if max(rows, columns) == 1:
         return light / weight.clamp_min(torch.finfo(light.dtype).tiny)

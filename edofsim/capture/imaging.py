@@ -37,9 +37,12 @@ from .prepare import blur_per_dioptre
 @dataclass(frozen=True)
 class Axes:
     """What images of one view, or of several, share: response [channel, band] and wavelengths [band] of the
-    bands, in metres; spectrum [band], their light, that groups of bands are weighted by; ends: least and
-    largest inverse depth in 1/m; nodes: [node] ascending inverse depths at which PSFs are computed; between:
-    how light between them is blurred, None: the two next to it share it."""
+    bands, in metres; spectrum [band], their light, that groups of bands are weighted by.
+
+    ends: least and largest inverse depth in 1/m.
+    nodes: [node] ascending inverse depths at which PSFs are computed.
+    between: how light between them is blurred, None: the two next to it share it.
+    """
 
     response: Tensor
     wavelengths: Tensor
@@ -53,10 +56,13 @@ class Axes:
 class Imaging:
     """The optics of a fidelity, with their PSFs at hand.
 
-    window: side of the PSFs in pixels; widest: of the recipe's; reach: pixels around the frame that light
-    comes from; gathering: bands to groups; blurring: with the groups' PSFs; sub_aperture_gain: share of the
-    variance of places in the pupil that the sub-apertures hold (`between_part_variance`). `image` and `light`
-    may be called for any view of the axes.
+    window: side of the PSFs in pixels.
+    widest: of the recipe's.
+    reach: pixels around the frame that light comes from.
+    gathering: bands to groups.
+    blurring: with the groups' PSFs.
+    sub_aperture_gain: share of the variance of places in the pupil that the sub-apertures hold
+        (`between_part_variance`). `image` and `light` may be called for any view of the axes.
     """
 
     fidelity: Fidelity
@@ -88,7 +94,9 @@ class Imaging:
 
     def image(self, light: View, layout: Layout | None = None) -> Tensor:
         """Unexposed image of what `light` gives, [channel, y, x] of the frame, without the veiling glare.
-        layout: of the view; None to choose it by what `light` shows."""
+
+        layout: of the view; None to choose it by what `light` shows.
+        """
         way = OCCLUSIONS[self.fidelity.occlusion]
         return light.crop_margin(way(light, self.blurring, *([] if layout is None else [layout])))
 
@@ -101,7 +109,10 @@ class Imaging:
 
 
 def layout_within(view: View, gap: float, window: int) -> Layout:
-    """How a view is composited by PSFs that are at most `window` pixels wide. gap: see `layout_of`."""
+    """How a view is composited by PSFs that are at most `window` pixels wide.
+
+    gap: see `layout_of`.
+    """
     reach = window // 2
     return layout_of(with_margin(with_part_of_margin(view, reach), reach), gap, reach)
 
@@ -116,7 +127,10 @@ def imaging_of(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Imaging:
-    """The optics of a camera for views of these axes. field_step, cache: see `psf_field`."""
+    """The optics of a camera for views of these axes.
+
+    field_step, cache: see `psf_field`.
+    """
     window = fidelity.window_px or camera.recipe.psf.window_px
     gathering = gathering_of(camera, fidelity, axes)
     psfs = psf_field(

@@ -18,8 +18,10 @@ CROP_BELOW = 0.8
 class Light:
     """Fragments, sorted by depth cell. Cell k lies between the depth nodes k and k + 1.
 
-    rows, columns: of the padded frame; pixel: int64 [fragment], row by row in it; share: [fragment] in
-    [0, 1], hat weight of the cell's upper node (the lower one has the rest); radiance: [band, fragment];
+    rows, columns: of the padded frame.
+    pixel: int64 [fragment], row by row in it.
+    share: [fragment] in [0, 1], hat weight of the cell's upper node (the lower one has the rest).
+    radiance: [band, fragment].
     starts: cell k is fragments starts[k] to starts[k + 1].
     """
 
@@ -65,7 +67,9 @@ class Light:
 class SmoothLight:
     """Fragments whose light every depth node has a share in, which may be negative.
 
-    rows, columns: of the padded frame; pixel: int64 [fragment], row by row in it; shares: [node, fragment];
+    rows, columns: of the padded frame.
+    pixel: int64 [fragment], row by row in it.
+    shares: [node, fragment].
     radiance: [band, fragment].
     """
 
@@ -130,7 +134,8 @@ def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None =
     """Some of a view's fragments, between depth nodes.
 
     nodes: [node] inverse depths in 1/m, ascending; depths beyond them take the end node.
-    which: int64 [n], the fragments that shine; radiance: [band, n], theirs (default: the view's).
+    which: int64 [n], the fragments that shine.
+    radiance: [band, n], theirs (default: the view's).
     """
     rows, columns = view.padded_shape
     if nodes.numel() == 1:  # nothing lies between nodes: no order is needed

@@ -28,9 +28,11 @@ LAYERS = 8
 
 @dataclass(frozen=True)
 class PhotoNoise:
-    """Whether the ideal image of a photo has noise of its own, and whether scores are without it. ideal,
-    image: half of what the halves of the samples differ by, [channel, y, x] each, in the ideal image, and in
-    the photo as far as the optics let it through; None where that is not known, or nothing."""
+    """Whether the ideal image of a photo has noise of its own, and whether scores are without it.
+
+    ideal, image: half of what the halves of the samples differ by, [channel, y, x] each, in the ideal image,
+        and in the photo as far as the optics let it through; None where that is not known, or nothing.
+    """
 
     state: NoiseState = "none"
     ideal: Tensor | None = None

@@ -19,13 +19,18 @@ if TYPE_CHECKING:
 class Photo:
     """A sensor image and what it is judged by. All images are linear, [channel, y, x], full scale 1.
 
-    image: with noise; clean: without; ideal: all in focus, same response and exposure;
-    exposure: factor from radiance to full scale; truncated: fraction of the light that left the PSF windows
-    and came back as veiling glare (see `photograph.glare_of`), per channel [channel]; how: the choices that
-    were made (method, layers, occlusion, ...); seconds: time of each stage; inverse_depth: [y, x] in 1/m, the
-    mean of what each pixel sees, 0 is infinity; None where it is not known; colours: [3, 3], matrix from the
-    sensor's colours to linear sRGB under the scene's light, for pictures alone (`render.colour_matrix`); None
-    where bands hold no colours, and pictures show the channels as they are.
+    image: with noise.
+    clean: without.
+    ideal: all in focus, same response and exposure.
+    exposure: factor from radiance to full scale.
+    truncated: fraction of the light that left the PSF windows and came back as veiling glare (see
+        `photograph.glare_of`), per channel [channel].
+    how: the choices that were made (method, layers, occlusion, ...).
+    seconds: time of each stage.
+    inverse_depth: [y, x] in 1/m, the mean of what each pixel sees, 0 is infinity; None where it is not known.
+    colours: [3, 3], matrix from the sensor's colours to linear sRGB under the scene's light, for pictures
+        alone (`render.colour_matrix`); None where bands hold no colours, and pictures show the channels as
+        they are.
     """
 
     image: Tensor

@@ -65,13 +65,18 @@ def capture(
     """Photograph views, simulating what `fidelity` says and nothing else.
 
     views: one, or several of one size and the same bands; the photo then has a batch axis in front, one
-    exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ... fidelity: None leaves
-    nothing out that recipe and view hold (see `Fidelity`). exposure: factor from radiance to full scale, None
-    for the camera's, which may be automatic (see `automatic_exposure`). seed: of the sensor's noise.
-    nodes: [node] ascending inverse depths in 1/m, and spectrum: [band], the light that groups of bands are
-    weighted by, in place of the views' own: for a part of a view. layout: how a single view is composited,
-    where that is known (`imaging.layout_within`). dtype: float32 or float64. cache: a folder for PSFs that
-    outlive the process. clock: what the stages are timed by.
+        exposure and one set of depth nodes for all, and the seeds seed, seed + 1, ...
+    fidelity: None leaves nothing out that recipe and view hold (see `Fidelity`).
+    exposure: factor from radiance to full scale, None for the camera's, which may be automatic (see
+        `automatic_exposure`).
+    seed: of the sensor's noise.
+    nodes: [node] ascending inverse depths in 1/m.
+    spectrum: [band], the light that groups of bands are weighted by, in place of the views' own: for a part
+        of a view.
+    layout: how a single view is composited, where that is known (`imaging.layout_within`).
+    dtype: float32 or float64.
+    cache: a folder for PSFs that outlive the process.
+    clock: what the stages are timed by.
 
     Gradients reach the views' radiance and the camera's height map. The ideal image and the exposure always
     have all bands. A mask that absorbs light makes the exposure longer, not the photo darker: by
@@ -220,7 +225,11 @@ def axes_of(
     nodes: Tensor | None = None,
     spectrum: Tensor | None = None,
 ) -> Axes:
-    """Of a photo of views; weights: the response [channel, band]; nodes, spectrum: as in `capture`."""
+    """Of a photo of views.
+
+    weights: the response [channel, band].
+    nodes, spectrum: as in `capture`.
+    """
     spectrums = [spectrum_of(view) for view in views] if spectrum is None else [spectrum]
     at, between = depths_of(views, camera, fidelity) if nodes is None else (nodes, None)
     light = torch.stack(spectrums).sum(0)
@@ -264,7 +273,8 @@ def depths_of(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> tupl
 def ideal_image(view: View, camera: Camera | None = None, exposure: float | None = None) -> Tensor:
     """The pinhole image under a camera's response, exposed: [channel, y, x] of the padded frame.
 
-    camera: None for the paper's; exposure: factor, None for automatic.
+    camera: None for the paper's.
+    exposure: factor, None for automatic.
     """
     camera = camera or Camera.from_recipe(CameraRecipe(name="paper"))
     image = all_in_focus(view, response(camera, view.wavelengths).to(view.radiance))

@@ -16,13 +16,16 @@ def surroundings(window: int) -> tuple[int, int]:
 def capture_planes(sharp: Tensor, psf: Tensor, mean: Tensor | None = None) -> Tensor:
     """The noise-free photo of planes, each at its own depth.
 
-    sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`; psf: [batch, band, w, w],
-    the fraction of light that lands in each pixel. Returns [batch, band, y, x]: only pixels whose light is
-    all known, so that nothing wraps or is missing (Eq. `Forwardmodel`).
+    sharp: [batch, band, y + w - 1, x + w - 1], the patch with its `surroundings`.
+    psf: [batch, band, w, w], the fraction of light that lands in each pixel.
+
+    Returns [batch, band, y, x]: only pixels whose light is all known, so that nothing wraps or is missing
+    (Eq. `Forwardmodel`).
 
     Light that leaves the PSFs' window is not gone. What height errors scatter spreads over a thousand pixels
-    and more, nearly evenly: it comes back as veiling glare, the mean of the picture over all of it. mean:
-    [batch, band], of the picture that a patch is from; None for the mean of `sharp`.
+    and more, nearly evenly: it comes back as veiling glare, the mean of the picture over all of it.
+
+    mean: [batch, band], of the picture that a patch is from; None for the mean of `sharp`.
     """
     rows, columns = sharp.shape[-2:]
     window = psf.shape[-1]

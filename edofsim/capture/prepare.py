@@ -48,9 +48,11 @@ def depth_nodes(
 ) -> Tensor:
     """Depth nodes for fragments: [node], ascending, equally spaced in inverse depth over what they span.
 
-    inverse_depth: [fragment] in 1/m; layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a
-    higher tolerance; defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m.
-    A scene with no more depths than layers gets exactly its depths: nothing is interpolated then.
+    inverse_depth: [fragment] in 1/m.
+    layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a higher tolerance.
+    defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m. A scene with no
+        more depths than layers gets exactly its depths: nothing is interpolated then.
+
     Raises InputError for fewer than one layer.
     """
     if layers != "auto" and (not isinstance(layers, int) or layers < 1):

@@ -20,7 +20,9 @@ REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 @dataclass(frozen=True)
 class Picture:
     """linear: float64 [y, x, 3], linear light of sRGB's primaries, 1 is white; row 0 the top. Files of floats
-    may hold values below 0. assumed: what the file was taken for, a phrase each."""
+        may hold values below 0.
+    assumed: what the file was taken for, a phrase each.
+    """
 
     linear: np.ndarray
     assumed: tuple[str, ...]
@@ -40,8 +42,9 @@ def read_colours(path: Path, what: str, layer: str | None = None) -> Picture:
     OpenEXR, Radiance, PFM and TIFF of floats are linear; the others are sRGB unless they say otherwise. They
     are turned upright, brought from their own colour space to sRGB, and what is transparent lies on white.
 
-    layer: of an OpenEXR file, see `exr_colours`. Raises InputError for what is missing, too large, damaged,
-    no picture, or not finite.
+    layer: of an OpenEXR file, see `exr_colours`.
+
+    Raises InputError for what is missing, too large, damaged, no picture, or not finite.
     """
     suffix = path.suffix.lower()
     if layer is not None and suffix != ".exr":
@@ -70,9 +73,13 @@ def colours_of(
 ) -> Picture:
     """An array [y, x] or [y, x, 1 to 4], the last of 2 or 4 channels opacity, as a picture.
 
-    Whole numbers count to their type's largest. gamma: exponent of the transfer curve in place of sRGB's;
-    linear: whether there is none. Raises InputError for another shape, for floats beyond [0, 1] that have a
-    transfer curve, and for values that are not finite.
+    Whole numbers count to their type's largest.
+
+    gamma: exponent of the transfer curve in place of sRGB's.
+    linear: whether there is none.
+
+    Raises InputError for another shape, for floats beyond [0, 1] that have a transfer curve, and for values
+    that are not finite.
     """
     values = np.asarray(values)
     if values.dtype.kind not in "buif":

@@ -53,8 +53,9 @@ class Decoded:
     """Numbers of a file, upright, and what was done to get them.
 
     values: [y, x] or [y, x, channel], of the file's own type; the last of 2 or 4 channels is opacity.
-    gamma: exponent of the transfer curve where the file states another than that of sRGB. said: a phrase
-    for each thing that the file says and that was obeyed, or could not be."""
+    gamma: exponent of the transfer curve where the file states another than that of sRGB.
+    said: a phrase for each thing that the file says and that was obeyed, or could not be.
+    """
 
     values: np.ndarray
     gamma: float | None = None
@@ -70,7 +71,9 @@ def decoded(path: Path, what: str, *, measured: bool = False) -> Decoded:
     """A picture file as an array, upright.
 
     measured: the numbers are no colours: colour profiles are left alone, and values that are not finite are
-    legal. Raises InputError for what is missing, too large, damaged, animated or no picture.
+        legal.
+
+    Raises InputError for what is missing, too large, damaged, animated or no picture.
     """
     existing(path, what)
     with warnings.catch_warnings():

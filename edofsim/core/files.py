@@ -30,7 +30,9 @@ def whole(path: Path, *, advice: str = "choose another place") -> Generator[Path
     nothing is left behind. Missing folders are made. The temporary name ends in `.tmp`.
 
     Raises DiskFullError for a full disk, InputError for a place that cannot be written, and EdofsimError for
-    a disk that fails. advice: what to do then, the end of the sentence.
+    a disk that fails.
+
+    advice: what to do then, the end of the sentence.
     """
     final = Path(os.path.realpath(path))  # a link goes on pointing to its file
     temporary = final.with_name(f".{final.name[:200]}.{secrets.token_hex(4)}.tmp")

@@ -20,8 +20,9 @@ Metres = TypeVar("Metres", "Tensor", NDArray[np.float64], float)
 class Glass:
     """A dispersion formula with its source and the wavelengths it was fitted to.
 
-    sellmeier: pairs (B, C) of n^2 = 1 + sum B l^2 / (l^2 - C); cauchy: (a, b, c) of n = a + b / l^2 + c /
-    l^4; l is the wavelength in micrometres, C in its square. shortest, longest: metres.
+    sellmeier: pairs (B, C) of n^2 = 1 + sum B l^2 / (l^2 - C).
+    cauchy: (a, b, c) of n = a + b / l^2 + c / l^4; l is the wavelength in micrometres, C in its square.
+    shortest, longest: metres.
     """
 
     name: str

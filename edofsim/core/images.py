@@ -45,7 +45,7 @@ def developed(image: Tensor, colours: Tensor | None) -> Tensor:
     """A sensor's linear image [..., 3, y, x] in linear sRGB of the same shape; as it is without `colours`.
 
     colours: [3, 3], matrix to linear sRGB, white balance included (`Photo.colours`). What exceeds full scale
-    is clipped first, so that highlights stay white; images of one channel have no colours.
+        is clipped first, so that highlights stay white; images of one channel have no colours.
     """
     if colours is None or image.shape[-3] != 3:
         return image
@@ -188,9 +188,10 @@ def _read_exr(
 def exr_colours(path: Path, what: str, layer: str | None = None) -> tuple[np.ndarray, str]:
     """Linear colours of an OpenEXR file, float32 [y, x, 3], and the channels that they are.
 
-    layer: what stands before `.R`; None for the channels R, G, B, else the only layer that has such, else
-    the one called Combined, beauty or rgba, else Y as grey. A depth is never taken for colours. Raises
-    InputError, which lists the channels.
+    layer: what stands before `.R`; None for the channels R, G, B, else the only layer that has such, else the
+        one called Combined, beauty or rgba, else Y as grey. A depth is never taken for colours.
+
+    Raises InputError, which lists the channels.
     """
     channels = read_exr(path, what)
     layers: dict[str, dict[str, str]] = {}

@@ -34,7 +34,9 @@ def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarra
     """The array of a file, by its suffix: NPY, NPZ, MAT, HDF5, EXR, PFM, DPT, CSV and text, TIFF, PNG and
     other pictures; or `skimage:NAME`.
 
-    key: array of an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR. Raises InputError.
+    key: array of an NPZ, MAT or HDF5 (dots go into its structures), or channel of an EXR.
+
+    Raises InputError.
     """
     if name.startswith(SKIMAGE):
         return packaged(name.removeprefix(SKIMAGE), what)

@@ -27,6 +27,7 @@ def srgb_pixels(image: Tensor, colours: Tensor | None = None) -> np.ndarray:
     """A linear image [3 or 1, y, x] as uint8 [y, x, 3]; full scale 1 is white, NaN is black.
 
     colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
+
     Raises InputError for another shape.
     """
     if image.ndim != 3 or image.shape[0] not in (1, 3):
@@ -50,7 +51,8 @@ def show(image: Tensor, title: str = "", axes: Axes | None = None, colours: Tens
     axes: to draw in; None for new ones.
     colours: matrix [3, 3] from the sensor's colours to linear sRGB; None leaves them as they are.
 
-    Returns the axes. Raises InputError for another shape."""
+    Returns the axes. Raises InputError for another shape.
+    """
     from matplotlib import pyplot
 
     pixels = srgb_pixels(image, colours)
@@ -63,7 +65,10 @@ def show(image: Tensor, title: str = "", axes: Axes | None = None, colours: Tens
 
 
 def picture_html(image: Tensor, caption: str, colours: Tensor | None = None) -> str:
-    """A linear image with a line below it; colours: see `srgb_pixels`."""
+    """A linear image with a line below it.
+
+    colours: see `srgb_pixels`.
+    """
     data = base64.b64encode(picture_png(image, colours)).decode("ascii")
     width = min(max(SHOWN_PX[0], image.shape[-1]), SHOWN_PX[1])
     return (

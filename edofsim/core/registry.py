@@ -39,9 +39,11 @@ def _names(thing: object) -> tuple[str, ...]:
 class Registry(Mapping[str, T], Generic[T]):
     """Things of one kind by name, in the order they were added; imported when they are first asked for.
 
-    group: of the entry points that other packages add, such as `edofsim.masks`; kind: what one of them is
-    called in messages; own: this package's, name to `module:attribute`; base: where the class is that each of
-    them derives from, or is an instance of, likewise. A name of this package cannot be taken by another one.
+    group: of the entry points that other packages add, such as `edofsim.masks`.
+    kind: what one of them is called in messages.
+    own: this package's, name to `module:attribute`.
+    base: where the class is that each of them derives from, or is an instance of, likewise. A name of this
+        package cannot be taken by another one.
 
     Modules that the environment variable EDOFSIM_PLUGINS names, with commas between them, are looked through
     for such classes too, in the working directory first: to try one without installing it.

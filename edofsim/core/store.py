@@ -48,10 +48,13 @@ def keep(path: Path, write: Callable[[Path], object]) -> None:
 
 
 class Store(Generic[V]):
-    """Values by key. name: of a key's file, such as `bank-{}.safetensors`; read, write: a value and a path.
+    """Values by key.
+
+    name: of a key's file, such as `bank-{}.safetensors`.
+    read, write: a value and a path.
 
     size: bytes of a value; those used longest ago leave the memory where all together exceed `memory_bytes`,
-    and with 0 nothing stays there.
+        and with 0 nothing stays there.
     most_files: those used longest ago leave the folder where there are more.
     """
 

@@ -37,8 +37,11 @@ Planes: TypeAlias = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Folder:
-    """A data set's folder. blocks: which pairs are kept together, by the block's name; keep_views: whether
-    rendered views belong to it."""
+    """A data set's folder.
+
+    blocks: which pairs are kept together, by the block's name.
+    keep_views: whether rendered views belong to it.
+    """
 
     path: Path
     blocks: Mapping[str, Sequence[str]]
@@ -66,7 +69,10 @@ class Folder:
         return self.sample(key).is_file() or self.index(self._block_of[key]).is_file()
 
     def write(self, key: str, planes: Planes, meta: Json, kind: type[np.floating]) -> None:
-        """A pair: images [channel, y, x] and planes [y, x] by name. kind: of the images' numbers."""
+        """A pair: images [channel, y, x] and planes [y, x] by name.
+
+        kind: of the images' numbers.
+        """
         channels: Planes = {}
         for name, values in planes.items():
             if values.ndim == 3:

@@ -37,9 +37,16 @@ MOST_PSFS = 17
 
 @dataclass(frozen=True)
 class DataForecast:
-    """What making data will take. pairs: in all; there: of these; core_seconds: of one core; seconds: with
-    `jobs` processes on this machine; bytes: of the finished data; working: of what is on the disk meanwhile
-    besides; free: on the disk."""
+    """What making data will take.
+
+    pairs: in all.
+    there: of these.
+    core_seconds: of one core.
+    seconds: with `jobs` processes on this machine.
+    bytes: of the finished data.
+    working: of what is on the disk meanwhile besides.
+    free: on the disk.
+    """
 
     pairs: int
     there: int

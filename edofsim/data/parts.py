@@ -27,7 +27,11 @@ ROOMS = ("core", "recipe", "scene", "render", "optics", "capture", "plan", "data
 
 @dataclass(frozen=True)
 class Part:
-    """A member of a scene. family: the scene's name; number: among all parts of the recipe."""
+    """A member of a scene.
+
+    family: the scene's name.
+    number: among all parts of the recipe.
+    """
 
     scene: Loaded[SceneRecipe]
     family: str

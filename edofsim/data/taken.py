@@ -81,7 +81,10 @@ def take_part(
 
 
 def expose(view: View, camera: Camera, recipe: DatasetRecipe, key: str, device: str = "cpu") -> Exposed:
-    """The photo of a view as a recipe asks for. key: what its exposure and read noise are drawn by."""
+    """The photo of a view as a recipe asks for.
+
+    key: what its exposure and read noise are drawn by.
+    """
     photos = recipe.photos
     rng = drawn_for(recipe, key)
     low, high = photos.exposure

@@ -179,7 +179,10 @@ def figures(measured: Measured) -> dict[str, float]:
 
 
 def page(measured: Measured, seen: Seen, system: System, parts: Mapping[str, Tensor]) -> Page:
-    """The bench through one network's mask. parts: pixels of each object, bool [y, x]."""
+    """The bench through one network's mask.
+
+    parts: pixels of each object, bool [y, x].
+    """
     crops = object_crops(seen, parts)
     whole = scene_page(measured, seen, system, crops=crops)
     said = Text(_reading(measured, system.name))

@@ -64,10 +64,14 @@ SHOWN_PX = 300
 
 @dataclass(frozen=True)
 class CubeScore:
-    """One cube by one system at one distance. photo_db, restored_db: whole, then red, green, blue; three_db:
-    of the same picture in the three wavelengths of the training; filter_db: of the photo restored by a Wiener
-    filter that knows the distance and the mask as it was made, which is what a linear restoration could do;
-    band_errors: root mean square of what the optics do to each band, over that of the band."""
+    """One cube by one system at one distance.
+
+    photo_db, restored_db: whole, then red, green, blue.
+    three_db: of the same picture in the three wavelengths of the training.
+    filter_db: of the photo restored by a Wiener filter that knows the distance and the mask as it was made,
+        which is what a linear restoration could do.
+    band_errors: root mean square of what the optics do to each band, over that of the band.
+    """
 
     system: str
     cube: str
@@ -82,8 +86,8 @@ class CubeScore:
 
 @dataclass(frozen=True)
 class Result:
-    """left_out: share of each colour's response in bands that a cube does not have, by cube; bands_nm by
-    cube."""
+    """Rows of all cubes. By cube: `bands_nm`, and `left_out`, the share of each colour's response in bands
+    that the cube does not have."""
 
     rows: tuple[CubeScore, ...]
     optics: dict[str, Chromatic]
@@ -196,7 +200,10 @@ def measure(
     progress: Progress,
     camera: str | None = None,
 ) -> Result:
-    """Every cube by every system. Finished ones are kept in the folder. camera: of systems that name none."""
+    """Every cube by every system. Finished ones are kept in the folder.
+
+    camera: of systems that name none.
+    """
     names = list(systems or (*shipped_checkpoints(), *WITHOUT_TRAINING))
     kept = Kept(folder / "finished.jsonl")
     rows: list[CubeScore] = []
@@ -248,7 +255,10 @@ def judge(
     seed: int,
     progress: Progress,
 ) -> list[CubeScore]:
-    """A row for each of `DEPTHS_M`. of_three: the same system for photos in three wavelengths."""
+    """A row for each of `DEPTHS_M`.
+
+    of_three: the same system for photos in three wavelengths.
+    """
     fabrication = paper_test(seed)
     keys = [
         key_of(

@@ -72,7 +72,10 @@ def table(
     every: Mapping[str, str],
     errors: Errors,
 ) -> Table:
-    """A row for each camera and condition. every: cameras in words, by their names."""
+    """A row for each camera and condition.
+
+    every: cameras in words, by their names.
+    """
     known = [values for conditions in scores.values() for values in conditions.values()]
     more = dict.fromkeys(what for values in known for what in values if what not in WHAT)
     shown = {what: said for what, said in WHAT.items() if any(what in values for values in known)}

@@ -64,9 +64,14 @@ REFOCUSED_M = 0.8
 
 @dataclass(frozen=True)
 class TestedCamera:
-    """A camera with its mask as designed; said: in words; nearest_per_m: inverse depth up to which its
-    pictures stand; scenes: that it photographs; own: what restores its photos alone, such as the network that
-    was trained for it, None where there is none."""
+    """A camera with its mask as designed.
+
+    said: in words.
+    nearest_per_m: inverse depth up to which its pictures stand.
+    scenes: that it photographs.
+    own: what restores its photos alone, such as the network that was trained for it, None where there is
+        none.
+    """
 
     name: str
     said: str
@@ -106,9 +111,12 @@ def tested_cameras() -> list[TestedCamera]:
 
 def asked_for(sources: Sequence[str], failures: Failures | None = None) -> list[TestedCamera]:
     """Cameras by their recipes or shipped names. A lens whose blur of half a metre takes more samples of its
-    pupil than are allowed stands for itself from a metre on, as that of 50 mm does. failures: takes those
-    that cannot be read, or are too large for that as well. Raises InputError for them otherwise, and for two
-    of one name."""
+    pupil than are allowed stands for itself from a metre on, as that of 50 mm does.
+
+    failures: takes those that cannot be read, or are too large for that as well.
+
+    Raises InputError for them otherwise, and for two of one name.
+    """
     failed = Failures() if failures is None else failures
     found: list[TestedCamera] = []
     for source in sources:
@@ -242,7 +250,10 @@ def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:
 
 @dataclass(frozen=True)
 class Judge:
-    """Scores of a camera by everything that restores its photos; by: Wiener deconvolution first."""
+    """Scores of a camera by everything that restores its photos.
+
+    by: Wiener deconvolution first.
+    """
 
     tested: TestedCamera
     by: Mapping[str, Restoration]

@@ -21,15 +21,20 @@ BANDS_M = torch.arange(420, 721, 10, dtype=torch.float64) * 1e-9
 class Chromatic:
     """Of a camera with its mask as designed, at the depths of `DEPTHS_M`.
 
-    wavelengths: [band] metres. difference: [depth, band], relative L2 distance of each PSF from that of the
-    nearest of the three colours of the training, ||h - h0|| / ||h0||. transfer, lens_transfer: [inverse
-    depth, band], root mean square of the modulation transfer over the sensor's frequencies (by Parseval the
-    root of the sum of squares of the PSF), with the mask and without; inverse_depths: [inverse depth] 1/m.
-    focus: [band], inverse distance in 1/m that is sharp for the lens. centroid_um: [depth, band, 2], x to the
-    right and y down on the sensor, from the axis. asymmetry: [depth, band, 2], half of sum |h - mirrored h|,
-    mirrored left-right and top to bottom: 0 for a symmetric PSF, at most 1. linear_db: [depth, 2], PSNR of
-    photographs restored by the best linear filter that knows the distance, in closed form
-    (`restore.linear.colour_error`), for colours of one wavelength and of all bands, evenly lit.
+    wavelengths: [band] metres.
+    difference: [depth, band], relative L2 distance of each PSF from that of the nearest of the three colours
+        of the training, ||h - h0|| / ||h0||.
+    transfer, lens_transfer: [inverse depth, band], root mean square of the modulation transfer over the
+        sensor's frequencies (by Parseval the root of the sum of squares of the PSF), with the mask and
+        without.
+    inverse_depths: [inverse depth] 1/m.
+    focus: [band], inverse distance in 1/m that is sharp for the lens.
+    centroid_um: [depth, band, 2], x to the right and y down on the sensor, from the axis.
+    asymmetry: [depth, band, 2], half of sum |h - mirrored h|, mirrored left-right and top to bottom: 0 for a
+        symmetric PSF, at most 1.
+    linear_db: [depth, 2], PSNR of photographs restored by the best linear filter that knows the distance, in
+        closed form (`restore.linear.colour_error`), for colours of one wavelength and of all bands, evenly
+        lit.
     """
 
     wavelengths: Tensor

@@ -44,10 +44,14 @@ err the same, and take hours."""
 
 @dataclass(frozen=True)
 class Case:
-    """One way to simulate the photo. kind: `target`, `chosen`, `without`, or `full`; asked_db: of targets;
-    predicted_db, predicted_seconds: by the plan; one_part: simulated without sub-apertures, and judged
-    against the full simulation without them; alone: how the photo through the lens alone is simulated, None
-    for `fidelity`."""
+    """One way to simulate the photo.
+
+    kind: `target`, `chosen`, `without`, or `full`.
+    asked_db: of targets.
+    predicted_db, predicted_seconds: by the plan.
+    one_part: simulated without sub-apertures, and judged against the full simulation without them.
+    alone: how the photo through the lens alone is simulated, None for `fidelity`.
+    """
 
     name: str
     kind: str
@@ -61,9 +65,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage; pace: of
-    the machine meanwhile, where it was asked for; shifts: of the scores of restored photos, where these were
-    judged."""
+    """What a case came to: PSNR against the full simulation and median seconds, in all and by stage.
+
+    pace: of the machine meanwhile, where it was asked for.
+    shifts: of the scores of restored photos, where these were judged.
+    """
 
     case: Case
     measured_db: float
@@ -78,8 +84,11 @@ def cases_of(
     planner: Planner, targets: tuple[int, ...] = TARGETS_DB, alone: Planner | None = None
 ) -> list[Case]:
     """The sweep of targets, the default choice, that for a restored image, each effect left out in turn, and
-    everything in full. alone: of the same view through the lens alone, whose photo has its own plan in each
-    case; None where none is compared with."""
+    everything in full.
+
+    alone: of the same view through the lens alone, whose photo has its own plan in each case; None where none
+        is compared with.
+    """
 
     def planned(by: Planner, target: Target, whole: tuple[str, ...] = ()) -> Plan:
         """whole: effects of which nothing may be left out."""
@@ -146,9 +155,10 @@ def measure(
 ) -> list[Measured]:
     """Photograph the view in every case, `repeats` times in turns; the full one only once or twice.
 
-    folder: keeps what was measured, and is gone on from; clock: what the work is timed by;
-    pace: what tells how fast the machine is just then, asked before and after each case; judge: what restores
-    and scores the photos, None for no scores.
+    folder: keeps what was measured, and is gone on from.
+    clock: what the work is timed by.
+    pace: what tells how fast the machine is just then, asked before and after each case.
+    judge: what restores and scores the photos, None for no scores.
     """
     kept = Kept(folder / "measurements.jsonl")
     about = _about(view, camera, device, clock, judge)

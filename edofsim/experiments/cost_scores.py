@@ -28,8 +28,11 @@ GAIN = "gain over the lens alone"
 
 @dataclass(frozen=True)
 class Shift:
-    """Of a score against that of the full simulation, in dB. mean: over seeds of the noise, the same in both;
-    noise: standard deviation of the score itself from seed to seed."""
+    """Of a score against that of the full simulation, in dB.
+
+    mean: over seeds of the noise, the same in both.
+    noise: standard deviation of the score itself from seed to seed.
+    """
 
     mean: float
     noise: float
@@ -37,8 +40,11 @@ class Shift:
 
 @dataclass(frozen=True)
 class Judge:
-    """What photos are restored by, by name, the first one counting for the gain over the lens alone; seeds:
-    how often noise is drawn; alone: the camera without its mask, None where no gain is asked for."""
+    """What photos are restored by, by name, the first one counting for the gain over the lens alone.
+
+    seeds: how often noise is drawn.
+    alone: the camera without its mask, None where no gain is asked for.
+    """
 
     restorers: Mapping[str, Restore]
     seeds: int = 1
@@ -54,7 +60,9 @@ class Judge:
         alone: Fidelity | None = None,
     ) -> Scores:
         """Of a photo that was simulated by a fidelity, with as many draws of its noise as there are seeds.
-        alone: how the photo through the lens alone is simulated, None for the same."""
+
+        alone: how the photo through the lens alone is simulated, None for the same.
+        """
         effects = sensor_effects(camera, fidelity)
         truth = Truth(photo.ideal, photo_noise(view, camera, fidelity, photo, device))
         images = [record(photo.clean, effects, seed) for seed in range(self.seeds)]

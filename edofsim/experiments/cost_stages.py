@@ -48,9 +48,13 @@ FEWEST_SAMPLES = 4
 
 @dataclass(frozen=True)
 class Point:
-    """One way through a stage. stage: `render` or `restore`; value: noise of a pixel relative to the mean, or
-    PSNR against the all-in-focus image in dB; chosen: what `run` does by default; error: standard error of a
-    PSNR by the noise of the rendering."""
+    """One way through a stage.
+
+    stage: `render` or `restore`.
+    value: noise of a pixel relative to the mean, or PSNR against the all-in-focus image in dB.
+    chosen: what `run` does by default.
+    error: standard error of a PSNR by the noise of the rendering.
+    """
 
     stage: str
     name: str
@@ -113,7 +117,9 @@ def restore_points(
     """The photo restored by each shipped network that fits the camera, with its own mask, and by Wiener
     deconvolution with each of these masks.
 
-    The networks take turns; the median of the repeats counts. folder: keeps what was measured.
+    The networks take turns; the median of the repeats counts.
+
+    folder: keeps what was measured.
     """
     own = usual_network(camera)
     default = _place(own)

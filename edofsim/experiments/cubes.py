@@ -24,8 +24,11 @@ CAVE_BANDS, CAVE_START_NM, CAVE_STEP_NM = 31, 400.0, 10.0
 
 @dataclass(frozen=True)
 class Cube:
-    """radiance: float32 [band, y, x], linear, in any unit; wavelengths: float64 [band], metres; margin:
-    pixels of surroundings on each side, which are no part of the picture; sha256: of the radiance."""
+    """radiance: float32 [band, y, x], linear, in any unit.
+    wavelengths: float64 [band], metres.
+    margin: pixels of surroundings on each side, which are no part of the picture.
+    sha256: of the radiance.
+    """
 
     name: str
     radiance: Tensor
@@ -36,8 +39,13 @@ class Cube:
 
 @dataclass(frozen=True)
 class Reading:
-    """How cubes are read. key: array in a MAT file; start_nm, step_nm: bands of files that do not tell;
-    bands: (lowest, highest) in nm to use; crop: pixels to cut off at the left, top, right, bottom."""
+    """How cubes are read.
+
+    key: array in a MAT file.
+    start_nm, step_nm: bands of files that do not tell.
+    bands: (lowest, highest) in nm to use.
+    crop: pixels to cut off at the left, top, right, bottom.
+    """
 
     key: str | None = None
     start_nm: float | None = None

@@ -17,9 +17,13 @@ class Findings:
     """What an experiment found.
 
     figures: flat, a dotted name with its unit to a number; the command prints them, or `shown` in their
-    place. page: is written to the folder as NAME.html. outputs: files that the experiment wrote, by what they
-    are. problems: a sentence for each input that could not be used while the rest was finished; the command
-    then ends with status 2. inputs: for the JSON, beside or in place of the options; record: more for it.
+        place.
+    page: is written to the folder as NAME.html.
+    outputs: files that the experiment wrote, by what they are.
+    problems: a sentence for each input that could not be used while the rest was finished; the command then
+        ends with status 2.
+    inputs: for the JSON, beside or in place of the options.
+    record: more for it.
     """
 
     figures: Mapping[str, float]
@@ -33,8 +37,12 @@ class Findings:
 
 @dataclass(frozen=True)
 class Paper:
-    """What a run of all experiments of the paper is given. photos, chart, cubes: None for what ships or is
-    drawn; full: the paper's sizes instead of small ones; cache: of rendered views, None for the default."""
+    """What a run of all experiments of the paper is given.
+
+    photos, chart, cubes: None for what ships or is drawn.
+    full: the paper's sizes instead of small ones.
+    cache: of rendered views, None for the default.
+    """
 
     photos: Path | None = None
     chart: Path | None = None
@@ -58,7 +66,10 @@ class Paper:
 
 @dataclass(frozen=True)
 class InPaper(Generic[P]):
-    """An experiment that `edofsim evaluate paper` runs too. options: its own there."""
+    """An experiment that `edofsim evaluate paper` runs too.
+
+    options: its own there.
+    """
 
     run: Callable[P, Findings]
     options: Callable[[Paper], Mapping[str, object]]
@@ -70,8 +81,11 @@ class InPaper(Generic[P]):
 @dataclass(frozen=True)
 class InParts(Generic[P]):
     """An experiment whose work is in parts that can be done in any order and place, each of which keeps what
-    it found in the folder. option: of `run`, the list of their names; every: all names, where it is not
-    given."""
+    it found in the folder.
+
+    option: of `run`, the list of their names.
+    every: all names, where it is not given.
+    """
 
     run: Callable[P, Findings]
     option: str

@@ -73,7 +73,10 @@ class Asked:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves on one pair of axes. lines: (x, y, name, colour, number of dashes)."""
+    """Curves on one pair of axes.
+
+    lines: (x, y, name, colour, number of dashes).
+    """
 
     title: str
     across: str

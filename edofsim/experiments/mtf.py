@@ -158,7 +158,10 @@ def _parabolic(mask: Mask) -> Camera:
 
 
 def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: Sequence[Plot]) -> Page:
-    """Transfer functions of the classic masks and of a camera's own; plots: of both."""
+    """Transfer functions of the classic masks and of a camera's own.
+
+    plots: of both.
+    """
     nyquist = nyquist_per_mm(camera)
     flat = min(curve.least(int(nyquist)) for curve in own)
     keys = (

@@ -57,8 +57,12 @@ def smooth_height_map(
 
 def busiest_edge(view: View, gaps: tuple[float, float] = GAPS) -> Edge:
     """The crop of `SIZE` pixels with the most depth edge in it, each pixel of edge counted by its jump of
-    inverse depth, on a raster of half its size. gaps: the least and the largest jump that counts, 1/m. Raises
-    InputError for a view without such edges."""
+    inverse depth, on a raster of half its size.
+
+    gaps: the least and the largest jump that counts, 1/m.
+
+    Raises InputError for a view without such edges.
+    """
     depth = view.crop_margin(view.mean_inverse_depth())
     # two pixels apart: a pixel on an edge has a depth between those of its neighbours
     pairs = ((depth[:-2, :-2], depth[2:, :-2]), (depth[:-2, :-2], depth[:-2, 2:]))
@@ -89,7 +93,10 @@ def focus_distances(edge: Edge) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class TestCameras:
-    """What photographs the edges. own: a camera with its mask; None for the paper's lens with `MASKS`."""
+    """What photographs the edges.
+
+    own: a camera with its mask; None for the paper's lens with `MASKS`.
+    """
 
     own: Camera | None = None
 

@@ -31,8 +31,11 @@ LAYERS = (2, 3, 4, 5, 6, 8, 12, 16, 24, None)
 
 @dataclass(frozen=True)
 class Judged:
-    """A crop photographed each way, noise-free, beside its truth, both exposed: [channel, y, x]. layers: of
-    the ways `SNAPPED`, the number that is best; exposure: factor, automatic for the crop."""
+    """A crop photographed each way, noise-free, beside its truth, both exposed: [channel, y, x].
+
+    layers: of the ways `SNAPPED`, the number that is best.
+    exposure: factor, automatic for the crop.
+    """
 
     photos: dict[str, Tensor]
     truth: Tensor

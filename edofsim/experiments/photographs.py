@@ -49,6 +49,7 @@ def photographs(folder: Path | None, limit: int | None = None) -> Photographs:
     """The pictures of a folder, in the order of their names; None for those of scikit-image.
 
     limit: only this many, the first. Files that cannot be used are left out, and named in `problems`.
+
     Raises InputError for a folder that is missing, empty, or without a single picture that can be used.
     """
     if folder is None:

@@ -116,10 +116,16 @@ def measure(
     nearest_per_m: float = NEAREST_PER_M,
     progress: Progress | None = None,
 ) -> list[PictureScore]:
-    """Rows of every condition and picture. out: folder that keeps them; seed: of depths, noise, and height
-    errors; show: names of pictures whose middles are written, too; known_depth: whether `at_known_depth`
-    restores the photos, too; nearest_per_m: inverse depth up to which random ones go.
-    Raises InputError where `at_known_depth` is to restore what a lens took whose PSFs vary over the frame."""
+    """Rows of every condition and picture.
+
+    out: folder that keeps them.
+    seed: of depths, noise, and height errors.
+    show: names of pictures whose middles are written, too.
+    known_depth: whether `at_known_depth` restores the photos, too.
+    nearest_per_m: inverse depth up to which random ones go.
+
+    Raises InputError where `at_known_depth` is to restore what a lens took whose PSFs vary over the frame.
+    """
     kept = Kept(out / "finished.jsonl")
     depths = random_depths(pictures, seed, nearest_per_m)
     jobs = []

@@ -142,8 +142,11 @@ def measure(
     quick: bool = False,
     cache: Path | None = None,
 ) -> list[Outcome]:
-    """Every scene and mask, on one thread. folder: keeps what was measured, and is gone on from; quick: the
-    scenes' small versions."""
+    """Every scene and mask, on one thread.
+
+    folder: keeps what was measured, and is gone on from.
+    quick: the scenes' small versions.
+    """
     found = []
     jobs = [(scene, mask) for scene in scenes for mask in masks]
     for number, (scene, mask) in enumerate(jobs):

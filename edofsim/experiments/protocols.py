@@ -60,10 +60,14 @@ that surfaces snap to; elsewhere Wiener deconvolution of a phone's photo would b
 
 @dataclass(frozen=True)
 class Way:
-    """A way to simulate. flat: one depth a pixel, in steps of 1 mm, and three wavelengths; encoded: values of
-    an 8-bit sRGB picture are taken for light; occlusion: see `expose`, "" for the most that the view allows:
-    hidden surfaces where it has any; sub_apertures: along each axis of the pupil, as far as diffraction lets
-    them be distinguished; layers: depth nodes, None for as many as the camera's defocus asks for."""
+    """A way to simulate.
+
+    flat: one depth a pixel, in steps of 1 mm, and three wavelengths.
+    encoded: values of an 8-bit sRGB picture are taken for light.
+    occlusion: see `expose`, "" for the most that the view allows: hidden surfaces where it has any.
+    sub_apertures: along each axis of the pupil, as far as diffraction lets them be distinguished.
+    layers: depth nodes, None for as many as the camera's defocus asks for.
+    """
 
     name: str
     title: str
@@ -89,9 +93,12 @@ WAYS = (
 
 @dataclass(frozen=True)
 class System:
-    """What takes and restores photos. camera: with the system's mask; restoration: None where the photo is
-    left as it is; designed: what Wiener deconvolution and functions take the camera for, where the mask was
-    made otherwise."""
+    """What takes and restores photos.
+
+    camera: with the system's mask.
+    restoration: None where the photo is left as it is.
+    designed: what Wiener deconvolution and functions take the camera for, where the mask was made otherwise.
+    """
 
     name: str
     camera: Camera
@@ -102,7 +109,11 @@ class System:
 @dataclass(frozen=True)
 class Capture:
     """A photo, and the images to be judged against its ideal one, all [3, y, x]: `photo`, and of a system
-    that restores `restored` and `wiener`. noise: the photo's; left: what is left of it in each image."""
+    that restores `restored` and `wiener`.
+
+    noise: the photo's.
+    left: what is left of it in each image.
+    """
 
     photo: Photo
     images: dict[str, Tensor]
@@ -121,8 +132,12 @@ class Capture:
 
 @dataclass(frozen=True)
 class Lens:
-    """Systems that share lens, focus and sensor, and so a view and the photo of the lens alone. name: of
-    their camera; alone: the lens without a mask; recipes: texts by name of the file."""
+    """Systems that share lens, focus and sensor, and so a view and the photo of the lens alone.
+
+    name: of their camera.
+    alone: the lens without a mask.
+    recipes: texts by name of the file.
+    """
 
     name: str
     alone: System
@@ -147,7 +162,10 @@ def systems_of(camera: Loaded[CameraRecipe], names: Sequence[str]) -> list[Syste
 
 def lenses_of(camera: Loaded[CameraRecipe], sources: Sequence[Source]) -> tuple[list[Lens], Failures]:
     """Systems by their lens, in the order of the first of each; and what is wrong with those that cannot be
-    built. camera: of systems that name none. The first lens alone is called `LENS_ALONE`."""
+    built.
+
+    camera: of systems that name none. The first lens alone is called `LENS_ALONE`.
+    """
     given = replace(camera, recipe=saturating(camera.recipe))
     found: dict[str, Lens] = {}
     failures = Failures()
@@ -198,8 +216,10 @@ def capture_restored(
     """A photo of the way's own view (see `views_of`), and its restorations.
 
     The exposure is the camera's; automatic for all bands, while the flat ways' values are exposed already.
-    like: what a system with the same camera took so (see `same_photo`); its photo is not taken again. Raises
-    InputError where it cannot be taken or restored.
+
+    like: what a system with the same camera took so (see `same_photo`); its photo is not taken again.
+
+    Raises InputError where it cannot be taken or restored.
     """
     camera = of_three_lines(system.camera) if way.flat else system.camera
     unscattered = unscattered_light(system.camera, view.wavelengths)
@@ -320,7 +340,9 @@ def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
     """The view as a picture of the camera's three colours with one depth a pixel, in steps of 1 mm.
 
     The picture is exposed as the camera would, and clipped at full scale. A pixel has the depth of the
-    surface that covers most of it. encoded: the picture's 8-bit sRGB values take the place of its light.
+    surface that covers most of it.
+
+    encoded: the picture's 8-bit sRGB values take the place of its light.
     """
     wanted, order = camera.recipe.sensor.exposure, torch.argsort(PAPER_COLOURS)  # bands ascend
     exposure = (

@@ -29,11 +29,16 @@ WIENER_OF_DEPTH = "wiener-depth"
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of a photo. camera: as it is designed; wavelengths: [band] in metres; ends: the least and
-    the largest inverse depth in 1/m, [2]; glare: [channel], part of the light that is spread evenly by the
-    mask as it is made; inverse_depth: [y, x] in 1/m, the true distances; nodes: gives inverse depths that
-    stand for the range, [depth], and `channel_psfs` of these; truncated: [channel], None where the light that
-    leaves the PSFs' windows is not in `glare`."""
+    """What is known of a photo.
+
+    camera: as it is designed.
+    wavelengths: [band] in metres.
+    ends: the least and the largest inverse depth in 1/m, [2].
+    glare: [channel], part of the light that is spread evenly by the mask as it is made.
+    inverse_depth: [y, x] in 1/m, the true distances.
+    nodes: gives inverse depths that stand for the range, [depth], and `channel_psfs` of these.
+    truncated: [channel], None where the light that leaves the PSFs' windows is not in `glare`.
+    """
 
     camera: Camera
     wavelengths: Tensor
@@ -68,7 +73,11 @@ def known_of(
 
 
 class Restoration(Protocol):
-    """Restores photos [channel, y, x] to images of that shape. name: in figures; digest: of what it is."""
+    """Restores photos [channel, y, x] to images of that shape.
+
+    name: in figures.
+    digest: of what it is.
+    """
 
     @property
     def name(self) -> str: ...

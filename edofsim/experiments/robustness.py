@@ -31,10 +31,16 @@ in_paper_too = in_paper(
 
 @dataclass(frozen=True)
 class Study:
-    """An error and its strengths. name: of the files; column: of the CSV, that names the strength;
-    conditions: for a system and a seed, from the least to the most; labels: those strengths as numbers,
-    others stand beside; paper: PSNR by strength, of its one image; title, purpose, setting: for the page;
-    axis, said: the strength with its unit, and in a text; source: the paper's figure.
+    """An error and its strengths.
+
+    name: of the files.
+    column: of the CSV, that names the strength.
+    conditions: for a system and a seed, from the least to the most.
+    labels: those strengths as numbers, others stand beside.
+    paper: PSNR by strength, of its one image.
+    title, purpose, setting: for the page.
+    axis, said: the strength with its unit, and in a text.
+    source: the paper's figure.
     """
 
     name: str
@@ -52,7 +58,10 @@ class Study:
 
 @dataclass(frozen=True)
 class Result:
-    """Rows of every system, picture and condition; shown: names of the pictures that are shown."""
+    """Rows of every system, picture and condition.
+
+    shown: names of the pictures that are shown.
+    """
 
     rows: tuple[PictureScore, ...]
     data: Photographs

@@ -88,7 +88,10 @@ leaves uncertain: see their standard errors."""
 
 
 def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
-    """The scene with at least `TRUTH_SAMPLES`; quick: only the middle of its frame."""
+    """The scene with at least `TRUTH_SAMPLES`.
+
+    quick: only the middle of its frame.
+    """
     samples = max(TRUTH_SAMPLES, recipe.render.samples)
     chosen = small_version(recipe) if quick else recipe
     return chosen.model_copy(update={"render": chosen.render.model_copy(update={"samples": samples})})
@@ -97,7 +100,10 @@ def scored_version(recipe: SceneRecipe, *, quick: bool = False) -> SceneRecipe:
 @dataclass(frozen=True)
 class Seen:
     """What a page is made from, of one scene and lens: the view, and what was taken in the ways of `SHOWN`,
-    by way and system. edges: bool [y, x]."""
+    by way and system.
+
+    edges: bool [y, x].
+    """
 
     scene: Loaded[SceneRecipe]
     lens: Lens
@@ -255,12 +261,17 @@ def measured_scenes(
     cache: Path | None = None,
     show: Callable[[Measured, Seen], None] | None = None,
 ) -> SceneScores:
-    """Measure every scene. folder: keeps each that is finished, which is not measured again.
+    """Measure every scene.
 
-    networks: systems; camera: in place of what the scene names; quick: the scenes' small versions; resample:
-    views of scenes whose pixels see another angle than a camera's; seed: of the sensor's noise; show: called
-    with each scene's images, lens by lens, before it counts as finished. A scene that cannot be read,
-    rendered or photographed is left and named in the outcome, a system in the scene's.
+    folder: keeps each that is finished, which is not measured again.
+
+    networks: systems.
+    camera: in place of what the scene names.
+    quick: the scenes' small versions.
+    resample: views of scenes whose pixels see another angle than a camera's.
+    seed: of the sensor's noise.
+    show: called with each scene's images, lens by lens, before it counts as finished. A scene that cannot be
+        read, rendered or photographed is left and named in the outcome, a system in the scene's.
     """
     kept = Kept(folder / "finished.jsonl")
     done: list[Measured] = []
@@ -318,8 +329,9 @@ def measure(
 ) -> tuple[Measured, dict[tuple[str, str], Capture], Tensor]:
     """Scores of a view by every way and system, the photos of the ways in `SHOWN`, and where edges are.
 
-    systems: of one lens, the lens alone first; parts: further regions to score, bool [y, x], by name. A
-    system that cannot be judged by a way has no rows, and what was measured says so.
+    systems: of one lens, the lens alone first.
+    parts: further regions to score, bool [y, x], by name. A system that cannot be judged by a way has no
+        rows, and what was measured says so.
     """
     started = time.perf_counter()
     alone = systems[0]
@@ -380,7 +392,10 @@ def key_of(
     networks: Sequence[Source],
     seed: int,
 ) -> str:
-    """What a scene's scores depend on. recipes: of the view of each lens."""
+    """What a scene's scores depend on.
+
+    recipes: of the view of each lens.
+    """
     return kept_key(
         views=[view_key(recipe, base) for recipe in recipes],
         cameras={system.name: camera_digest(system.camera) for lens in lenses for system in lens.every},

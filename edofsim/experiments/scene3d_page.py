@@ -150,7 +150,10 @@ def strip(truth: torch.Tensor, alone: Capture, restored: torch.Tensor, name: str
 
 
 def card(measured: Measured, network: str, href: str, title: str, png: Path) -> Link:
-    """A card that leads to a scene's page; png: the file with its `strip`, left out where it is missing."""
+    """A card that leads to a scene's page.
+
+    png: the file with its `strip`, left out where it is missing.
+    """
     restored, gain = _mean([measured], OURS, network, "restored"), measured.gain(OURS, network)
     side = "above" if gain >= 0 else "below"
     text = f"{decibels(restored)} restored, {decibels(abs(gain))} {side} the lens alone"

@@ -22,10 +22,16 @@ FACTS = ("edges", "mean", "clipped", "noise_db", "bands", "nearest_m", "farthest
 
 @dataclass(frozen=True)
 class SceneScore:
-    """One score. image: photo, restored or wiener; region: `whole`, `near edges`, `away from edges`, `depth`
-    with near_m <= depth < far_m, or another part by its name. light_error: see `restore.scores`; layers: of
-    depth, of its photo, and converged_db: how far from convergence that is (`protocols.converged_db`);
-    psnr_db_se, ssim_se: standard errors by the noise of the rendering (see `restore.scores.Score`)."""
+    """One score.
+
+    image: photo, restored or wiener.
+    region: `whole`, `near edges`, `away from edges`, `depth` with near_m <= depth < far_m, or another part by
+        its name.
+    light_error: see `restore.scores`.
+    layers: of depth, of its photo.
+    converged_db: how far from convergence that is (`protocols.converged_db`).
+    psnr_db_se, ssim_se: standard errors by the noise of the rendering (see `restore.scores.Score`).
+    """
 
     scene: str
     way: str
@@ -46,8 +52,11 @@ class SceneScore:
 
 @dataclass(frozen=True)
 class Measured:
-    """A finished scene: its scores, and by lens facts (sizes, shares, noise, seconds). lenses: by system,
-    what its lens alone is called in the rows; problems: by system, of those that could not be judged."""
+    """A finished scene: its scores, and by lens facts (sizes, shares, noise, seconds).
+
+    lenses: by system, what its lens alone is called in the rows.
+    problems: by system, of those that could not be judged.
+    """
 
     scene: str
     rows: tuple[SceneScore, ...]
@@ -100,10 +109,12 @@ class SceneScores:
 
 def figures(outcome: SceneScores, networks: Sequence[str]) -> dict[str, float]:
     """Flat: psnr_db, ssim, light_error, psnr_db_se and ssim_se .SCENE.WAY.IMAGE,
-    gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener},
-    converged_db.SCENE.WAY.IMAGE of photos; SCENE also `mean`, and `least` of converged_db. IMAGE is
-    lens_alone (of the first lens), NETWORK, NETWORK.photo, NETWORK.wiener, and where there are several lenses
-    NETWORK.lens_alone. networks: names of the systems."""
+    gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener}, converged_db.SCENE.WAY.IMAGE of photos; SCENE
+    also `mean`, and `least` of converged_db. IMAGE is lens_alone (of the first lens), NETWORK, NETWORK.photo,
+    NETWORK.wiener, and where there are several lenses NETWORK.lens_alone.
+
+    networks: names of the systems.
+    """
     found: dict[str, float] = {}
     several = len({lens for m in outcome.measured for lens in m.lenses.values()}) > 1
     for way in WAYS:

@@ -32,8 +32,12 @@ WIDEST_SHIPPED_PX = 128
 
 @dataclass(frozen=True)
 class Source:
-    """A system as it was typed. name: in figures; own: the camera's recipe, None where none is named; mask:
-    the checkpoint whose mask the camera has."""
+    """A system as it was typed.
+
+    name: in figures.
+    own: the camera's recipe, None where none is named.
+    mask: the checkpoint whose mask the camera has.
+    """
 
     name: str
     restoration: Restoration
@@ -54,9 +58,14 @@ class Source:
     def camera(
         self, given: Loaded[CameraRecipe] | None, default: Loaded[CameraRecipe] | None = None
     ) -> Camera:
-        """Its camera, with the mask as designed. given: what photographs otherwise, and in which the mask of
-        a checkpoint is put if that was trained for such a lens; default: in place of `given` for a system
-        without a camera, which needs one of them. Raises InputError as `Camera.from_recipe` does."""
+        """Its camera, with the mask as designed.
+
+        given: what photographs otherwise, and in which the mask of a checkpoint is put if that was trained
+            for such a lens.
+        default: in place of `given` for a system without a camera, which needs one of them.
+
+        Raises InputError as `Camera.from_recipe` does.
+        """
         if self.own is not None:
             return Camera.from_recipe(self.own.recipe, self.own.base)
         if self.mask is None:

@@ -31,10 +31,15 @@ NEAREST_PER_M = 2.0
 
 @dataclass(frozen=True)
 class EvaluatedSystem:
-    """A system for photos of planes. camera: with the mask as designed; restore: a photo [3, y, x] and the
-    part of its light that is veiling glare [3] to [3, y, x], as everybody's photos are restored; digest:
-    SHA-256 of what it consists of; training: None where nothing was trained; at: in place of `restore` with
-    the plane's inverse depth in 1/m as well, for what may know it."""
+    """A system for photos of planes.
+
+    camera: with the mask as designed.
+    restore: a photo [3, y, x] and the part of its light that is veiling glare [3] to [3, y, x], as
+        everybody's photos are restored.
+    digest: SHA-256 of what it consists of.
+    training: None where nothing was trained.
+    at: in place of `restore` with the plane's inverse depth in 1/m as well, for what may know it.
+    """
 
     name: str
     camera: Camera
@@ -52,10 +57,12 @@ def evaluated_systems(
     names: Sequence[str | Path] | None, *, every: bool = False, camera: str | None = None
 ) -> list[EvaluatedSystem]:
     """Systems as `system_of` names them; None for all that ship, with the clear and the cubic aperture, and
-    with `every` also those that were trained for comparison. camera: of what names none, default the paper's
-    with a clear aperture.
+    with `every` also those that were trained for comparison.
 
-    Raises InputError for what is no system, and for two systems of one name."""
+    camera: of what names none, default the paper's with a clear aperture.
+
+    Raises InputError for what is no system, and for two systems of one name.
+    """
     found, failures = usable_systems(names, every=every, camera=camera)
     failures.check(0)
     return found
@@ -82,8 +89,11 @@ def evaluated_system(
     """A system (see `system_of`) for photos of planes.
 
     wavelengths: [band] in metres, that the sensor adds up to its colours; None for the three of the paper's
-    training. camera: of a restoration without one, a recipe; None for the paper's with a clear aperture. The
-    default sampling of PSFs is used for the camera of a checkpoint. Raises InputError for what is no system.
+        training.
+    camera: of a restoration without one, a recipe; None for the paper's with a clear aperture. The default
+        sampling of PSFs is used for the camera of a checkpoint.
+
+    Raises InputError for what is no system.
     """
     system = system_of(source)
     default = load_camera(camera or WITHOUT_TRAINING[0])
@@ -100,8 +110,10 @@ def with_restoration(
     wavelengths: Tensor | None = None,
     nearest_per_m: float = NEAREST_PER_M,
 ) -> EvaluatedSystem:
-    """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`;
-    wavelengths: as in `evaluated_system`."""
+    """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`.
+
+    wavelengths: as in `evaluated_system`.
+    """
     digest = hashlib.sha256(f"{camera_digest(camera)} {restoration.digest}".encode()).hexdigest()
     seeing = camera.with_read_noise(READ_NOISE)
     if wavelengths is None:

@@ -48,8 +48,11 @@ SHOWN = 2
 
 @dataclass(frozen=True)
 class Result:
-    """chart_rows: the chart alone; rows: the folder's pictures; shown: names of those with pictures;
-    trainings: by system, None where nothing was trained."""
+    """chart_rows: the chart alone.
+    rows: the folder's pictures.
+    shown: names of those with pictures.
+    trainings: by system, None where nothing was trained.
+    """
 
     chart_rows: tuple[PictureScore, ...]
     rows: tuple[PictureScore, ...]
@@ -61,7 +64,11 @@ class Result:
 
 @dataclass(frozen=True)
 class Protocol:
-    """What frames are. kind: its part of the names of figures; of_row: the PSNR of a row."""
+    """What frames are.
+
+    kind: its part of the names of figures.
+    of_row: the PSNR of a row.
+    """
 
     kind: str
     title: str

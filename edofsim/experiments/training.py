@@ -10,9 +10,12 @@ from ..core.shipped import RENAMED
 
 @dataclass(frozen=True)
 class Training:
-    """What a card tells of how long a system was trained. steps: with its own mask, all its trainings
-    together; before: steps of another system, from whose weights it started; hours: of the own steps, None
-    where the card does not say of all."""
+    """What a card tells of how long a system was trained.
+
+    steps: with its own mask, all its trainings together.
+    before: steps of another system, from whose weights it started.
+    hours: of the own steps, None where the card does not say of all.
+    """
 
     steps: int
     before: int

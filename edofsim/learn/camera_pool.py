@@ -32,8 +32,11 @@ VALIDATION = 100_000  # number of the first camera for validation
 
 @dataclass(frozen=True)
 class Pooled:
-    """A camera; known: what the network is given of it; shares: [n], how much each of the n stored PSFs
-    counts for Wiener deconvolution."""
+    """A camera.
+
+    known: what the network is given of it.
+    shares: [n], how much each of the n stored PSFs counts for Wiener deconvolution.
+    """
 
     name: str
     optics: TrainingCamera

@@ -40,13 +40,14 @@ def design(
 ) -> float:
     """Move a learning mask to where `error` is small over the depth range (inverse depths, 1/m).
 
-    error: (PSFs [depth, channel, y, x], number of filters) to the mean square error of each, [depth,
-    channel] (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth.
+    error: (PSFs [depth, channel, y, x], number of filters) to the mean square error of each, [depth, channel]
+        (see `linear`); what falls is the mean of its logarithm, as of a PSNR averaged over depth.
     groups: this many filters restore, each for a part of the depth range; 1 for one filter for all.
     height_noise: standard deviation of the mask's samples in metres; what such errors do to the PSFs is taken
-    in its mean.
-    truncated_energy: weight of the light that leaves the PSFs' window. Returns the error's PSNR in dB at the
-    end, mean of depths. In place; deterministic for a seed.
+        in its mean.
+    truncated_energy: weight of the light that leaves the PSFs' window.
+
+    Returns the error's PSNR in dB at the end, mean of depths. In place; deterministic for a seed.
     """
     low, high = depth_range
     parameters = list(mask.parameters())

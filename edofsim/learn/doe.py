@@ -15,8 +15,9 @@ class FreeHeight(nn.Module):
     it with slope one around the middle and levels off towards the limits, so that every step of the
     optimiser changes the mask and none leaves the range.
 
-    start: [n, n] in metres, anywhere in [0, limit]; limit: metres; radian: metres of height that delay the
-    design wavelength by one radian.
+    start: [n, n] in metres, anywhere in [0, limit].
+    limit: metres.
+    radian: metres of height that delay the design wavelength by one radian.
     """
 
     def __init__(self, start: Tensor, limit: float, radian: float) -> None:
@@ -33,7 +34,10 @@ class FreeHeight(nn.Module):
 
 
 class FixedHeight(nn.Module):
-    """A mask that does not learn. height: [n, n] in metres."""
+    """A mask that does not learn.
+
+    height: [n, n] in metres.
+    """
 
     def __init__(self, height: Tensor) -> None:
         super().__init__()

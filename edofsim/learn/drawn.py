@@ -52,8 +52,12 @@ def drawn(count: int, seed: int, side: int = SIDE) -> Images:
 
 @dataclass(frozen=True)
 class Pen:
-    """What one thing is drawn with. place: x and y of its corner or middle; stroke: its finest width, in
-    pixels of the drawing; ink, paper: red, green, blue of 255."""
+    """What one thing is drawn with.
+
+    place: x and y of its corner or middle.
+    stroke: its finest width, in pixels of the drawing.
+    ink, paper: red, green, blue of 255.
+    """
 
     draw: ImageDraw.ImageDraw
     random: np.random.Generator

@@ -23,8 +23,10 @@ SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least 
 @dataclass(frozen=True)
 class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
-    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1. psf, mean, saturates, broadband,
-    places: see `Planes`."""
+    patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1.
+
+    psf, mean, saturates, broadband, places: see `Planes`.
+    """
 
     sharp: Tensor
     cover: Tensor

@@ -47,8 +47,9 @@ def device(
     wrap_nm: float | None = None,
 ) -> Device:
     """The made height map of a camera's mask, or of a checkpoint's, without the errors of making it. Samples
-    outside the pupil's square bounds do not occur; those in its corners are written like the rest. wrap_nm:
-    wavelength [nm] by whose whole waves a height map deeper than the limit is wrapped.
+    outside the pupil's square bounds do not occur; those in its corners are written like the rest.
+
+    wrap_nm: wavelength [nm] by whose whole waves a height map deeper than the limit is wrapped.
 
     Raises InputError for a mask without a height map, and one deeper than the limit.
     """

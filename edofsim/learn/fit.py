@@ -157,8 +157,11 @@ def evaluate(
     """PSNR and SSIM of what a network restores, as it is used, from photos of planes at depths evenly spread.
 
     network: a module; a checkpoint, whose mask the camera is given, by file or shipped name; `wiener`; None
-    for the one that belongs to the camera. data: as for `fit`; count: patches of `patch_px` pixels, the
-    middles of its images. Raises InputError for what cannot be used.
+        for the one that belongs to the camera.
+    data: as for `fit`.
+    count: patches of `patch_px` pixels, the middles of its images.
+
+    Raises InputError for what cannot be used.
     """
     camera = _camera(camera)
     training = isinstance(network, nn.Module) and network.training

@@ -74,9 +74,11 @@ class PackagedImages(Photographs):
 @dataclass(frozen=True)
 class PlaneSource:
     """Photographs as planes, uniform in inverse depth between `depths` (low, high) in 1/m; in a share `edges`
-    of the steps each one is in front of another, and a share of them has saturated highlights; broadband:
-    share of the steps, and of validation; vary: of exposure and colours, of which validation has the
-    exposures beside the pictures as they are."""
+    of the steps each one is in front of another, and a share of them has saturated highlights.
+
+    broadband: share of the steps, and of validation.
+    vary: of exposure and colours, of which validation has the exposures beside the pictures as they are.
+    """
 
     training: Images
     held_back: Images
@@ -142,8 +144,10 @@ def _stride(count: int) -> int:
 def plane_source(
     table: Photographs, images: Images, name: str, recipe: TrainRecipe, window: int, *, whole: bool = False
 ) -> PlaneSource:
-    """Photographs as a source that scenes are drawn from, a part of them held back for validation; whole: all
-    are for both."""
+    """Photographs as a source that scenes are drawn from, a part of them held back for validation.
+
+    whole: all are for both.
+    """
     parts = (images, images) if whole else split(images, recipe.data.validation, recipe.seed)
     training, held_back = parts
     described = {

@@ -31,9 +31,11 @@ DESIGNED = "paper-learned"  # whose height map is taken, turned, for some
 
 @dataclass(frozen=True)
 class RandomCamera:
-    """camera: with its mask; depths: least and largest inverse depth that it photographs, in 1/m;
-    broadband: whether its sensor adds up all wavelengths or sees three lines; read_noise: relative to full
-    scale."""
+    """camera: with its mask.
+    depths: least and largest inverse depth that it photographs, in 1/m.
+    broadband: whether its sensor adds up all wavelengths or sees three lines.
+    read_noise: relative to full scale.
+    """
 
     camera: Camera
     depths: tuple[float, float]
@@ -44,8 +46,12 @@ class RandomCamera:
 def random_camera(
     table: CamerasTable, seed: int, number: int, attempt: int, noise: tuple[float, float]
 ) -> RandomCamera:
-    """The camera of that number, or another in its place. noise: range of its read noise. Raises InputError
-    for ranges that hold none that can be."""
+    """The camera of that number, or another in its place.
+
+    noise: range of its read noise.
+
+    Raises InputError for ranges that hold none that can be.
+    """
     generator = generator_of(seed, CAMERAS, number, attempt)
 
     def even(low: float, high: float) -> float:

@@ -33,9 +33,14 @@ class Source(Protocol):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What data are read for. optics: with the mask's height map as it is at the start; base: where relative
-    files start; data: the folder given with --data; cache: of rendered views, which are rendered where they
-    are missing; for_validation: nothing of the source is trained on."""
+    """What data are read for.
+
+    optics: with the mask's height map as it is at the start.
+    base: where relative files start.
+    data: the folder given with --data.
+    cache: of rendered views, which are rendered where they are missing.
+    for_validation: nothing of the source is trained on.
+    """
 
     recipe: TrainRecipe
     optics: TrainingCamera

@@ -42,8 +42,12 @@ ROUNDING = 1e-3  # relative, of heights that were held within a limit
 
 @dataclass(frozen=True)
 class Given:
-    """What is given in Python, in place of what a recipe names. mask: gives a height map [n, n] in metres;
-    loss: of a restored image and the ideal one; source: None for those of the recipe."""
+    """What is given in Python, in place of what a recipe names.
+
+    mask: gives a height map [n, n] in metres.
+    loss: of a restored image and the ideal one.
+    source: None for those of the recipe.
+    """
 
     camera: Camera
     network: Restorer
@@ -54,9 +58,13 @@ class Given:
 
 @dataclass(frozen=True)
 class Setup:
-    """recipe and camera as the card records them; sampling: pitch of the height map in metres, None without
-    one; history: of the checkpoint that the network starts from; beside: that of the auxiliary network; pool:
-    cameras in place of one."""
+    """recipe and camera as the card records them.
+
+    sampling: pitch of the height map in metres, None without one.
+    history: of the checkpoint that the network starts from.
+    beside: that of the auxiliary network.
+    pool: cameras in place of one.
+    """
 
     recipe: TrainRecipe
     camera: CameraRecipe

@@ -52,8 +52,10 @@ class Images:
 def read_folder(folder: Path, smallest: int) -> Images:
     """All pictures of a folder (not of the folders inside it).
 
-    smallest: pixels that each side must have. Raises InputError for a missing or empty folder, and lists
-    all pictures that cannot be read or are smaller than a patch.
+    smallest: pixels that each side must have.
+
+    Raises InputError for a missing or empty folder, and lists all pictures that cannot be read or are smaller
+    than a patch.
     """
     _, images, problems = usable_pictures(folder, smallest)
     if problems:
@@ -66,8 +68,11 @@ def usable_pictures(
 ) -> tuple[tuple[str, ...], Images, list[str]]:
     """The names of all pictures of a folder, those that can be used, and a sentence for each that cannot.
 
-    smallest: pixels that each side must have. limit: only this many files, the first; only: the one of that
-    name. Raises InputError for a missing or empty folder.
+    smallest: pixels that each side must have.
+    limit: only this many files, the first.
+    only: the one of that name.
+
+    Raises InputError for a missing or empty folder.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name one with photographs, --data DIR")

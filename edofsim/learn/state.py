@@ -22,7 +22,11 @@ FREE = ("purpose", "journal", "device", "$schema", "schema_")
 
 @dataclass
 class Position:
-    """Where a training stands. step: steps done; seconds: time spent on them, over all its parts."""
+    """Where a training stands.
+
+    step: steps done.
+    seconds: time spent on them, over all its parts.
+    """
 
     step: int = 0
     seconds: float = 0.0

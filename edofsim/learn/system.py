@@ -18,12 +18,13 @@ from .training_camera import TrainingCamera
 
 @dataclass(frozen=True)
 class Captured:
-    """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show; truncated: scalar, the
-    fraction of light that left the PSFs' window; psf: [batch, 3, window, window] where each scene has one
-    that others may have, too; broadband: whether the sensor saw all wavelengths through its response, in
-    place of three lines; light: [batch], on the sensor over that on the axis, where it differs: photos are
-    brought to the light of the axis, as `restore` does it, and their noise is as much larger;
-    noisy: whether the photo has its noise already."""
+    """clean, ideal: [batch, 3, y, x], the photo without noise and what it should show. truncated: scalar, the
+    fraction of light that left the PSFs' window. psf: [batch, 3, window, window] where each scene has one
+    that others may have, too. broadband: whether the sensor saw all wavelengths through its response, in
+    place of three lines. light: [batch], on the sensor over that on the axis, where it differs: photos are
+    brought to the light of the axis, as `restore` does it, and their noise is as much larger. noisy: whether
+    the photo has its noise already.
+    """
 
     clean: Tensor
     ideal: Tensor
@@ -63,10 +64,14 @@ class Scenes(Protocol):
 
 @dataclass(frozen=True)
 class Planes:
-    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch]; psf: those
-    of an earlier photo, [batch, 3, window, window], in place of the depths; mean: of the pictures that the
-    patches are from, [batch, 3], None for the patches' own; saturates: whether the photo is clipped at full
-    scale; broadband: see `Captured`; places: [batch, 2] in the frame, see `TrainingCamera.of_planes`."""
+    """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch].
+
+    psf: those of an earlier photo, [batch, 3, window, window], in place of the depths.
+    mean: of the pictures that the patches are from, [batch, 3], None for the patches' own.
+    saturates: whether the photo is clipped at full scale.
+    broadband: see `Captured`.
+    places: [batch, 2] in the frame, see `TrainingCamera.of_planes`.
+    """
 
     sharp: Tensor
     inverse_depths: Tensor
@@ -108,9 +113,12 @@ class PooledCamera(Protocol):
 
 @dataclass(frozen=True)
 class Draw:
-    """All that is random in a step. read_noise: [batch], standard deviations relative to full scale;
-    generator: for the noise itself, on the device of the photo; camera: that takes the photo in place of the
-    system's."""
+    """All that is random in a step.
+
+    read_noise: [batch], standard deviations relative to full scale.
+    generator: for the noise itself, on the device of the photo.
+    camera: that takes the photo in place of the system's.
+    """
 
     scenes: Scenes
     read_noise: Tensor
@@ -120,8 +128,10 @@ class Draw:
 
 @dataclass(frozen=True)
 class JudgedPhotos:
-    """loss: scalar with its graph; photo, restored, ideal: [batch, 3, y, x]; psf, broadband: see
-    `Captured`."""
+    """loss: scalar with its graph.
+    photo, restored, ideal: [batch, 3, y, x].
+    psf, broadband: see `Captured`.
+    """
 
     loss: Tensor
     photo: Tensor
@@ -132,13 +142,15 @@ class JudgedPhotos:
 
 
 class System(nn.Module):
-    """mask() gives a height map [n, n] in metres, or None for a mask that has none; network restores; loss
-    is that of a restored image and the ideal one, [batch, 3, y, x] each.
+    """mask() gives a height map [n, n] in metres, or None for a mask that has none; network restores; loss is
+    that of a restored image and the ideal one, [batch, 3, y, x] each.
 
-    truncated_energy: weight of the light that leaves the PSFs' window. height_noise: standard deviation in
-    metres, added anew to each sample of the height map in every step, for the errors of fabrication.
-    depth_range: least and largest inverse depth in 1/m. bfloat16 applies to the network alone: the
-    optics stay in float32. light_kept: see `recipe.train.LossTable`.
+    truncated_energy: weight of the light that leaves the PSFs' window.
+    height_noise: standard deviation in metres, added anew to each sample of the height map in every step, for
+        the errors of fabrication.
+    depth_range: least and largest inverse depth in 1/m. bfloat16 applies to the network alone: the optics
+        stay in float32.
+    light_kept: see `recipe.train.LossTable`.
     """
 
     def __init__(

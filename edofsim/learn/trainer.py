@@ -37,8 +37,11 @@ TEST_NOISE = 0.005  # read noise of the validation photos, as in the paper's tes
 
 @dataclass(frozen=True)
 class Trained:
-    """checkpoint: what the training gave; figures: flat, as for --json; outputs: all files written;
-    finished: False where it was stopped before its end and can be resumed."""
+    """checkpoint: what the training gave.
+    figures: flat, as for --json.
+    outputs: all files written.
+    finished: False where it was stopped before its end and can be resumed.
+    """
 
     checkpoint: Path
     figures: Mapping[str, float]
@@ -83,11 +86,14 @@ def train(
 ) -> Trained:
     """Follow a recipe; writes OUT/NAME.safetensors, OUT/state.safetensors, OUT/log.jsonl, OUT/pictures.
 
-    data: folder of photographs for sources that name none. resume: go on from OUT/state.safetensors, to the
-    same bytes as without the interruption (float32, CPU, same number of threads). max_minutes: end after
-    this much time, with the decay of the learning rate fitted to it. device: auto, cpu, cuda. cache: of
-    rendered views. given: in place of what the recipe names, see `fit`. Under `torchrun` every process takes
-    its share of the batch.
+    data: folder of photographs for sources that name none.
+    resume: go on from OUT/state.safetensors, to the same bytes as without the interruption (float32, CPU,
+        same number of threads).
+    max_minutes: end after this much time, with the decay of the learning rate fitted to it.
+    device: auto, cpu, cuda.
+    cache: of rendered views.
+    given: in place of what the recipe names, see `fit`. Under `torchrun` every process takes its share of the
+        batch.
 
     Ctrl-C saves and returns with `finished` False. Raises InputError for what cannot be used, EdofsimError
     where the disk refuses or the loss is no longer finite: then OUT/nan-state.safetensors holds the weights

@@ -44,8 +44,11 @@ def gather(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> TrainingData:
-    """Read all sources of a recipe. base: where its relative folders start; data: the folder for sources that
-    name none; cache: of rendered views, which are rendered where they are missing.
+    """Read all sources of a recipe.
+
+    base: where its relative folders start.
+    data: the folder for sources that name none.
+    cache: of rendered views, which are rendered where they are missing.
 
     Raises InputError for folders and scenes that cannot be used.
     """

@@ -111,7 +111,10 @@ class Views(TrainingReader):
 
 @dataclass(frozen=True)
 class Shot:
-    """A view's photo: clean, ideal as of `Captured`, [3, y, x], not clipped; truncated: scalar."""
+    """A view's photo: clean, ideal as of `Captured`, [3, y, x], not clipped.
+
+    truncated: scalar.
+    """
 
     clean: Tensor
     ideal: Tensor
@@ -128,7 +131,10 @@ class Shot:
 
 @dataclass(frozen=True)
 class ViewParts:
-    """Parts of views, or of their photos, all of one size; factors: on the automatic exposure, [part, 3]."""
+    """Parts of views, or of their photos, all of one size.
+
+    factors: on the automatic exposure, [part, 3].
+    """
 
     parts: tuple[View | Shot, ...]
     factors: Tensor
@@ -191,8 +197,11 @@ def by_stored_psfs(view: View, stored: StoredPsfs, layers: int, occlusion: str) 
 
 @dataclass(frozen=True)
 class ViewSource:
-    """Views of scenes, or their photos. held_back: those that are never trained on; where there are none, the
-    lower part (in the picture) of each, a share `share_back` of its rows or more, is not trained on."""
+    """Views of scenes, or their photos.
+
+    held_back: those that are never trained on; where there are none, the lower part (in the picture) of each,
+        a share `share_back` of its rows or more, is not trained on.
+    """
 
     views: tuple[View | Shot, ...]
     held_back: tuple[View | Shot, ...]
@@ -257,9 +266,12 @@ def open_views(
     height_noise: float = 0.0,
     stretched: tuple[float, float] | None = None,
 ) -> ViewSource:
-    """Render or fetch the views of a source. optics: with the mask's height map, where views are photographed
-    once; base: where relative scene files start; held_back: share that is never trained on, of each scene's
-    members, or of each view's rows; height_noise: standard deviation in metres of the errors of fabrication;
+    """Render or fetch the views of a source.
+
+    optics: with the mask's height map, where views are photographed once.
+    base: where relative scene files start.
+    held_back: share that is never trained on, of each scene's members, or of each view's rows.
+    height_noise: standard deviation in metres of the errors of fabrication.
     stretched: inverse depths for `normalise_depth_range`.
 
     Raises InputError for scenes that cannot be used.

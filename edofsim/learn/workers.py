@@ -35,8 +35,10 @@ class Workers:
         return batch // self.count
 
     def wrap(self, system: nn.Module, *, partly: bool = False) -> nn.Module:
-        """The system with its gradients averaged over the processes. partly: not every value has a gradient
-        in every update."""
+        """The system with its gradients averaged over the processes.
+
+        partly: not every value has a gradient in every update.
+        """
         if self.count == 1:
             return system
         ids = [self.device.index] if self.device.type == "cuda" else None
@@ -53,8 +55,12 @@ class Workers:
 
 @contextmanager
 def join_workers(device: str, wanted: str = "auto") -> Generator[Workers]:
-    """The processes of this training. device: from the command line, `wanted`: from the recipe; the first
-    that is not auto counts. Raises InputError where CUDA is asked for and there is none."""
+    """The processes of this training.
+
+    device: from the command line, `wanted`: from the recipe; the first that is not auto counts.
+
+    Raises InputError where CUDA is asked for and there is none.
+    """
     rank, count = int(os.environ.get("RANK", 0)), int(os.environ.get("WORLD_SIZE", 1))
     local = int(os.environ.get("LOCAL_RANK", 0))
     chosen = choose_device(wanted if device == "auto" else device, local)

@@ -34,10 +34,12 @@ class Camera:
     """A camera recipe with its materials resolved and its sensor in place. Lengths are in metres.
 
     lens: the recipe's, or one that leaves out some of what that does. sensor_distance is z_i, from the lens
-    plane to the sensor. mask_material is what the recipe's mask is made of, or, where it only blocks light,
-    what a height map given in its place is. base is the folder that files named in the recipe are relative
-    to. height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
-    (see `with_height`). field: where in the field it looks: its PSFs are those of points there (`at_field`).
+        plane to the sensor. mask_material is what the recipe's mask is made of, or, where it only blocks
+        light, what a height map given in its place is. base is the folder that files named in the recipe are
+        relative to.
+    height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
+        (see `with_height`).
+    field: where in the field it looks: its PSFs are those of points there (`at_field`).
     """
 
     recipe: CameraRecipe
@@ -52,7 +54,9 @@ class Camera:
 
     @classmethod
     def from_recipe(cls, recipe: CameraRecipe, base: Path | None = None) -> Camera:
-        """Resolve a recipe. base: folder of the recipe's file, by default the working directory.
+        """Resolve a recipe.
+
+        base: folder of the recipe's file, by default the working directory.
 
         Raises InputError, naming every problem, for an unknown material, a wavelength outside the glass data,
         a lens without room for its aperture, and a focus that no sensor distance gives.

@@ -30,8 +30,9 @@ def wave_height(wavelength: float, material: Material) -> float:
 def unscattered_fraction(wavelengths: Tensor, height_error: float, material: Material) -> Tensor:
     """Fraction of the light [band] that independent height errors leave where the design sends it.
 
-    wavelengths: [band] in metres, float64; height_error: standard deviation in metres. exp(-s^2), s the
-    standard deviation of the phase (Goodman, *Statistical Optics*, random phase screens).
+    wavelengths: [band] in metres, float64.
+    height_error: standard deviation in metres. exp(-s^2), s the standard deviation of the phase (Goodman,
+        *Statistical Optics*, random phase screens).
     """
     return (-(2 * math.pi * (material.index(wavelengths) - 1) * height_error / wavelengths).square()).exp()
 

@@ -42,9 +42,12 @@ WAY = (0.0, 0.5, 0.999)
 
 @dataclass(frozen=True)
 class Place:
-    """A place that PSFs are computed at. field: as `Frame.field` gives it; rows, columns: of the frame that
-    it has a share of; share: [row, column] of that, from 0 to 1: hats, which sum to 1 over the places at each
-    pixel."""
+    """A place that PSFs are computed at.
+
+    field: as `Frame.field` gives it.
+    rows, columns: of the frame that it has a share of.
+    share: [row, column] of that, from 0 to 1: hats, which sum to 1 over the places at each pixel.
+    """
 
     field: Field
     rows: slice
@@ -54,8 +57,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Frame:
-    """What a view says of where it looks. axis: (y, x) of the optical axis, pixels from the top left corner
-    of height x width pixels; pixel_angle: tangent that one sees."""
+    """What a view says of where it looks.
+
+    axis: (y, x) of the optical axis, pixels from the top left corner of height x width pixels.
+    pixel_angle: tangent that one sees.
+    """
 
     height: int
     width: int
@@ -131,10 +137,11 @@ def _light(lens: Lens, mask: Mask, field: Field) -> float:
 def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]) -> Tensor:
     """What lands around the camera's place in the field, each pixel from the place that its light comes from.
 
-    psfs: of a camera, [..., y, x]; step: tangent to the places on both sides, from whose PSFs it follows how
-    they change with the place. A PSF says where light from one place goes; on the sensor, light that lands u
-    pixels beside its place is from a place u pixels away, whose PSF is another: to first order, the PSF less
-    u times its slope. Light, relative to that of the camera's place, changes likewise.
+    psfs: of a camera, [..., y, x].
+    step: tangent to the places on both sides, from whose PSFs it follows how they change with the place. A
+        PSF says where light from one place goes; on the sensor, light that lands u pixels beside its place is
+        from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope.
+        Light, relative to that of the camera's place, changes likewise.
     """
     own = relative_light(camera)
     right, up = camera.lens.lands(camera.field)
@@ -176,9 +183,10 @@ def errors_by_step(
 
     Looked at along a diagonal, from the axis to the corner that is farthest from it: at the middle of a cell
     the PSF, with its light, stands against the mean of the cell's corners, by the contrast of a picture whose
-    power spectrum falls with the square of the frequency. ends: least and largest inverse depth [1/m]: looked
-    at are the distance in focus and those whose blur is `BLUR_PX`, or what is nearest to them between the
-    ends. Nothing of a picture decides.
+    power spectrum falls with the square of the frequency.
+
+    ends: least and largest inverse depth [1/m]: looked at are the distance in focus and those whose blur is
+        `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours = response(camera, bands) @ bands
@@ -231,8 +239,10 @@ def psf_field(
     them; and, on request, as what reaches a place on the sensor.
 
     field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
-    on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene. Other parameters as
-    there. Raises InputError as `psf_bank`.
+        on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene. Other parameters
+        as there.
+
+    Raises InputError as `psf_bank`.
     """
 
     def psfs(depths: Tensor) -> Tensor:

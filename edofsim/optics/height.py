@@ -40,8 +40,12 @@ def load_height_map(
     file states it.
 
     Reads .safetensors (key `height_m`, or the map in the checkpoint of a training) and .npy in metres, and
-    what `core.measurements` reads. unit: of the numbers, by name or in metres; key: array in the file. Raises
-    InputError for a file that is missing, no such map, or in no stated unit.
+    what `core.measurements` reads.
+
+    unit: of the numbers, by name or in metres.
+    key: array in the file.
+
+    Raises InputError for a file that is missing, no such map, or in no stated unit.
     """
     what = "mask.file"
     existing(path, what)
@@ -183,8 +187,9 @@ def design_phase_to_height(camera: Camera, phase: Phase) -> Phase:
 def surface(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Tensor | None:
     """Height of the mask as it was made, on the grid of the pupil [samples, samples], metres.
 
-    Gradients reach the camera's height map. seed: of the fabrication error in place of the recipe's. None for
-    masks that only block light.
+    Gradients reach the camera's height map.
+
+    seed: of the fabrication error in place of the recipe's. None for masks that only block light.
     """
     given = designed_map(camera)
     fabrication = camera.recipe.fabrication

@@ -48,11 +48,12 @@ def otf(
 ) -> Tensor:
     """Optical transfer function along one direction, complex128 [depth, frequency], 1 at frequency 0.
 
-    frequencies: [frequency] in 1/m on the sensor; angle_deg: of the frequency vector in the upright picture,
-    counter-clockwise from the right. The Fourier transform of the whole PSF (Goodman, Introduction to Fourier
-    Optics, section 6.3: the autocorrelation of the pupil function), sampled at the rate of the pupil's own
-    bandwidth, so that it is free of the sensor's aliasing. with_pixel: times the transform of a square pixel.
-    Of a measured lens, the pixel is in it in any case.
+    frequencies: [frequency] in 1/m on the sensor.
+    angle_deg: of the frequency vector in the upright picture, counter-clockwise from the right. The Fourier
+        transform of the whole PSF (Goodman, Introduction to Fourier Optics, section 6.3: the autocorrelation
+        of the pupil function), sampled at the rate of the pupil's own bandwidth, so that it is free of the
+        sensor's aliasing.
+    with_pixel: times the transform of a square pixel. Of a measured lens, the pixel is in it in any case.
 
     Raises InputError as `psf_bank` does.
     """
@@ -175,7 +176,10 @@ class _FocalPlane:
 
     def transform(self, depth: int, across: Tensor, up: Tensor, angle_deg: float) -> Tensor:
         """Fourier transform of |F|^2 at frequencies [1/m] to the right and upwards, complex128 [frequency], 1
-        at frequency 0. angle_deg: their direction; along an axis a sum over lines of the pupil does."""
+        at frequency 0.
+
+        angle_deg: their direction; along an axis a sum over lines of the pupil does.
+        """
         none = torch.zeros(1, dtype=torch.float64)
         along_x, along_y = (
             _wave(torch.cat([each, none]) * self.positions[:, None]) for each in (-across, up)

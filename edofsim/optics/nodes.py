@@ -89,7 +89,9 @@ def nodes_between(
 def node_shares(nodes: Tensor) -> Tensor:
     """What part of a range each of its nodes stands for, all inverse depths of it equally likely.
 
-    nodes: [node], 1/m, ascending. Returns float64 [node] with the sum 1: the trapezoidal rule's weights.
+    nodes: [node], 1/m, ascending.
+
+    Returns float64 [node] with the sum 1: the trapezoidal rule's weights.
     """
     nodes = nodes.double().cpu()
     if len(nodes) == 1:

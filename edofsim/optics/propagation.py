@@ -44,9 +44,11 @@ Part = Sequence[tuple[int, int]]
 class Wave:
     """One wavelength on its way to the sensor.
 
-    pupil: the pupil function without defocus, complex [s, s]; chirps: the defocus of each depth along half an
-    axis of the pupil, complex [depth, half]; bases: what turns them into pixels. bend: what defocus is beside
-    that, phases [2, s, s] that grow with the steps [depth] from one depth to each, and with their squares.
+    pupil: the pupil function without defocus, complex [s, s].
+    chirps: the defocus of each depth along half an axis of the pupil, complex [depth, half].
+    bases: what turns them into pixels.
+    bend: what defocus is beside that, phases [2, s, s] that grow with the steps [depth] from one depth to
+        each, and with their squares.
     """
 
     pupil: Tensor
@@ -102,8 +104,9 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
 def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     """What sub-apertures add to the energy in each pixel, [part, depth, pixel, pixel]: Re(F* F_j).
 
-    along: [window, s], windows along an axis of the pupil that sum to 1; parts: each a sum of products of one
-    along y and one along x. Parts in one row share the transform along y, which is most of the work.
+    along: [window, s], windows along an axis of the pupil that sum to 1.
+    parts: each a sum of products of one along y and one along x. Parts in one row share the transform along
+        y, which is most of the work.
     """
     rows = [(fold(wave.pupil * window[:, None]), _lit(window)) for window in along]
     size = 2 * len(wave.bases.pixels) - 1

@@ -56,10 +56,12 @@ def psf_bank(
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with what the lens adds to its parabola, on an oversampled
-    grid of the sensor that is summed over each pixel. Differentiable by the camera's height map. window_px:
-    width of the window in place of the recipe's. seed: of the fabrication error in place of the recipe's.
+    grid of the sensor that is summed over each pixel. Differentiable by the camera's height map.
+
+    window_px: width of the window in place of the recipe's.
+    seed: of the fabrication error in place of the recipe's.
     cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
-    any case.
+        any case.
 
     Many depths in float32 are interpolated between as many as a band-limited function of Psi needs
     (`nodes_for`), to within `INTERPOLATION_ERROR` of the PSF; float64 is computed depth by depth. The work
@@ -178,8 +180,10 @@ def mean_psfs(
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
     height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
-    What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they scatter
-    spreads evenly over the period of the sampled mask. Raises as `psf_bank`.
+        What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they
+        scatter spreads evenly over the period of the sampled mask.
+
+    Raises as `psf_bank`.
     """
     psf = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device).values
     if height_noise == 0:

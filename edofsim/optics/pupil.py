@@ -30,11 +30,12 @@ class Aperture:
     """What stands in the pupil, for all wavelengths.
 
     lens: phase [rad] at a wavelength [m] that the lens adds to its parabola, float64 [samples, samples]; the
-    parabola cancels against propagation and the incoming wave, and what is left of it is Psi (`defocus`).
+        parabola cancels against propagation and the incoming wave, and what is left of it is Psi (`defocus`).
     bend: what of defocus is no parabola (`Lens.bend`).
     regions: amplitude (same shape) and height of the mask in metres, a map or the same everywhere; the wave
-    is the sum over regions. light: all light that is let through, counted in cells of the grid; transmission:
-    as a fraction of what the open aperture lets through.
+        is the sum over regions.
+    light: all light that is let through, counted in cells of the grid.
+    transmission: as a fraction of what the open aperture lets through.
     """
 
     grid: PupilGrid

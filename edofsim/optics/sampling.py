@@ -44,12 +44,13 @@ def plan_sampling(
 ) -> PupilGrid:
     """Choose the grid of the pupil for all wavelengths [m] and inverse depths [1/m] asked for.
 
-    A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay
-    out of the window; "auto" takes what meets both, resolves the surface as it is designed or made, keeps the
+    A fixed `psf.pupil_sampling_um` is taken as it is, if it meets the paper's bound and its replicas stay out
+    of the window; "auto" takes what meets both, resolves the surface as it is designed or made, keeps the
     steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
     that the cells of a height map scatter out of the window.
-    by_bound: False leaves the
-    paper's bound out of "auto"; it is twice as fine as the steepest phase asks for.
+
+    by_bound: False leaves the paper's bound out of "auto"; it is twice as fine as the steepest phase asks
+        for.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.

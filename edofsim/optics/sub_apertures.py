@@ -59,12 +59,14 @@ def sub_aperture_psfs(
     """What each sub-aperture adds to the PSFs: one tensor [depth, band, y, x] each, as it is needed.
 
     across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
-    opaque mask being joined to others. Their sum is `psf_bank(...).values`. side: of the pixels, in pixels of
-    the camera; where it is not 1, the window is the odd one that holds `window_px` of these, and samples lie
-    `COARSER` times as far apart. coarsely: the pupil is sampled as coarsely as may be for each depth, in
-    place of the recipe's sampling and of one that does for all; the sum is then that of such PSFs. Other
-    arguments as there; gradients reach the camera's height map. Raises InputError as there, and for a number
-    of sub-apertures out of range.
+        opaque mask being joined to others. Their sum is `psf_bank(...).values`.
+    side: of the pixels, in pixels of the camera; where it is not 1, the window is the odd one that holds
+        `window_px` of these, and samples lie `COARSER` times as far apart.
+    coarsely: the pupil is sampled as coarsely as may be for each depth, in place of the recipe's sampling and
+        of one that does for all; the sum is then that of such PSFs. Other arguments as there; gradients reach
+        the camera's height map.
+
+    Raises InputError as there, and for a number of sub-apertures out of range.
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(
@@ -181,8 +183,9 @@ def windows_along(grid: PupilGrid, across: int) -> Tensor:
 def partition(along: Tensor, intensity: Tensor) -> tuple[Part, ...]:
     """The parts: each the products of a window along y and one along x, of all places that it is joined from.
 
-    along: from `windows_along`; intensity: float64 [samples, samples], of the light in the pupil: places that
-    hold next to none of it are joined to the nearest that do.
+    along: from `windows_along`.
+    intensity: float64 [samples, samples], of the light in the pupil: places that hold next to none of it are
+        joined to the nearest that do.
     """
     across = len(along)
     held = (along @ intensity @ along.T).flatten()

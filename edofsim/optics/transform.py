@@ -63,8 +63,9 @@ def pixel_weights(window: SensorWindow) -> Tensor:
 class Bases:
     """What turns a pupil into pixels, the same for all depths at one wavelength.
 
-    fourier: [2 (cos, sin), sub-pixel, cell]; pixels: [pixel, sub-pixel], from `pixel_weights`. All on the
-    non-negative halves of their axes; the centre pixel gets its other half from the other side.
+    fourier: [2 (cos, sin), sub-pixel, cell].
+    pixels: [pixel, sub-pixel], from `pixel_weights`. All on the non-negative halves of their axes; the centre
+        pixel gets its other half from the other side.
     """
 
     fourier: Tensor
@@ -140,7 +141,8 @@ def unfold(parts: Tensor, samples: int) -> Tensor:
 def defocus_maps(chirps: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tensor]:
     """Real and imaginary part of each depth's defocus on a quarter of the pupil, [y, depth, x].
 
-    chirps: complex [depth, half], the factor along one axis from the centre outwards; lit: of y.
+    chirps: complex [depth, half], the factor along one axis from the centre outwards.
+    lit: of y.
     """
     both = chirps.T[lit, :, None] * chirps
     return both.real.contiguous(), both.imag.contiguous()
@@ -149,7 +151,9 @@ def defocus_maps(chirps: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tens
 def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
     """The field's even and odd components in x on half axes, real, each [2 (re, im), 2 (y), y, depth, x].
 
-    parts: from `fold`; chirps: as in `defocus_maps`; bases: `Bases.fourier`.
+    parts: from `fold`.
+    chirps: as in `defocus_maps`.
+    bases: `Bases.fourier`.
     """
     return across(down(parts, chirps, bases), bases)
 
@@ -201,8 +205,10 @@ def windowed(
 
 
 def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor, each: bool = False) -> Tensor:
-    """Adjoint of `waves`: gradient by `parts` from those by the even and odd components; each: of parts of
-    their own for each depth."""
+    """Adjoint of `waves`: gradient by `parts` from those by the even and odd components.
+
+    each: of parts of their own for each depth.
+    """
     real, imaginary = defocus_maps(chirps)
     rows, half = bases.shape[1:]
     depths = len(chirps)
@@ -244,7 +250,10 @@ def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
 
 
 def is_even(parts: Tensor) -> bool:
-    """Whether a pupil is its own mirror image about both axes; parts: from `fold`."""
+    """Whether a pupil is its own mirror image about both axes.
+
+    parts: from `fold`.
+    """
     return not (bool(parts[1].any()) or bool(parts[0, :, 1].any()))
 
 
@@ -271,8 +280,11 @@ def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
 def shared_intensity(
     whole: tuple[tuple[Tensor, Tensor], ...], part: tuple[Tensor, Tensor], bases: Bases
 ) -> Tensor:
-    """Re(F* G) summed over each pixel, as `intensity`; whole: `pairs` of F; part: even and odd components of
-    G."""
+    """Re(F* G) summed over each pixel, as `intensity`.
+
+    whole: `pairs` of F.
+    part: even and odd components of G.
+    """
     found = _room_for_densities(part[0])
     for (total, mixed), (same, cross), (own, its_cross) in zip(found, whole, pairs(*part), strict=True):
         # Re((same +- j cross)* (own +- j its_cross))

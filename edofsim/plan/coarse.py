@@ -89,8 +89,10 @@ class Coarse:
 
 
 def coarse_of(view: View, camera: Camera, exposure: float, pupil_um: float | None = None) -> Coarse:
-    """The view and the camera with pixels as large as `PIXELS` asks for. pupil_um: how finely its pupil is
-    sampled, None for automatically."""
+    """The view and the camera with pixels as large as `PIXELS` asks for.
+
+    pupil_um: how finely its pupil is sampled, None for automatically.
+    """
     rows, columns = view.padded_shape
     times = max(1, round(math.sqrt(rows * columns / PIXELS)))
     times = min(times, view.height, view.width)

@@ -32,8 +32,11 @@ def nothing(fidelity: Fidelity) -> float:
 
 @dataclass(frozen=True)
 class Rendering:
-    """What it costs to render a view for a fidelity. reference: in reference seconds, from counted rays;
-    seconds: predicted, of this machine."""
+    """What it costs to render a view for a fidelity.
+
+    reference: in reference seconds, from counted rays.
+    seconds: predicted, of this machine.
+    """
 
     reference: Callable[[Fidelity], float] = nothing
     seconds: Callable[[Fidelity], float] = nothing
@@ -41,7 +44,12 @@ class Rendering:
 
 @dataclass(frozen=True)
 class Costs:
-    """facts; shape: of the view; rates: of this machine; rendering: of the view, where it is still to do."""
+    """facts.
+
+    shape: of the view.
+    rates: of this machine.
+    rendering: of the view, where it is still to do.
+    """
 
     facts: Facts
     shape: Shape
@@ -86,8 +94,11 @@ class Costs:
         self, effects: Sequence[Effect], most_seconds: float | None = None, least_saved: float = WORTH_S
     ) -> Collection[str]:
         """Names of the effects that a choice could save work by; none where there is less than `least_saved`
-        reference seconds to save. most_seconds: where a time is asked for, seconds of this machine count, and
-        none is looked at where everything in full stays within them."""
+        reference seconds to save.
+
+        most_seconds: where a time is asked for, seconds of this machine count, and none is looked at where
+            everything in full stays within them.
+        """
         cost = self.reference if most_seconds is None else self.seconds
         now = cost(self.facts.full)
         if now <= max(most_seconds or 0.0, least_saved):

@@ -35,7 +35,8 @@ def decibels(error: float) -> float:
 class Level:
     """How finely an effect is simulated: what a reader calls it, and the fields of `Fidelity` that it sets.
 
-    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not."""
+    allowed: whether a plan may choose it; a level that is there to say what leaving out costs may not.
+    """
 
     label: str
     change: Values
@@ -51,10 +52,14 @@ class Effect:
     differences(facts, levels): what each of some levels changes in the photo, as tensors [channel, n] whose
     sum of squares over n is the mean square over the frame; where it is not given, PSFs are taken to change
     (see `Spectra.by_psfs`). error(facts, level): the error itself of a level that is not full, where it needs
-    no look at the light. added: how errors add up with others: `image` (by the correlation of differences),
-    `noise` (independent) or `bias` (the worst case: linearly). within: an effect without which this one does
-    not matter; adds_to_parent: whether that one is measured without this, so that leaving it out makes both
-    errors. stage: render, psf, expose or sensor. one_pass: one estimate shows what all levels change.
+    no look at the light.
+
+    added: how errors add up with others: `image` (by the correlation of differences), `noise` (independent)
+        or `bias` (the worst case: linearly).
+    within: an effect without which this one does not matter.
+    adds_to_parent: whether that one is measured without this, so that leaving it out makes both errors.
+    stage: render, psf, expose or sensor.
+    one_pass: one estimate shows what all levels change.
     cuts: fields of `Fidelity` by which a view is rendered without it, where a user insists on that.
     """
 
@@ -76,10 +81,15 @@ class Effect:
 class Decision:
     """One effect, whether this scene and camera have it, and what is done about it.
 
-    effect: its name; called_for: whether leaving it out would be seen; chosen: what is simulated, in a word
-    or two; why: one sentence; overruled: set by the user against the plan; error: of each channel if it is
-    left out, in sensor units, None where that is not known; left: likewise, what the choice leaves out;
-    seconds: what simulating it costs; stage: where.
+    effect: its name.
+    called_for: whether leaving it out would be seen.
+    chosen: what is simulated, in a word or two.
+    why: one sentence.
+    overruled: set by the user against the plan.
+    error: of each channel if it is left out, in sensor units, None where that is not known.
+    left: likewise, what the choice leaves out.
+    seconds: what simulating it costs.
+    stage: where.
     """
 
     effect: str
@@ -97,11 +107,14 @@ class Decision:
 class Plan:
     """All decisions, and the simulation that carries them out.
 
-    error_db: predicted PSNR of the photo against the full simulation; asked_db: what was asked for, None
-    where a time was; seconds: predicted, of each stage; memory_mib, disk_mib: predicted; note: what could not
-    be had and why, or empty; target: what was asked for, as a sentence; full_seconds: predicted, of
-    everything in full; replayed: the file or preset that gave the fidelity, empty where it was chosen:
-    nothing is predicted then.
+    error_db: predicted PSNR of the photo against the full simulation.
+    asked_db: what was asked for, None where a time was.
+    seconds: predicted, of each stage.
+    memory_mib, disk_mib: predicted.
+    note: what could not be had and why, or empty.
+    target: what was asked for, as a sentence.
+    full_seconds: predicted, of everything in full.
+    replayed: the file or preset that gave the fidelity, empty where it was chosen: nothing is predicted then.
     """
 
     decisions: tuple[Decision, ...]

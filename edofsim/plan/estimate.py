@@ -24,9 +24,14 @@ LITTLE = 0.2
 
 @dataclass(frozen=True)
 class Estimate:
-    """One effect. absent: why scene or camera do not have it, or empty; levels: from left out to full, those
-    that were looked at; errors: of each level, per channel; images: [level] rows of `Estimates.products`, -1
-    for none; asked: whether it was looked at, else full is its only level."""
+    """One effect.
+
+    absent: why scene or camera do not have it, or empty.
+    levels: from left out to full, those that were looked at.
+    errors: of each level, per channel.
+    images: [level] rows of `Estimates.products`, -1 for none.
+    asked: whether it was looked at, else full is its only level.
+    """
 
     effect: Effect
     absent: str
@@ -43,9 +48,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Estimates:
-    """All effects. products: [image, image], mean over pixels and channels of the product of two difference
-    images (see `Effect.differences`), so that errors of several effects together are sums over it, with their
-    correlation."""
+    """All effects.
+
+    products: [image, image], mean over pixels and channels of the product of two difference images (see
+        `Effect.differences`), so that errors of several effects together are sums over it, with their
+        correlation.
+    """
 
     rows: tuple[Estimate, ...]
     products: Tensor
@@ -94,9 +102,10 @@ def estimate(
 ) -> Estimates:
     """Measure levels of the effects that scene and camera have.
 
-    more: by effect, one more level, which the user insists on; asked: names of the effects that are looked
-    at, None for all of them. Of levels that err by more than `Facts.allowed` only the coarsest and the finest
-    are looked at, and none of finer ones where the coarsest hardly errs.
+    more: by effect, one more level, which the user insists on.
+    asked: names of the effects that are looked at, None for all of them. Of levels that err by more than
+        `Facts.allowed` only the coarsest and the finest are looked at, and none of finer ones where the
+        coarsest hardly errs.
     """
     rows: list[Estimate] = []
     todo: dict[int, tuple[Effect, tuple[Level, ...], bool]] = {}

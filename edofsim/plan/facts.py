@@ -43,16 +43,24 @@ FEW_DEPTHS = 48
 class Facts:
     """Of one scene (or view) through one camera.
 
-    view: the view itself, or a preview of it: the same frame with few samples; recipe: the scene's, None
-    where only a view is known; full: the simulation that leaves nothing out; edges: pixels on depth edges;
-    response: [channel, band]; spectrum: [band], the light of the whole view; ideal: [channel, y, x], all in
-    focus, unexposed; exposure: of the photo; ends: least and largest inverse depth in 1/m; depths: the
-    distinct ones where they are few, else None; hides: which fragments hide which; cuts: inverse depths at
-    which the view is cut into slabs; shape: the view, counted; fingerprint: of all that it holds;
-    bounce_errors: error of each channel if paths end after this many bounces, and glass_error: if glass does
-    not disperse, both from small renderings;
-    noise_ratio: the view's noise over that of the samples asked for; allowed:
-    root mean square error that the photo may have: how much more something errs is of no account.
+    view: the view itself, or a preview of it: the same frame with few samples.
+    recipe: the scene's, None where only a view is known.
+    full: the simulation that leaves nothing out.
+    edges: pixels on depth edges.
+    response: [channel, band].
+    spectrum: [band], the light of the whole view.
+    ideal: [channel, y, x], all in focus, unexposed.
+    exposure: of the photo.
+    ends: least and largest inverse depth in 1/m.
+    depths: the distinct ones where they are few, else None.
+    hides: which fragments hide which.
+    cuts: inverse depths at which the view is cut into slabs.
+    shape: the view, counted.
+    fingerprint: of all that it holds.
+    bounce_errors: error of each channel if paths end after this many bounces.
+    glass_error: if glass does not disperse, both from small renderings.
+    noise_ratio: the view's noise over that of the samples asked for.
+    allowed: root mean square error that the photo may have: how much more something errs is of no account.
     """
 
     view: View
@@ -198,8 +206,10 @@ def facts_of(
     recipe: SceneRecipe | None = None,
     noise_ratio: float = 1.0,
 ) -> Facts:
-    """Look at a view, with what is guessed behind its edges where that is not known. noise_ratio: its
-    noise over that of the recipe's samples."""
+    """Look at a view, with what is guessed behind its edges where that is not known.
+
+    noise_ratio: its noise over that of the recipe's samples.
+    """
     view = with_guessed(view, camera)
     response = channel_weights(camera, view.wavelengths)
     wanted, gap = camera.recipe.sensor.exposure, 1 / blur_per_dioptre(camera)
@@ -256,9 +266,11 @@ def _fingerprint(view: View) -> str:
 
 
 def photo_changes(facts: Facts, changes: Sequence[Mapping[str, object]], **rest: object) -> list[Tensor]:
-    """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`. rest:
-    how else the rest is simulated than in one group of bands a channel and 4 layers, with the pupil as a
-    whole."""
+    """What each change of the fidelity changes in coarse photos, [channel, n] for `Effect.differences`.
+
+    rest: how else the rest is simulated than in one group of bands a channel and 4 layers, with the pupil as
+        a whole.
+    """
     few = {"band_groups": 1, "group_wavelengths": 1, "layers": 4}
     few |= {"sub_apertures": 1, "sub_aperture_pixel": 2}
     usual = facts.full.changed({**few, **rest})

@@ -11,8 +11,10 @@ from .effect import Plan, decibels, overall
 
 
 def plan_figures(plan: Plan, planning: float | None = None) -> dict[str, float]:
-    """What a plan predicts, flat: a dotted name with its unit to a number. planning: seconds that making it
-    took, of which the share of what it saves is reported."""
+    """What a plan predicts, flat: a dotted name with its unit to a number.
+
+    planning: seconds that making it took, of which the share of what it saves is reported.
+    """
     if plan.replayed:
         return {}
     found: dict[str, float] = {"plan.psnr_db": plan.error_db, "plan.memory_mib": plan.memory_mib}

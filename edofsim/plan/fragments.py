@@ -17,8 +17,12 @@ MEAN_SAMPLE = 20_000
 
 @dataclass(frozen=True)
 class Fragments:
-    """n of them. which: int64 [n], their numbers in the view; place: int64 [n], the pixel of each, tile by
-    tile; depth: float64 [n], inverse depths in 1/m at which they count."""
+    """n of them.
+
+    which: int64 [n], their numbers in the view.
+    place: int64 [n], the pixel of each, tile by tile.
+    depth: float64 [n], inverse depths in 1/m at which they count.
+    """
 
     which: Tensor
     place: Tensor
@@ -30,9 +34,11 @@ class Fragments:
 
 @dataclass(frozen=True)
 class Tiled:
-    """Images of tiles at depth nodes, or their spectra, of those pairs of both where anything lies. values:
-    [pair, k, y, x], or [pair, k, channel, y, x] where those of channels differ; tile, node: int64 [pair].
-    Nodes ascend."""
+    """Images of tiles at depth nodes, or their spectra, of those pairs of both where anything lies.
+
+    values: [pair, k, y, x], or [pair, k, channel, y, x] where those of channels differ.
+    tile, node: int64 [pair]. Nodes ascend.
+    """
 
     values: Tensor
     tile: Tensor
@@ -86,7 +92,10 @@ def together(*parts: Fragments) -> Fragments:
 
 def at_nodes(fragments: Fragments, light: Tensor, nodes: Tensor, tiles: Tiles, shared: bool) -> Tiled:
     """Images of light [k, n], each fragment's at the nearest of the nodes, where its PSF is that of a depth
-    and no mixture; shared: at the two that it lies between."""
+    and no mixture.
+
+    shared: at the two that it lies between.
+    """
     depth, side, count = fragments.depth, tiles.side, len(tiles.shares)
     size = side**2
     tile, within = fragments.place // size, fragments.place % size

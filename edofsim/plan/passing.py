@@ -27,8 +27,9 @@ IN_FULL = 0.25
 
 @dataclass(frozen=True)
 class Passing:
-    """cuts: float64 [slab - 1], the inverse depths between slabs, ascending; passed: [slab, tile, y, x], what
-    share of the light of each reaches the sensor."""
+    """cuts: float64 [slab - 1], the inverse depths between slabs, ascending.
+    passed: [slab, tile, y, x], what share of the light of each reaches the sensor.
+    """
 
     cuts: Tensor
     passed: Tensor
@@ -44,8 +45,9 @@ class Passing:
 
 
 def passing(cover: Tiled, otfs: Tensor, nodes: Tensor, cuts: Tensor, tiles: int) -> Passing:
-    """cover: of the fragments at nodes, k = 1, in this many tiles; otfs: of nodes, complex [node, y, x // 2 +
-    1]."""
+    """cover: of the fragments at nodes, k = 1, in this many tiles.
+    otfs: of nodes, complex [node, y, x // 2 + 1].
+    """
     side, slab = cover.values.shape[-1], torch.searchsorted(cuts, nodes)
     blurred = cover.transformed().values[:, 0] * otfs[cover.node]
     pairs, which = (slab[cover.node] * tiles + cover.tile).unique(return_inverse=True)

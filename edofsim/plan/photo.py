@@ -45,7 +45,10 @@ class Planner:
         return self.costs.seconds_of(fidelity)
 
     def plan(self, target: Target | None = None, fixed: Mapping[str, int] | None = None) -> Plan:
-        """Choose for a target. fixed: levels of effects that the user insists on."""
+        """Choose for a target.
+
+        fixed: levels of effects that the user insists on.
+        """
         target, fixed = target or Target(), dict(fixed or {})
 
         reference, seconds = (self._of_levels(cost) for cost in (self.costs.reference, self.costs.seconds))
@@ -175,8 +178,9 @@ def planner_of(
 ) -> Planner:
     """Look at a view, or at the facts given, and estimate every effect, or those of `effects`.
 
-    more: levels the user insists on; rendering: what the view costs, where it is still to render; disk_mib:
-    of the view.
+    more: levels the user insists on.
+    rendering: what the view costs, where it is still to render.
+    disk_mib: of the view.
     """
     facts = facts or facts_of(view, camera)
     costs = Costs(facts, facts.shape, rates(), rendering or Rendering())
@@ -200,9 +204,11 @@ def plan_photo(
     """Decide on the effects of a photo.
 
     overrule: what the user insists on: `layers`, `occlusion`, `sub_apertures`, `without` and `with_` (names
-    of effects); None values are left to the plan. target: None for the default. every_effect: False looks
-    only at effects that the choice can save work by, and at levels that it can take; other effects are
-    simulated without asking what they do.
+        of effects); None values are left to the plan.
+    target: None for the default.
+    every_effect: False looks only at effects that the choice can save work by, and at levels that it can
+        take; other effects are simulated without asking what they do.
+
     Raises InputError for an effect that is not known.
     """
     given, target = checked_overrule(overrule), target or Target()
@@ -234,8 +240,10 @@ def plan_alone(
     """The plan of a photo through the lens alone, by itself: a mask evens the blur, and the bare lens may ask
     for ten times as many depth layers.
 
-    plan, facts: of the photo through the mask, which `overrule` and `target` (see `plan_photo`) asked for;
-    alone: that camera without its mask. Raises InputError as `plan_photo`.
+    plan, facts: of the photo through the mask, which `overrule` and `target` (see `plan_photo`) asked for.
+    alone: that camera without its mask.
+
+    Raises InputError as `plan_photo`.
     """
     how = {"facts": through_mask_like(facts, alone), "progress": progress}
     return plan_photo(facts.view, alone, overrule, as_accurate(plan, target), every_effect=False, **how)

@@ -65,8 +65,10 @@ def view_noise_for(facts: Facts, place: str) -> float | None:
 
 def score_error_db(truth: float, pixels: int, psnr_db: float = TYPICAL_DB) -> float:
     """Standard error of a PSNR in dB, by noise in the ideal image that its score is without: first order, of
-    noise that is alike in all channels and independent from pixel to pixel. truth: its root mean square, full
-    scale 1."""
+    noise that is alike in all channels and independent from pixel to pixel.
+
+    truth: its root mean square, full scale 1.
+    """
     return 20 / math.log(10) * truth / (10 ** (-psnr_db / 20) * math.sqrt(pixels))
 
 

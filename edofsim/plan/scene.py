@@ -42,8 +42,12 @@ BOUNCES = (2, 3)
 
 @dataclass(frozen=True)
 class SceneFacts:
-    """What is known of a scene before its photo. facts; rendering: what its view costs; disk_mib: of the
-    view; recipe: of the scene."""
+    """What is known of a scene before its photo. facts.
+
+    rendering: what its view costs.
+    disk_mib: of the view.
+    recipe: of the scene.
+    """
 
     facts: Facts
     rendering: Rendering
@@ -62,8 +66,10 @@ def look(
     progress: Progress | None = None,
 ) -> SceneFacts:
     """Facts of a scene from its view where that is in the cache or read from files, else from a preview; both
-    with the camera's pixels. preview: from a preview whatever the cache holds, for a choice that must not
-    depend on it."""
+    with the camera's pixels.
+
+    preview: from a preview whatever the cache holds, for a choice that must not depend on it.
+    """
     view = None if preview else cached(recipe, base, cache=cache)
     if view is None and recipe.source is not None and not recipe.source.rendered:
         view = render(recipe, base, cache=cache)  # read, not rendered
@@ -106,8 +112,9 @@ def seen_in_thumbnails(
     progress: Progress | None = None,
 ) -> tuple[dict[int, tuple[float, ...]], tuple[float, ...]]:
     """What small renderings say of rendering: the error of each channel of the photo if paths end after so
-    many bounces, and if glass does not disperse (empty where none does). cache, device, progress: of
-    `render`.
+    many bounces, and if glass does not disperse (empty where none does).
+
+    cache, device, progress: of `render`.
     """
     recipe = facts.recipe
     how: Values = {"cache": cache, "device": device, "progress": progress}

@@ -22,8 +22,9 @@ BINS = 512
 class Slabs:
     """The slabs that parts of a view are composited in, those of all parts one after the other.
 
-    part: int64 [slab, 2], rows and columns of the part of the frame that each is of, without surroundings;
-    extent: int64 [slab, 2], that each spans; around: [slab], fragments of its part, surroundings included;
+    part: int64 [slab, 2], rows and columns of the part of the frame that each is of, without surroundings.
+    extent: int64 [slab, 2], that each spans.
+    around: [slab], fragments of its part, surroundings included.
     occupied: bool [slab, bin], the depths at which each holds some.
     """
 
@@ -37,11 +38,16 @@ class Slabs:
 class Shape:
     """A view, counted.
 
-    height, width, margin, bands: of the view; one_each: whether every pixel has one fragment; fragments,
-    visible: how many there are, and are seen; ends: the range of inverse depths; wavelengths: of the bands,
-    in metres; reach: half a PSF of the recipe; slabs: none where nothing hides anything; in_tiles: whether
-    parts of the frame are composited, else all of it in one go; occupied: bool [bin], of all slabs; counted:
-    work that was.
+    height, width, margin, bands: of the view.
+    one_each: whether every pixel has one fragment.
+    fragments, visible: how many there are, and are seen.
+    ends: the range of inverse depths.
+    wavelengths: of the bands, in metres.
+    reach: half a PSF of the recipe.
+    slabs: none where nothing hides anything.
+    in_tiles: whether parts of the frame are composited, else all of it in one go.
+    occupied: bool [bin], of all slabs.
+    counted: work that was.
     """
 
     height: int
@@ -78,8 +84,11 @@ def nodes_used(occupied: Tensor, layers: int) -> Tensor:
 
 
 def shape_of(view: View, camera: Camera, hidden: Hides, cuts: Sequence[float]) -> Shape:
-    """Count a view once, for the work of any simulation of it. hidden: which fragments hide which; cuts:
-    inverse depths between slabs, which parts of the frame are taken to share."""
+    """Count a view once, for the work of any simulation of it.
+
+    hidden: which fragments hide which.
+    cuts: inverse depths between slabs, which parts of the frame are taken to share.
+    """
     low, high = (float(end) for end in view.inverse_depth.double().aminmax())
     reach = camera.recipe.psf.window_px // 2
     depth = view.inverse_depth.double()

@@ -60,9 +60,13 @@ shipped scenes, nearly every band where each has noise of its own."""
 
 @dataclass(frozen=True)
 class Spectra:
-    """Tiles of a view. cuts: inverse depths between the view's slabs; seen: the fragments that lie in tiles;
+    """Tiles of a view.
+
+    cuts: inverse depths between the view's slabs.
+    seen: the fragments that lie in tiles.
     behind, before: those that are hidden there, at their own depth and at that of what hides them; other
-    fields as in `Facts`, response times exposure."""
+        fields as in `Facts`, response times exposure.
+    """
 
     view: View
     camera: Camera

@@ -23,9 +23,11 @@ LOG = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Target:
-    """kind: `noise` (error below half of the sensor's noise), `db`, `full` or `time`; db, seconds: asked;
-    nearer_db: of `noise`, so much less error; spent: of these seconds, those that are gone before the
-    photo."""
+    """kind: `noise` (error below half of the sensor's noise), `db`, `full` or `time`.
+    db, seconds: asked.
+    nearer_db: of `noise`, so much less error.
+    spent: of these seconds, those that are gone before the photo.
+    """
 
     kind: str = "noise"
     db: float = math.inf
@@ -62,9 +64,12 @@ class Target:
 
 
 def as_accurate(plan: Plan, target: Target | None) -> Target:
-    """What a photo to compare with is planned for. target: that of the first one, of this plan. An accuracy
-    holds for both, but that nothing is restored from the other, so that it need not be `nearer_db`; a time is
-    of the first alone, and the other is planned for the accuracy that it came to."""
+    """What a photo to compare with is planned for.
+
+    target: that of the first one, of this plan. An accuracy holds for both, but that nothing is restored from
+        the other, so that it need not be `nearer_db`; a time is of the first alone, and the other is planned
+        for the accuracy that it came to.
+    """
     if target is None or target.kind != "time":
         return replace(target or Target(), nearer_db=0.0)
     return Target("full") if math.isinf(plan.error_db) else Target("db", db=plan.error_db)
@@ -75,8 +80,12 @@ RESTORED = Target(nearer_db=RESTORED_DB)
 
 
 def parse_target(accuracy: str | None, time: str | None, usual: Target | None = None) -> Target:
-    """`45dB`, `noise`, `restored` or `full`; or a time such as `20s`. usual: where neither is given, None for
-    `noise`. Raises InputError for anything else, or both."""
+    """`45dB`, `noise`, `restored` or `full`; or a time such as `20s`.
+
+    usual: where neither is given, None for `noise`.
+
+    Raises InputError for anything else, or both.
+    """
     if accuracy and time:
         raise InputError("--accuracy and --time: ask for one of them")
     if time:

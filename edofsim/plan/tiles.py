@@ -22,8 +22,12 @@ nothing."""
 
 @dataclass(frozen=True)
 class Tiles:
-    """Square tiles of a frame. side: in pixels; corners: (top, left) of each, some of which begin before the
-    frame or end behind it; shares: [tile] in a mean over the frame, float64; they sum to 1."""
+    """Square tiles of a frame.
+
+    side: in pixels.
+    corners: (top, left) of each, some of which begin before the frame or end behind it.
+    shares: [tile] in a mean over the frame, float64; they sum to 1.
+    """
 
     height: int
     width: int
@@ -61,8 +65,11 @@ class Tiles:
 
 
 def choose_tiles(view: View, ideal: Tensor, camera: Camera, side: int, seed: int = 0) -> Tiles:
-    """Tiles of `side` pixels that stand for a view's frame. ideal: [channel, y, x] of it. Tiles with detail
-    and depth edges are more likely to be among them, and count less each."""
+    """Tiles of `side` pixels that stand for a view's frame.
+
+    ideal: [channel, y, x] of it. Tiles with detail and depth edges are more likely to be among them, and
+        count less each.
+    """
     beyond = min(side // 4, view.margin)  # the window that tiles are seen under is flat up to the borders
     places = [(y, x) for y in _starts(view.height, side, beyond) for x in _starts(view.width, side, beyond)]
     chance = _chances(view, ideal, camera, places, side)

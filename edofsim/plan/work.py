@@ -59,7 +59,10 @@ Amounts = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Work:
-    """Amounts by stage; bytes: of PSFs, light and transforms."""
+    """Amounts by stage.
+
+    bytes: of PSFs, light and transforms.
+    """
 
     amounts: Mapping[str, Amounts]
     bytes: float
@@ -81,8 +84,10 @@ def work_of(
 ) -> Work:
     """The work of a photo.
 
-    layers: depth nodes; groups: images that are blurred for each of them; colours: wavelengths of PSFs; step:
-    pixels between the places in the field that these are computed at, 0 for one place.
+    layers: depth nodes.
+    groups: images that are blurred for each of them.
+    colours: wavelengths of PSFs.
+    step: pixels between the places in the field that these are computed at, 0 for one place.
     """
     window = fidelity.window_px or camera.recipe.psf.window_px
     layers = 1 if shape.ends[0] == shape.ends[1] else layers

@@ -68,7 +68,8 @@ def read_toml(path: Path) -> tuple[Json, str]:
 def validate(model: type[Model], data: Json, text: str = "", path: Path | None = None) -> Model:
     """`data` as a `model`; raises InputError that lists every problem with its line in `text`.
 
-    path: file that `data` was read from; None for values that were given in Python."""
+    path: file that `data` was read from; None for values that were given in Python.
+    """
     try:
         return model.model_validate(data, context={"path": path} if path else None)
     except ValidationError as error:

@@ -24,8 +24,9 @@ from ..optics.transform import SensorWindow, pixel_weights
 class Transform:
     """From pupil cells to sub-pixels at one wavelength, on the non-negative halves of both axes.
 
-    cosine, sine: float32 [sub-pixel, cell]; pixels: float32 [pixel, sub-pixel], what each pixel of the whole
-    axis integrates; window: pixels of a PSF, centred on pixel window // 2.
+    cosine, sine: float32 [sub-pixel, cell].
+    pixels: float32 [pixel, sub-pixel], what each pixel of the whole axis integrates.
+    window: pixels of a PSF, centred on pixel window // 2.
     """
 
     cosine: Tensor
@@ -51,8 +52,9 @@ def make_transform(camera: Camera, grid: PupilGrid, wavelength: float, window: i
 def clipped_psf(pupil: Tensor, opening: Aperture, psi: Tensor, wave: Tensor, transform: Transform) -> Tensor:
     """PSFs [n, y, x] of points with defocus psi [n] whose light reaches the pupil as `wave` [n, s, s].
 
-    pupil: complex [s, s] without defocus; wave: complex amplitude relative to a free path, from `shadow`.
-    Each pixel gets its energy as a fraction of the light through the whole pupil, float64.
+    pupil: complex [s, s] without defocus.
+    wave: complex amplitude relative to a free path, from `shadow`. Each pixel gets its energy as a fraction
+        of the light through the whole pupil, float64.
     """
     grid = opening.grid
     phase = torch.remainder(psi[:, None] * (grid.centres / grid.radius) ** 2, 2 * math.pi).float()
@@ -64,12 +66,12 @@ def clipped_psf(pupil: Tensor, opening: Aperture, psi: Tensor, wave: Tensor, tra
 def shadow(lets_by: Tensor, nearer: Tensor, width: float, wavelength: float, grid: PupilGrid) -> Tensor:
     """The light of points behind obstacles, in the pupil: complex [n, s, s], 1 where nothing is in the way.
 
-    lets_by: [n, v, u], what rays to a square of `width` [m] around the pupil say; nearer: [n], inverse depth
-    of the obstacle minus that of the point, 1/m. Light bends at edges: by Fresnel's integral the wave behind
-    an obstacle is its geometric shadow convolved with exp(j pi nearer s^2 / lambda), of spectrum
-    exp(-j pi lambda f^2 / nearer). Obstacles go on beyond the square as they are at its border. Where the
-    spectrum would carry light around the square it is cut (Matsushima and Shimobaba, Opt. Express 17, 19662,
-    2009).
+    lets_by: [n, v, u], what rays to a square of `width` [m] around the pupil say.
+    nearer: [n], inverse depth of the obstacle minus that of the point, 1/m. Light bends at edges: by
+        Fresnel's integral the wave behind an obstacle is its geometric shadow convolved with exp(j pi nearer
+        s^2 / lambda), of spectrum exp(-j pi lambda f^2 / nearer). Obstacles go on beyond the square as they
+        are at its border. Where the spectrum would carry light around the square it is cut (Matsushima and
+        Shimobaba, Opt. Express 17, 19662, 2009).
     """
     pitch = width / lets_by.shape[-1]
     beyond = lets_by.shape[-1] // 2

@@ -42,9 +42,12 @@ def thin_lens(
 ) -> Tensor:
     """Radiance of a part of a view's frame through a lens: [band, y, x], float64.
 
-    view: gives the frame and the pixel angle; aperture_radius: metres; focus_distances: metres along the
-    axis, one for all bands or one a band (a real lens focuses each colour elsewhere; each distance that
-    differs is a render of its own). samples: a pixel. A pixel is a box, as in a view.
+    view: gives the frame and the pixel angle.
+    aperture_radius: metres.
+    focus_distances: metres along the axis, one for all bands or one a band (a real lens focuses each colour
+        elsewhere; each distance that differs is a render of its own).
+    samples: a pixel. A pixel is a box, as in a view.
+
     Raises InputError for a focus behind the lens, EngineError where nothing can render.
     """
     distances = list(focus_distances)

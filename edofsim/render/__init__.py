@@ -38,10 +38,13 @@ def render(
 ) -> View:
     """The view of a scene: read from the cache, or rendered and stored there.
 
-    base: folder that files named in the recipe start from. cache: folder of views, None for the default one.
-    noise: relative standard error to render to, instead of the recipe's number of samples. device: auto, cpu
-    or cuda. Interrupted work is kept in the cache and gone on from. Raises InputError for a scene or a folder
-    that cannot be used, EngineError where nothing can render, EdofsimError if the disk is full.
+    base: folder that files named in the recipe start from.
+    cache: folder of views, None for the default one.
+    noise: relative standard error to render to, instead of the recipe's number of samples.
+    device: auto, cpu or cuda. Interrupted work is kept in the cache and gone on from.
+
+    Raises InputError for a scene or a folder that cannot be used, EngineError where nothing can render,
+    EdofsimError if the disk is full.
     """
     return fetch(recipe, base, cache, noise, device, progress).view()
 

@@ -21,22 +21,31 @@ from .spread import Workers
 
 @dataclass(frozen=True)
 class Task:
-    """A recipe and the folder that files named in it start from. noise: relative, to stop at; None for that
-    of all tasks."""
+    """A recipe and the folder that files named in it start from.
+
+    noise: relative, to stop at; None for that of all tasks.
+    """
 
     recipe: SceneRecipe
     base: Path
     noise: float | None = None
 
     def stops_at(self, noise: float | None) -> float | None:
-        """The noise to stop at. noise: that of all tasks."""
+        """The noise to stop at.
+
+        noise: that of all tasks.
+        """
         return noise if self.noise is None else self.noise
 
 
 @dataclass(frozen=True)
 class RenderOutcome:
-    """What became of a task. seconds: of rendering, 0 if it was in the cache; error: empty if all went
-    well; origin: of a view that is not fresh, `cache`, or `file` where it is read from the scene's own."""
+    """What became of a task.
+
+    seconds: of rendering, 0 if it was in the cache.
+    error: empty if all went well.
+    origin: of a view that is not fresh, `cache`, or `file` where it is read from the scene's own.
+    """
 
     name: str
     key: str

@@ -59,7 +59,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Entry:
-    """A complete entry. bytes: of both files; used: seconds since 1970, of the last reading or writing."""
+    """A complete entry.
+
+    bytes: of both files.
+    used: seconds since 1970, of the last reading or writing.
+    """
 
     path: Path
     key: str
@@ -88,7 +92,8 @@ class Pruned:
 def load(place: Place, *, aside: bool) -> tuple[Fragments | None, str]:
     """The view of a key, or None, and a message if the entry is damaged.
 
-    aside: set a damaged entry aside; only for who holds the key's lock."""
+    aside: set a damaged entry aside; only for who holds the key's lock.
+    """
     path = place.file("exr")
     if not path.is_file():
         return None, ""

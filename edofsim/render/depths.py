@@ -19,10 +19,12 @@ NOWHERE = -1.0
 class DepthSurvey:
     """What the samples of a list of pixels see.
 
-    pixels: int64 [pixel]; bounds: float32 [pixel, surface - 1], falling: a sample whose inverse depth is
-    below n of them belongs to the n-th surface of its pixel, 0 being the nearest; tops: float32 [pixel,
-    surface], the nearest sample of each surface; farthest: float32 [pixel]. Where a pixel has fewer surfaces,
-    the rest is NOWHERE. Pixels where no sample sees anything are left out.
+    pixels: int64 [pixel].
+    bounds: float32 [pixel, surface - 1], falling: a sample whose inverse depth is below n of them belongs to
+        the n-th surface of its pixel, 0 being the nearest.
+    tops: float32 [pixel, surface], the nearest sample of each surface.
+    farthest: float32 [pixel]. Where a pixel has fewer surfaces, the rest is NOWHERE. Pixels where no sample
+        sees anything are left out.
     """
 
     pixels: np.ndarray
@@ -39,8 +41,9 @@ class DepthSurvey:
 def survey(tiles: Iterator[tuple[np.ndarray, np.ndarray]], gap: float, surfaces: int) -> DepthSurvey:
     """Find the surfaces that each pixel sees.
 
-    tiles: (pixels [pixel], inverse depths float32 [pixel, sample], NaN where a sample sees nothing). gap: of
-    inverse depth, in 1/m, that parts two surfaces; surfaces: at most this many a pixel.
+    tiles: (pixels [pixel], inverse depths float32 [pixel, sample], NaN where a sample sees nothing).
+    gap: of inverse depth, in 1/m, that parts two surfaces.
+    surfaces: at most this many a pixel.
     """
     pixels = [np.zeros(0, np.int64)]
     bounds = [np.zeros((0, surfaces - 1), np.float32)]

@@ -17,8 +17,10 @@ def seen_around(nearest: np.ndarray, farthest: np.ndarray, gap: float, reach: fl
 
     From a point of the pupil at distance a from its centre, a surface at inverse depth d is shifted by a d
     against infinity, in tangents; so behind the surface at p, that of a farther pixel q comes into sight if q
-    is nearer to p than `reach` (nearest(p) - farthest(q)) pixels. reach: pupil radius over pixel angle, in
-    pixels per 1/m. nearest: float32 [y, x], of the surface to look behind, -inf where there is none;
+    is nearer to p than `reach` (nearest(p) - farthest(q)) pixels.
+
+    reach: pupil radius over pixel angle, in pixels per 1/m.
+    nearest: float32 [y, x], of the surface to look behind, -inf where there is none.
     farthest: float32 [y, x], of what the pinhole sees. Differences of less than `gap` are one surface.
     """
     rows, columns = nearest.shape

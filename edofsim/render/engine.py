@@ -70,8 +70,11 @@ _tried: dict[str, Tried] = {}  # by this process; the file that remembers may no
 class EngineProbe:
     """One candidate engine and what came of trying it.
 
-    device: `cpu` or `cuda`; variant: Mitsuba's name for it; library: path of libLLVM, or `driver` for CUDA;
-    version: of LLVM, as text; reason: why it does not work, empty if it does.
+    device: `cpu` or `cuda`.
+    variant: Mitsuba's name for it.
+    library: path of libLLVM, or `driver` for CUDA.
+    version: of LLVM, as text.
+    reason: why it does not work, empty if it does.
     """
 
     device: str
@@ -331,7 +334,9 @@ def use_engine(device: str = "auto", *, colours: str = "rgb") -> ModuleType:
     """Switch Mitsuba to the chosen engine and return the module.
 
     colours: `rgb`, or `spectral` for what the many-band integrator cannot carry. Only the ad variants of both
-    engines exist in Mitsuba's wheels. Raises EngineError if no engine works.
+        engines exist in Mitsuba's wheels.
+
+    Raises EngineError if no engine works.
     """
     probe = choose(find_engines(), device)
     if probe.device == "cpu":

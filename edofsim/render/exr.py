@@ -92,7 +92,9 @@ def _about(view: Fragments) -> Json:
 def write_view(path: Path, view: Fragments, recipe: Json | None = None) -> Callable[[], Fragments]:
     """Write a view, and return what gives it as `read_view` does.
 
-    recipe: JSON-able, stored as an attribute. Raises OSError if the file cannot be written.
+    recipe: JSON-able, stored as an attribute.
+
+    Raises OSError if the file cannot be written.
     """
     writer = openexr()
     rows, columns = view.padded_shape

@@ -48,8 +48,10 @@ INTEGRATORS = ("PathIntegrator", *VOLUMES, "DirectIntegrator")
 class ForeignStage:
     """A scene of Mitsuba's, ready to be traced in a spectral variant.
 
-    scene, integrator: Mitsuba's; wavelengths: float64 [band] in m; to_camera: float64 [4, 4], from the
-    scene's world to camera space in metres; objects, object_of, face_rows: see `translate.Stage`.
+    scene, integrator: Mitsuba's.
+    wavelengths: float64 [band] in m.
+    to_camera: float64 [4, 4], from the scene's world to camera space in metres.
+    objects, object_of, face_rows: see `translate.Stage`.
     """
 
     scene: mi.Scene

@@ -36,9 +36,14 @@ MANIFEST = "manifest.jsonl"
 
 @dataclass(frozen=True)
 class Forecast:
-    """What rendering will take. pictures: views that are read, not rendered; seconds: of the whole batch;
-    bytes: of new files; free: on the disk; measured: whether it rests on views that this machine rendered
-    into this cache."""
+    """What rendering will take.
+
+    pictures: views that are read, not rendered.
+    seconds: of the whole batch.
+    bytes: of new files.
+    free: on the disk.
+    measured: whether it rests on views that this machine rendered into this cache.
+    """
 
     views: int
     in_cache: int
@@ -154,8 +159,10 @@ def render_many(
 ) -> list[RenderOutcome]:
     """Render all tasks that are not in the cache, in any order; outcomes are in theirs.
 
-    jobs, cluster, shard: see `Spread`. manifest: JSON-lines file that gets a line a finished view, by default
-    `manifest.jsonl` in the cache. A view that fails is an outcome with an error, and the others go on.
+    jobs, cluster, shard: see `Spread`.
+    manifest: JSON-lines file that gets a line a finished view, by default `manifest.jsonl` in the cache. A
+        view that fails is an outcome with an error, and the others go on.
+
     Raises InputError for a shard or folder that cannot be used, EngineError where nothing can render,
     EdofsimError if the disk is too small or full.
     """

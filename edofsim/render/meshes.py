@@ -36,8 +36,9 @@ def meshes_of(
 ) -> tuple[list[mi.Mesh], list[list[int]]]:
     """Mitsuba's meshes, and for each the numbers of its objects, whose faces follow one another in it.
 
-    bsdfs: one an object; lamps: likewise, its emitter (a plugin dictionary) or None. Lamps are meshes of
-    their own, in their order."""
+    bsdfs: one an object.
+    lamps: likewise, its emitter (a plugin dictionary) or None. Lamps are meshes of their own, in their order.
+    """
     groups: dict[object, list[int]] = {}
     for number, (item, bsdf, lamp) in enumerate(zip(objects, bsdfs, lamps, strict=True)):
         alone = lamp is not None or len(objects) <= MANY
@@ -55,7 +56,10 @@ def meshes_of(
 
 def face_rows(objects: Sequence[SceneObject], members: list[list[int]]) -> tuple[np.ndarray, np.ndarray]:
     """Where the faces of each mesh start in a table of all faces, and that table: the object's number of each
-    face; int64 both. members: see `meshes_of`."""
+    face; int64 both.
+
+    members: see `meshes_of`.
+    """
     order = np.array([number for numbers in members for number in numbers], np.int64)
     counts = np.array([len(objects[number].mesh.faces) for number in order], np.int64)
     before = np.cumsum(counts) - counts

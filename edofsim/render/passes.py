@@ -26,8 +26,10 @@ LEAST_PASSES = 2
 class Group:
     """Pixels of one layer that need the same sums: one surface each (bounds is None), or several.
 
-    limits: float32 [pixel] for each surface that its rays pass (see `rays.Samples`); pixels: int64 [pixel];
-    bounds: float32 [pixel, split]; first: the sums of surface k of pixel i are at first + k len(pixels) + i.
+    limits: float32 [pixel] for each surface that its rays pass (see `rays.Samples`).
+    pixels: int64 [pixel].
+    bounds: float32 [pixel, split].
+    first: the sums of surface k of pixel i are at first + k len(pixels) + i.
     """
 
     limits: tuple[np.ndarray, ...]
@@ -66,8 +68,11 @@ def groups_of(surveys: list[DepthSurvey], limits: list[np.ndarray]) -> tuple[Gro
 
 @dataclass(frozen=True)
 class Launch:
-    """Pixels `start` to `stop` of a group, in one pass. samples: a pixel that are traced; weight: as how many
-    they count."""
+    """Pixels `start` to `stop` of a group, in one pass.
+
+    samples: a pixel that are traced.
+    weight: as how many they count.
+    """
 
     number: int
     group: int
@@ -100,11 +105,19 @@ def launches_of(groups: tuple[Group, ...], number: int, samples: int, bands: int
 
 @dataclass
 class Sums:
-    """What came in. radiance: float64 [band, slot]; count, inverse_depth: float64 [slot]; half: float32
-    [band, slot], the radiance of every second pass alone; first, second: float64 [pixel of layer 0], of each
-    full pass's band mean and of its square; launches, passes: done; samples: a pixel, of passes done;
-    half_samples: of every second pass; broken: samples that were not finite and count as black; seconds: of
-    all launches; last_pass: likewise of the last pass, whose kernels are compiled."""
+    """What came in.
+
+    radiance: float64 [band, slot].
+    count, inverse_depth: float64 [slot].
+    half: float32 [band, slot], the radiance of every second pass alone.
+    first, second: float64 [pixel of layer 0], of each full pass's band mean and of its square.
+    launches, passes: done.
+    samples: a pixel, of passes done.
+    half_samples: of every second pass.
+    broken: samples that were not finite and count as black.
+    seconds: of all launches.
+    last_pass: likewise of the last pass, whose kernels are compiled.
+    """
 
     radiance: np.ndarray
     count: np.ndarray

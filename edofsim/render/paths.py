@@ -63,8 +63,9 @@ def walk(
 ) -> tuple[mi.ArrayXf, mi.Float]:
     """Radiance [band, sample] along given rays and inverse depth [sample] of what they meet first.
 
-    index, seed: UInt32 [sample], what the paths' random numbers follow from; active: Bool [sample], rays that
-    exist; max_depth: UInt32, counts as in `trace`.
+    index, seed: UInt32 [sample], what the paths' random numbers follow from.
+    active: Bool [sample], rays that exist.
+    max_depth: UInt32, counts as in `trace`.
     """
     count = dr.width(index)
     radiance = dr.zeros(mi.ArrayXf, (stage.bands, count))

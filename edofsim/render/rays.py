@@ -27,7 +27,9 @@ MAX_SURFACES = 256
 @dataclass(frozen=True)
 class Lens:
     """The pinhole that a view is rendered through: padded frame in pixels, tangent of one pixel's angle.
-    chief_rays: those that take the place of its rays, none for a pinhole (see `recipe.scene.SeenFrame`)."""
+
+    chief_rays: those that take the place of its rays, none for a pinhole (see `recipe.scene.SeenFrame`).
+    """
 
     width: int
     height: int
@@ -39,9 +41,12 @@ class Lens:
 class Samples:
     """One launch: which pixels, which samples of each, and how far behind what they see.
 
-    pixels: UInt32 [pixel] numbers in the padded frame, row by row; count: samples a pixel; number: of the
-    pass, each pass being an independent set of samples; seed: of the whole view; limits: Float [pixel] for
-    each surface that is passed: what lies behind it is looked at only if its inverse depth is above that.
+    pixels: UInt32 [pixel] numbers in the padded frame, row by row.
+    count: samples a pixel.
+    number: of the pass, each pass being an independent set of samples.
+    seed: of the whole view.
+    limits: Float [pixel] for each surface that is passed: what lies behind it is looked at only if its
+        inverse depth is above that.
     """
 
     pixels: mi.UInt32

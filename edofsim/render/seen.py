@@ -34,7 +34,10 @@ def for_preview(recipe: SceneRecipe, samples: int) -> SceneRecipe:
 
 
 def assumptions(view: View, angle_of: str) -> list[str]:
-    """Lines that say what a view shows and what was assumed. angle_of: whose pixels' angle it has."""
+    """Lines that say what a view shows and what was assumed.
+
+    angle_of: whose pixels' angle it has.
+    """
     across = 2 * math.degrees(math.atan(view.width * view.pixel_angle / 2))
     lines = [view.caption()]
     lines.append(

@@ -17,12 +17,13 @@ LARGEST_PASS = 64
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """height, width, margin: of the frame in pixels (see `View`); pixel_angle: tangent of one pixel's angle;
-    chief_rays: those of a lens that distorts (see `recipe.scene.SeenFrame`);
-    samples: a pixel; max_depth: 2 is direct light alone; fragments: visible surfaces a pixel at most; gap:
-    difference of inverse depth in 1/m that parts two surfaces; hidden: whether to look behind edges;
-    pupil_radius: in metres, of the widest pupil that may look behind them; noise: relative standard error to
-    stop at, or None to take exactly `samples`."""
+    """height, width, margin: of the frame in pixels (see `View`). pixel_angle: tangent of one pixel's angle.
+    chief_rays: those of a lens that distorts (see `recipe.scene.SeenFrame`). samples: a pixel. max_depth: 2
+    is direct light alone. fragments: visible surfaces a pixel at most. gap: difference of inverse depth in
+    1/m that parts two surfaces. hidden: whether to look behind edges. pupil_radius: in metres, of the widest
+    pupil that may look behind them. noise: relative standard error to stop at, or None to take exactly
+    `samples`.
+    """
 
     height: int
     width: int

@@ -37,8 +37,12 @@ members of `clutter` a worker held 1.3 GiB, after 24 of them 1.4."""
 
 @dataclass(frozen=True)
 class Spread:
-    """How a work is spread. jobs: worker processes, which share the processors; cluster: address of a Dask
-    scheduler whose workers see the same files, instead; shard: (i, n), only the i-th of n shares."""
+    """How a work is spread.
+
+    jobs: worker processes, which share the processors.
+    cluster: address of a Dask scheduler whose workers see the same files, instead.
+    shard: (i, n), only the i-th of n shares.
+    """
 
     jobs: int = 1
     cluster: str | None = None
@@ -74,9 +78,10 @@ def duration(seconds: float) -> str:
 class Workers(Generic[T, R]):
     """Parts at work, and what became of them.
 
-    work: does a part; module level, so that a worker finds it. failed: what becomes of part `number` that
-    ended with a message, or whose worker died. keep: gets each result as it comes. called: what parts are
-    called where progress is reported.
+    work: does a part; module level, so that a worker finds it.
+    failed: what becomes of part `number` that ended with a message, or whose worker died.
+    keep: gets each result as it comes.
+    called: what parts are called where progress is reported.
     """
 
     def __init__(

@@ -52,13 +52,18 @@ FewLights: TypeAlias = "tuple[tuple[mi.UInt32, list[list[mi.Float]]], ...]"
 class Stage:
     """A scene ready to be traced. Buffers are Dr.Jit arrays of the engine that is active.
 
-    spectra: Float, [row * stride + band], ROWS rows a basis; texels: Float, 4 a texel; objects: UInt32,
-    FIELDS an object; object_of, light_of: UInt32, registry id of a shape / emitter to its row; face_rows:
-    UInt32, the object's row of each face where several objects are one mesh (then object_of gives the first
-    face of each shape), else None; lights: as
-    `objects`, in the order of Mitsuba's emitters; has_textures: whether any texel is ever looked up;
-    disperses: whether any index changes with wavelength; few_lights: (row of a basis, its rows of Floats
-    [row][band]) for each basis of the lights if these are few, else None; spares: see `meshes.spares`.
+    spectra: Float, [row * stride + band], ROWS rows a basis.
+    texels: Float, 4 a texel.
+    objects: UInt32, FIELDS an object.
+    object_of, light_of: UInt32, registry id of a shape / emitter to its row.
+    face_rows: UInt32, the object's row of each face where several objects are one mesh (then object_of gives
+        the first face of each shape), else None.
+    lights: as `objects`, in the order of Mitsuba's emitters.
+    has_textures: whether any texel is ever looked up.
+    disperses: whether any index changes with wavelength.
+    few_lights: (row of a basis, its rows of Floats [row][band]) for each basis of the lights if these are
+        few, else None.
+    spares: see `meshes.spares`.
     """
 
     scene: mi.Scene
@@ -143,8 +148,10 @@ class _Tables:
 def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     """Load a scene into the active engine.
 
-    mi: the mitsuba module with its variant set. Raises InputError for a BSDF that Mitsuba refuses, or whose
-    light is not affine in its reflectance, and for spectra or textures of the wrong shape.
+    mi: the mitsuba module with its variant set.
+
+    Raises InputError for a BSDF that Mitsuba refuses, or whose light is not affine in its reflectance, and
+    for spectra or textures of the wrong shape.
     """
     import drjit as dr
 

@@ -41,10 +41,12 @@ def choose_crops(
 ) -> tuple[Detail, ...]:
     """For each depth range that the picture holds, the square with the most texture at these depths.
 
-    inverse_depth: [y, x] in 1/m; ideal: linear [3, y, x]; size: pixels, made smaller for small pictures.
-    Texture is the gradient of the encoded picture, as the eye sees it, summed over the square's pixels in
-    range; squares with few such pixels are passed over where better filled ones exist, and so are squares
-    that overlap an earlier one by more than a quarter. Without any texture the most central square wins.
+    inverse_depth: [y, x] in 1/m.
+    ideal: linear [3, y, x].
+    size: pixels, made smaller for small pictures. Texture is the gradient of the encoded picture, as the eye
+        sees it, summed over the square's pixels in range; squares with few such pixels are passed over where
+        better filled ones exist, and so are squares that overlap an earlier one by more than a quarter.
+        Without any texture the most central square wins.
     """
     rows, columns = inverse_depth.shape
     size = max(1, min(size, rows, columns))

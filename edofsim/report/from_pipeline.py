@@ -48,7 +48,11 @@ PICTURE = 250  # samples across the picture of the DOE
 
 
 def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
-    """The page of a run, one file. cost: chart of what accuracy costs. Returns the path.
+    """The page of a run, one file.
+
+    cost: chart of what accuracy costs.
+
+    Returns the path.
 
     Raises InputError where it cannot be written.
     """

@@ -45,8 +45,9 @@ class DepthRange:
 class Psfs:
     """Point spread functions of the three channels at some depths.
 
-    values: [depth, channel, y, x], the fraction of the light through the pupil that lands in each pixel;
-    depths_m: one each, infinity is legal; pixel_um: the sensor's pitch.
+    values: [depth, channel, y, x], the fraction of the light through the pupil that lands in each pixel.
+    depths_m: one each, infinity is legal.
+    pixel_um: the sensor's pitch.
     """
 
     values: Tensor
@@ -65,8 +66,9 @@ class Psfs:
 class PlanRow:
     """One effect of a plan.
 
-    error: RMS error of the sensor image if the effect is left out, full scale 1; seconds: what simulating
-    it costs. None where unknown. lens_alone: what the plan of the photo through the lens alone chooses.
+    error: RMS error of the sensor image if the effect is left out, full scale 1.
+    seconds: what simulating it costs. None where unknown.
+    lens_alone: what the plan of the photo through the lens alone chooses.
     """
 
     effect: str

@@ -95,8 +95,11 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Sweep:
-    """A slider over pictures, of which one is seen. label: of the slider; gallery: the name of the one whose
-    values under the pointer are shown, at the same places."""
+    """A slider over pictures, of which one is seen.
+
+    label: of the slider.
+    gallery: the name of the one whose values under the pointer are shown, at the same places.
+    """
 
     kind: ClassVar[str] = "sweep"
     pictures: tuple[Picture, ...]

@@ -61,7 +61,10 @@ def write_report(path: Path, report: RunReport) -> Path:
 
 
 def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> Page:
-    """The page of a run. crops: parts to enlarge, in place of textured ones near, at focus and far."""
+    """The page of a run.
+
+    crops: parts to enlarge, in place of textured ones near, at focus and far.
+    """
     chosen = crops is None
     if crops is None:
         ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})

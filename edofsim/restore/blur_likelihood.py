@@ -33,9 +33,9 @@ def explain(transfer: Tensor, between: int = 1) -> tuple[Tensor, Tensor]:
     """(matrix [contrast * depth, feature], constant [contrast, depth]) that `log_likelihood` needs.
 
     transfer: complex [depth * between, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`; this many neighbours
-    stand for one distance, and their covariance is the mean. The likelihood's exponent is a
-    sum over frequencies of the inverse covariance times the cross-spectra of the colours: a product of
-    a matrix with the features of a block.
+        stand for one distance, and their covariance is the mean. The likelihood's exponent is a sum over
+        frequencies of the inverse covariance times the cross-spectra of the colours: a product of a matrix
+        with the features of a block.
     """
     used = _used(transfer.device)
     alike = torch.tensor(COLOUR_CORRELATION, dtype=torch.float64, device=transfer.device)
@@ -55,7 +55,7 @@ def log_likelihood(photo: Tensor, matrix: Tensor, constant: Tensor) -> Tensor:
     """The logarithm of the likelihood of each distance, [batch, depth, row, column], but for a constant.
 
     photo: [batch, 3, y, x], both sizes multiples of STEP and at least BLOCK; place (i, j) stands for the
-    block of which pixel (STEP i, STEP j) is the first.
+        block of which pixel (STEP i, STEP j) is the first.
     """
     used, window = _used(photo.device), torch.hann_window(BLOCK, periodic=False, device=photo.device)
     window = window[:, None] * window

@@ -49,9 +49,13 @@ MORE_MAPS = 3  # expected error of the likely filters, that of one filter for al
 
 @dataclass(frozen=True)
 class Conditioning:
-    """What a bank knows of a camera. filters: [(groups + blind) * 3 out, 3 in, support, support], the last
-    for the whole range, see `BLIND`; matrix, constant: of `blur_likelihood.explain`; expected: [groups + 1],
-    PSNRs that filters without bounds reach, as the network takes them; noise: its standard deviation."""
+    """What a bank knows of a camera.
+
+    filters: [(groups + blind) * 3 out, 3 in, support, support], the last for the whole range, see `BLIND`.
+    matrix, constant: of `blur_likelihood.explain`.
+    expected: [groups + 1], PSNRs that filters without bounds reach, as the network takes them.
+    noise: its standard deviation.
+    """
 
     filters: Tensor
     matrix: Tensor
@@ -63,8 +67,9 @@ class Conditioning:
 class CameraBank(FilterBank):
     """A `FilterBank` whose network fits any camera. Until it is set for one, it takes photos for sharp ones.
 
-    groups, support, distances, width, blocks, kernel: see `FilterBank`. linear: whether the U-Net sees what
-    Wiener deconvolution makes of the photo: its photos have three more channels then, which hold that.
+    groups, support, distances, width, blocks, kernel: see `FilterBank`.
+    linear: whether the U-Net sees what Wiener deconvolution makes of the photo: its photos have three more
+        channels then, which hold that.
     """
 
     kind = "camera-bank"
@@ -147,8 +152,9 @@ class CameraBank(FilterBank):
         """What follows from PSFs and the standard deviation of the noise, relative to full scale.
 
         psf: [depth, 3, y, x] at `psf_depths`: a filter is for all that lies within its part of the range,
-        where the blur may change by pixels. Light that leaves their window is taken off a photo before, as
-        much as in the mean over the range; what then is left has more contrast, and more noise."""
+            where the blur may change by pixels. Light that leaves their window is taken off a photo before,
+            as much as in the mean over the range; what then is left has more contrast, and more noise.
+        """
         psf, noise = without_truncated(psf, max(noise, LEAST_NOISE))
         size = BLOCK * -(-psf.shape[-1] // BLOCK)
         transfer = block_transfer(transfer_functions(psf, size))
@@ -167,7 +173,10 @@ class CameraBank(FilterBank):
         return Conditioning(filters.flatten(0, 1).to(torch.float32), matrix, constant, expected, noise)
 
     def load_psf_state(self, known: object) -> None:
-        """Restore photos of that camera from now on. known: a `Conditioning`."""
+        """Restore photos of that camera from now on.
+
+        known: a `Conditioning`.
+        """
         assert isinstance(known, Conditioning)
         where = self.belief.device
         self.filters, self.expected = known.filters.to(where), known.expected.to(where)

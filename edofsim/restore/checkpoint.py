@@ -54,8 +54,9 @@ CAMERA_FIELDS = ("lens", "focus", "sensor.pixel_um")
 class Checkpoint:
     """A network in evaluation mode on the CPU, and the DOE it was trained with.
 
-    height: [n, n] in metres, or None where the mask is the camera recipe's own; sampling: its pitch in
-    metres; card: everything else (see the module).
+    height: [n, n] in metres, or None where the mask is the camera recipe's own.
+    sampling: its pitch in metres.
+    card: everything else (see the module).
     """
 
     network: Restorer
@@ -123,8 +124,9 @@ def save_checkpoint(
 ) -> Path:
     """Write a checkpoint in one piece: after a crash the file is the old one or the new one.
 
-    card: JSON values, keys as in the module's text (`format`
-    and `network` are filled in here); height: [n, n] in metres with its sampling in metres.
+    card: JSON values, keys as in the module's text (`format` and `network` are filled in here).
+    height: [n, n] in metres with its sampling in metres.
+
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """
     arrays = {f"network.{name}": without_denormals(value) for name, value in network.state_dict().items()}
@@ -142,8 +144,10 @@ def save_checkpoint(
 def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None) -> Checkpoint:
     """The checkpoint in a file, or a shipped one by name; nothing in it is executed.
 
-    camera_recipe: the camera that took the photo. Raises InputError for a missing, damaged or truncated
-    file, one that is no checkpoint, and one of another camera, naming each field that differs.
+    camera_recipe: the camera that took the photo.
+
+    Raises InputError for a missing, damaged or truncated file, one that is no checkpoint, and one of another
+    camera, naming each field that differs.
     """
     path = find_checkpoint(source)
     arrays, metadata = load_arrays(path, "checkpoint")
@@ -219,8 +223,12 @@ def trained_camera(checkpoint: Checkpoint) -> CameraRecipe:
 
 
 def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint, base: Path | None = None) -> Camera:
-    """The camera with the mask that the checkpoint was trained with in place of its own; base: folder that
-    files named in the recipe are relative to. Raises InputError as `Camera.from_recipe`."""
+    """The camera with the mask that the checkpoint was trained with in place of its own.
+
+    base: folder that files named in the recipe are relative to.
+
+    Raises InputError as `Camera.from_recipe`.
+    """
     return Camera.from_recipe(recipe_with_mask(recipe, checkpoint), base).with_height(checkpoint.height)
 
 

@@ -32,6 +32,7 @@ def choose_network(
     """What restores (None: Wiener deconvolution), and the camera with the mask that it was trained with.
 
     network: checkpoint (file or shipped name); `wiener` for Wiener deconvolution; None for `usual_network`.
+
     Raises InputError for a checkpoint that is damaged or of another camera.
     """
     checkpoint = None
@@ -62,8 +63,10 @@ def _read_once(path: Path) -> Checkpoint:
 
 
 def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:
-    """A sentence on what restored a photo where that was not trained for its camera, for a person. by: as
-    `restore` gives it; None where there is nothing to say."""
+    """A sentence on what restored a photo where that was not trained for its camera, for a person.
+
+    by: as `restore` gives it; None where there is nothing to say.
+    """
     if checkpoint is None or not checkpoint.network.any_camera:
         return None
     if not by.reason:
@@ -77,8 +80,11 @@ def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:
 def restoring(
     camera: Camera, wavelengths: Tensor, inverse_depth: Tensor, checkpoint: Checkpoint | None
 ) -> Callable[[Tensor, Tensor | None], Tensor]:
-    """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`. wavelengths:
-    [band]; inverse_depth: of all that the photo may show."""
+    """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`.
+
+    wavelengths: [band].
+    inverse_depth: of all that the photo may show.
+    """
     ends = torch.stack(inverse_depth.double().cpu().aminmax())
     return lambda photo, truncated: restore(
         photo, camera, wavelengths, ends, checkpoint=checkpoint, truncated=truncated

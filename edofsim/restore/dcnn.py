@@ -29,10 +29,13 @@ class DCnn(DepthConditioned):
 
     A block is a 3x3 convolution, batch normalisation and a leaky ReLU. A 3x3 convolution gives three
     channels, which are added to the photo; two transposed 3x3 convolutions follow, and the clamp of Eq.
-    `Clip`. kernels: of each block; dilations: of the blocks. The defaults are the paper's: 39,243 weights
-    that see 25 pixels. distances: this many parts of the depth range. Of each the last convolution has three
-    channels of its own, which are weighed by how likely it is at a place (see `distances`): one filter for
-    all distances restores what is near badly.
+    `Clip`.
+
+    kernels: of each block.
+    dilations: of the blocks. The defaults are the paper's: 39,243 weights that see 25 pixels.
+    distances: this many parts of the depth range. Of each the last convolution has three channels of its own,
+        which are weighed by how likely it is at a place (see `distances`): one filter for all distances
+        restores what is near badly.
 
     The paper does not say how the weights start. The transposed convolutions start as the identity, so
     that the untrained network returns about its input and its clamp is not saturated.

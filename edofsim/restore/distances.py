@@ -17,8 +17,8 @@ from .restorer import Restorer
 class DepthConditioned(Restorer):
     """A network that knows the PSFs of a camera at `depths` distances, and asks a photo which they are.
 
-    transfer: real and imaginary part of the transfer functions of a block, [depths * 3, BLOCK,
-    BLOCK // 2 + 1, 2], float16, in the checkpoint; not trained.
+    transfer: real and imaginary part of the transfer functions of a block,
+        [depths * 3, BLOCK, BLOCK // 2 + 1, 2], float16, in the checkpoint; not trained.
     """
 
     depths: int
@@ -60,8 +60,10 @@ class DepthConditioned(Restorer):
 
     def depth_probability(self, photo: Tensor, belief: tuple[Tensor, Tensor] | tuple[float, float]) -> Tensor:
         """How likely each distance is at each pixel of a photo [batch, 3, y, x], far ones first,
-        [batch, depth, y, x]. belief: how much a block's own likelihood counts, and the mean of its
-        neighbours'."""
+        [batch, depth, y, x].
+
+        belief: how much a block's own likelihood counts, and the mean of its neighbours'.
+        """
         rows, columns = photo.shape[-2:]
         sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]
         padding = (0, sizes[1] - columns, 0, sizes[0] - rows)

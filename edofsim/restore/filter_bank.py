@@ -41,12 +41,14 @@ BELIEF = (0.01, 0.05)
 
 
 class FilterBank(DepthConditioned):
-    """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they do
-    not have.
+    """Weighs `groups` linear restorations of a photo by how likely their distances are, adds what they do not
+    have.
 
-    support: width of the filters in pixels, odd; distances: this many for each filter are given
-    apart; width, blocks, kernel: of the U-Net, see `LocalUNet`. dcnn: settings of the `DCnn` beside it, which
-    is not trained with it; None for none. Untaught, it returns the photo.
+    support: width of the filters in pixels, odd.
+    distances: this many for each filter are given apart.
+    width, blocks, kernel: of the U-Net, see `LocalUNet`.
+    dcnn: settings of the `DCnn` beside it, which is not trained with it; None for none. Untaught, it returns
+        the photo.
 
     filters: [groups * 3 out, 3 in, support, support], not trained (`set_filters`).
     """
@@ -139,8 +141,9 @@ class FilterBank(DepthConditioned):
 
     @torch.no_grad()
     def set_filters(self, filters: Tensor, psf: Tensor) -> None:
-        """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them; psf:
-        [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn."""
+        """filters: [groups, 3 out, 3 in, support, support], as a convolution of torch takes them.
+        psf: [depths, 3, y, x] at the `psf_depths` of a range, of which each filter takes as many in turn.
+        """
         self.filters = filters.flatten(0, 1).to(self.filters)  # new ones: others may still hold the old
         self.set_distances(psf)
 

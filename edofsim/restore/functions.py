@@ -37,10 +37,13 @@ HOW = "def NAME(photo, psfs, info) returns the sharp image, [channel, y, x] as t
 class PhotoInfo:
     """What a function knows of a photo besides its PSFs.
 
-    camera: with its mask as designed; wavelengths: [band] in metres; inverse_depths: [depth] in 1/m,
-    ascending, that stand for the range; noise: standard deviation, relative to full scale; glare: [channel],
-    the part of the light that is spread evenly over the photo; inverse_depth: [y, x] in 1/m, the true
-    distances. No photo tells these: whoever uses them has a baseline that knows depth.
+    camera: with its mask as designed.
+    wavelengths: [band] in metres.
+    inverse_depths: [depth] in 1/m, ascending, that stand for the range.
+    noise: standard deviation, relative to full scale.
+    glare: [channel], the part of the light that is spread evenly over the photo.
+    inverse_depth: [y, x] in 1/m, the true distances. No photo tells these: whoever uses them has a baseline
+        that knows depth.
     """
 
     camera: Camera
@@ -53,7 +56,12 @@ class PhotoInfo:
 
 @dataclass(frozen=True)
 class OwnFunction:
-    """A function of the user's. name: in figures; source: as typed; digest: SHA-256 of its file and name."""
+    """A function of the user's.
+
+    name: in figures.
+    source: as typed.
+    digest: SHA-256 of its file and name.
+    """
 
     name: str
     source: str

@@ -18,8 +18,8 @@ ALIKE_DB = 0.05
 def gains(psnr_db: Mapping[str, float], restored: str = "restored") -> dict[str, float]:
     """The gains of a restored image over each rival, in dB, by the rival's name.
 
-    psnr_db: PSNR in dB by image, rivals by the names of `RIVALS`. restored: whose gains. Rivals without a
-    PSNR are left out, and so is a gain that is no number.
+    psnr_db: PSNR in dB by image, rivals by the names of `RIVALS`.
+    restored: whose gains. Rivals without a PSNR are left out, and so is a gain that is no number.
     """
     mine = psnr_db.get(restored, math.nan)
     found = {name: mine - psnr_db[name] for name in RIVALS if name in psnr_db and name != restored}

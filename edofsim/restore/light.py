@@ -40,9 +40,9 @@ AROUND_PX = 64  # beyond the frame, from where veiling glare comes, too
 def keep_light(photo: Tensor, restored: Tensor, glare: Tensor | None = None) -> Tensor:
     """The restoration with the lowest spatial frequencies of its photo, at least 0.
 
-    photo, restored: [.., 3, y, x], full scale 1, the restoration not clamped; glare: [3], the part of the
-    light that is spread evenly over the photo, None for none. Places that highlights beyond full scale shine
-    on count little: there a sharp image has less light than its photo.
+    photo, restored: [.., 3, y, x], full scale 1, the restoration not clamped.
+    glare: [3], the part of the light that is spread evenly over the photo, None for none. Places that
+        highlights beyond full scale shine on count little: there a sharp image has less light than its photo.
     """
     light = photo if glare is None else without_glare(photo, glare)
     # of what is beyond full scale a restoration may hold any amount
@@ -95,8 +95,10 @@ def _mean_of_world(photo: Tensor) -> Tensor:
 
 def without_truncated(psf: Tensor, noise: float, shares: Tensor | None = None) -> tuple[Tensor, float]:
     """PSFs [depth, 3, y, x] and the noise of photos without what in the mean over the depths leaves their
-    window: what comes back evenly over a photo leaves the rest less contrast. shares: [depth], how much each
-    counts in the mean, None for all alike."""
+    window: what comes back evenly over a photo leaves the rest less contrast.
+
+    shares: [depth], how much each counts in the mean, None for all alike.
+    """
     kept = psf.sum((-1, -2))
     kept = kept.mean(0) if shares is None else shares.to(kept) @ kept
     return psf / kept[:, None, None], noise / float(kept.mean())

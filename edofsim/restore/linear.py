@@ -50,10 +50,11 @@ def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
 def colour_error(psf: Tensor, noise: float = NOISE, groups: int = 1) -> Tensor:
     """Mean square error of the best filters without bounds that see all colours, [depth, 3].
 
-    psf: [depth, 3, y, x], every one equally likely; groups: this many filters, each for as many neighbouring
-    depths. At each frequency the filter is the matrix W = X R^-1, with R the covariance of the photo's
-    colours there and X that of the scene's with them, both in the mean over a group's depths; at a depth it
-    leaves S - 2 Re(W X*) + W R W*. The mean over the photo is not judged: it passes whole.
+    psf: [depth, 3, y, x], every one equally likely.
+    groups: this many filters, each for as many neighbouring depths. At each frequency the filter is the
+        matrix W = X R^-1, with R the covariance of the photo's colours there and X that of the scene's with
+        them, both in the mean over a group's depths; at a depth it leaves S - 2 Re(W X*) + W R W*. The mean
+        over the photo is not judged: it passes whole.
     """
     # no filter is cut off: a period as long as the PSFs will do
     size = _length(psf.shape[-1])
@@ -88,10 +89,11 @@ def _whole_plane(spectrum: Tensor, size: int) -> Tensor:
 def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, groups: int = 1) -> Tensor:
     """Mean square error of the best filter of `support` x `support` pixels of all channels, [depth, channel].
 
-    psf: [depth, 3, y, x]; every PSF is equally likely. groups: this many filters, each for as many
-    neighbouring depths; 1 for a filter that is the same for all. For stationary scenes the filter F solves
-    E[R] F = E[X], with R the covariance of the pixels that it sees and X theirs with the pixel to be
-    restored; at a depth it leaves V - 2 F X + F R F, V the variance of the scene.
+    psf: [depth, 3, y, x]; every PSF is equally likely.
+    groups: this many filters, each for as many neighbouring depths; 1 for a filter that is the same for all.
+        For stationary scenes the filter F solves E[R] F = E[X], with R the covariance of the pixels that it
+        sees and X theirs with the pixel to be restored; at a depth it leaves V - 2 F X + F R F, V the
+        variance of the scene.
     """
     size = _length(2 * psf.shape[-1])
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)
@@ -105,7 +107,10 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
 
 def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) -> Tensor:
     """The filters of `local_error`, [group, 3 out, 3 in, support, support], as a convolution of torch takes
-    them. psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group."""
+    them.
+
+    psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group.
+    """
     channels = psf.shape[1]
     size = _length(max(2 * psf.shape[-1], psf.shape[-1] + support))
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)

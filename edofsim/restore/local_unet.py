@@ -47,9 +47,9 @@ class LocalUNet(Restorer):
 class Trunk(nn.Module):
     """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
 
-    side: channels of coarse maps that it is given besides; width, blocks, kernel: see `LocalUNet`.
-    multiple: images are padded to a multiple of this many pixels. radius: how far in pixels an output pixel
-    sees, at most.
+    side: channels of coarse maps that it is given besides.
+    width, blocks, kernel: see `LocalUNet`. multiple: images are padded to a multiple of this many pixels.
+        radius: how far in pixels an output pixel sees, at most.
     """
 
     def __init__(
@@ -107,7 +107,9 @@ class Trunk(nn.Module):
         return found
 
     def forward(self, images: Tensor, side: Tensor | None = None) -> Tensor:
-        """images: [batch, inputs, y, x]; side: [batch, side, y, x]."""
+        """images: [batch, inputs, y, x].
+        side: [batch, side, y, x].
+        """
         rows, columns = images.shape[-2:]
         fine = functional.pixel_unshuffle(self._padded(images), 2)
         if side is not None:

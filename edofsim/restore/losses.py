@@ -32,7 +32,9 @@ def restoration_loss(restored: Tensor, sharp: Tensor, weights: LossWeights = Los
     """Eq. `Loss`: L1 (Eq. `L1`) plus alpha times `gradient_prior`.
 
     restored, sharp: [batch, band, y, x]. Both terms are divided by the number of values, so that the loss
-    does not depend on the size of the patch. Returns a scalar.
+        does not depend on the size of the patch.
+
+    Returns a scalar.
     """
     return (restored - sharp).abs().mean() + weights.alpha * gradient_prior(restored, sharp, weights)
 

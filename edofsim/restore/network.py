@@ -46,11 +46,13 @@ def apply_network(
 ) -> Tensor:
     """The restored image, [3, y, x] in [0, 1], of a photo [3, y, x] with full scale 1.
 
-    Its lowest spatial frequencies are the photo's, see `light`. glare: [3], the part of the light that is
-    spread evenly over the photo, as the camera's mask is known to be made; None for none. A network for any
-    camera is given the photo without it, another with as much as in its training, where that is known.
+    Its lowest spatial frequencies are the photo's, see `light`.
+
+    glare: [3], the part of the light that is spread evenly over the photo, as the camera's mask is known to
+        be made; None for none. A network for any camera is given the photo without it, another with as much
+        as in its training, where that is known.
     linear: [3, y, x], what Wiener deconvolution makes of that, for one that `sees_linear`; None for the photo
-    itself.
+        itself.
 
     Large photos go through in tiles of `tile` pixels, each with as much of its surroundings as the
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole

@@ -27,7 +27,10 @@ PLAIN = (bool, int, float, str, list, tuple)
 
 
 class OwnNetwork(Restorer):
-    """A module of the class `of`, called with `settings`; network: the module itself, where it is there."""
+    """A module of the class `of`, called with `settings`.
+
+    network: the module itself, where it is there.
+    """
 
     kind = "own"
 
@@ -40,8 +43,13 @@ class OwnNetwork(Restorer):
 
     @classmethod
     def around(cls, network: nn.Module, settings: Mapping[str, object] | None = None) -> OwnNetwork:
-        """A module that there is. settings: what its class is called with to build such a one, JSON values;
-        None: its attributes of the same names. Raises InputError where that builds another one."""
+        """A module that there is.
+
+        settings: what its class is called with to build such a one, JSON values; None: its attributes of the
+            same names.
+
+        Raises InputError where that builds another one.
+        """
         kind = type(network)
         of = f"{_module_name(kind.__module__)}:{kind.__qualname__}"
         if settings is None:

@@ -14,8 +14,12 @@ from ..optics.field import Frame, Place, joined, places, relative_light, step_fo
 
 @dataclass(frozen=True)
 class Method:
-    """What restored a photo. name: of the network, or Wiener; reason: why no network did, where one was asked
-    for; step_px: between places with filters of their own, 0 where all of the photo has the same."""
+    """What restored a photo.
+
+    name: of the network, or Wiener.
+    reason: why no network did, where one was asked for.
+    step_px: between places with filters of their own, 0 where all of the photo has the same.
+    """
 
     name: str
     reason: str = ""

@@ -36,16 +36,17 @@ def restore(
     """The sharp image of a photo, and what made it.
 
     image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
-    wavelengths [band] in metres and all that lies between the least and the largest of the inverse depths
-    [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
-    conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore, Wiener
-    deconvolution does, and `Method.reason` says why. psfs: `channel_psfs` at the inverse depths, which are
-    nodes then; None where they are still to be made. glare: [channel], the part of the light that is spread
-    evenly over the photo besides what the camera's own PSFs do not have: by a mask that was made otherwise;
+        wavelengths [band] in metres and all that lies between the least and the largest of the inverse depths
+        [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
+        conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore,
+        Wiener deconvolution does, and `Method.reason` says why.
+    psfs: `channel_psfs` at the inverse depths, which are nodes then; None where they are still to be made.
+    glare: [channel], the part of the light that is spread evenly over the photo besides what the camera's own
+        PSFs do not have: by a mask that was made otherwise.
     truncated: [channel], the part that leaves the windows of the PSFs, where that is known
-    (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths. frame: where the
-    photo looks, None: about the optical axis; through a lens that varies over the field each place is
-    restored by its own PSFs, after the photo is brought to the light of the axis.
+        (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths.
+    frame: where the photo looks, None: about the optical axis; through a lens that varies over the field each
+        place is restored by its own PSFs, after the photo is brought to the light of the axis.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
     if not camera.lens.varies:
@@ -124,8 +125,11 @@ def for_any_camera(
     shares: Tensor | None = None,
 ) -> Tensor:
     """What a network for any camera that was set for this one makes of a photo [channel, y, x], with its
-    share of Wiener deconvolution, in [0, 1]. psf, noise, shares: of `deconvolved`; glare: [channel], all
-    that is spread evenly over the photo."""
+    share of Wiener deconvolution, in [0, 1].
+
+    psf, noise, shares: of `deconvolved`.
+    glare: [channel], all that is spread evenly over the photo.
+    """
     light = without_glare(image, glare)
     linear = deconvolved(light, psf, noise, shares)
     return apply_network(network, light, linear=linear).lerp(linear.clamp(0, 1), network.linear_share())
@@ -133,5 +137,8 @@ def for_any_camera(
 
 def deconvolved(photo: Tensor, psf: Tensor, noise: float, shares: Tensor | None = None) -> Tensor:
     """Wiener deconvolution of photos [.., channel, y, x] without glare by PSFs [depth, channel, y, x].
-    noise: standard deviation before the glare was taken off; shares: of `wiener`."""
+
+    noise: standard deviation before the glare was taken off.
+    shares: of `wiener`.
+    """
     return wiener(photo, *without_truncated(psf, noise, shares), shares=shares)

@@ -14,24 +14,25 @@ from .linear import local_error
 class Restorer(nn.Module):
     """Maps a photo [batch, 3, y, x], full scale 1, to the sharp image of the same shape: `forward` is that.
 
-    kind: the name that recipes and checkpoints know it by. radius: how far in pixels an output pixel sees at
-    most; None: all of the photo. multiple: photos are padded to a multiple of this many pixels. border: this
-    many outermost pixels should not be judged in training. groups: parts of the depth range that it restores
-    each by a filter of its own.
+    kind: the name that recipes and checkpoints know it by.
+    radius: how far in pixels an output pixel sees at most; None: all of the photo.
+    multiple: photos are padded to a multiple of this many pixels.
+    border: this many outermost pixels should not be judged in training.
+    groups: parts of the depth range that it restores each by a filter of its own.
 
     psfs: which PSFs it is conditioned on (`set_psfs`). "mean": once before a training, those of the mask with
-    the mean error of its making, and again for a camera whose response is another. "designed": in each step
-    of a training, those of the mask as it is then, so that gradients reach the mask through them; the
-    last ones are kept.
+        the mean error of its making, and again for a camera whose response is another. "designed": in each
+        step of a training, those of the mask as it is then, so that gradients reach the mask through them;
+        the last ones are kept.
 
     psf_buffers: names of its buffers that `set_psfs` fills.
 
     glare: of each colour, the part of the light that was spread evenly over the photos that it was trained
-    on, by the errors of its mask's making; None: not known. Photos are given as much before it sees them: one
-    without would have more contrast than it knows.
+        on, by the errors of its mask's making; None: not known. Photos are given as much before it sees them:
+        one without would have more contrast than it knows.
 
-    any_camera: it was trained over many cameras, and is set for each new one (`set_camera`). sees_linear: its
-    photos have three more channels, what Wiener deconvolution makes of the photo.
+    any_camera: it was trained over many cameras, and is set for each new one (`set_camera`).
+    sees_linear: its photos have three more channels, what Wiener deconvolution makes of the photo.
     """
 
     kind: ClassVar[str]
@@ -89,8 +90,12 @@ class Restorer(nn.Module):
 
     @classmethod
     def grown(cls, network: Restorer, settings: Mapping[str, object] | None = None) -> Restorer:
-        """One with the weights of a network of another kind, or of its own with other settings. settings: in
-        place of that network's. Raises InputError where that cannot be."""
+        """One with the weights of a network of another kind, or of its own with other settings.
+
+        settings: in place of that network's.
+
+        Raises InputError where that cannot be.
+        """
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
     def with_auxiliary(self, network: Restorer) -> Restorer:

@@ -39,10 +39,12 @@ MOST_UNCERTAIN_DB = 1.0
 
 @dataclass(frozen=True)
 class Score:
-    """psnr_db: infinite for equal images, NaN where noise leaves it unknown; ssim: NaN where the image is
-    smaller than the SSIM window; pixels: how many it was taken over; psnr_db_se, ssim_se: standard errors by
-    the noise of the samples that image and truth were made of, 0 where they have none, NaN where it is in the
-    score."""
+    """psnr_db: infinite for equal images, NaN where noise leaves it unknown.
+    ssim: NaN where the image is smaller than the SSIM window.
+    pixels: how many it was taken over.
+    psnr_db_se, ssim_se: standard errors by the noise of the samples that image and truth were made of, 0
+        where they have none, NaN where it is in the score.
+    """
 
     psnr_db: float
     ssim: float
@@ -93,7 +95,8 @@ def _clipped(image: Tensor, truth: Tensor, noise: TruthNoise) -> tuple[Tensor, T
 def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     """Peak signal-to-noise ratio in dB for full scale 1, over all channels together.
 
-    image, truth: [channel, y, x]; mask: bool [y, x]. Infinite where they are equal.
+    image, truth: [channel, y, x].
+    mask: bool [y, x]. Infinite where they are equal.
     """
     _same_shape(image, truth)
     error = (image.double() - truth.double()).square().mean(0)
@@ -109,7 +112,10 @@ def image_psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None, noise: 
 def level_and_error(
     image: Tensor, truth: Tensor, noise: TruthNoise, mask: Tensor | None = None
 ) -> tuple[float, float]:
-    """`Score.psnr_db` and its standard error, without the time that SSIM takes. mask: bool [y, x]."""
+    """`Score.psnr_db` and its standard error, without the time that SSIM takes.
+
+    mask: bool [y, x].
+    """
     _same_shape(image, truth)
     errors, wander = _errors(*_clipped(image, truth, noise))
     return _level(errors, wander, noise, torch.ones_like(errors, dtype=torch.bool) if mask is None else mask)
@@ -117,7 +123,11 @@ def level_and_error(
 
 def light_error(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
     """By what part of the truth's mean that of the image is off, in the channel where it is most off; NaN
-    where a channel of the truth is black. image, truth: [channel, y, x]; mask: bool [y, x]."""
+    where a channel of the truth is black.
+
+    image, truth: [channel, y, x].
+    mask: bool [y, x].
+    """
     _same_shape(image, truth)
     inside = (..., slice(None)) if mask is None else (..., mask)
     image, truth = (values.double()[inside].flatten(1).mean(1) for values in (image, truth))
@@ -264,7 +274,11 @@ def depth_ranges(
     inverse_depth: Tensor, edges_m: Sequence[float] = DEPTH_EDGES_M
 ) -> list[tuple[float, float, Tensor]]:
     """Depth ranges that hold any pixel: near_m, far_m, and where near_m <= depth < far_m, bool [y, x]; the
-    last one includes infinity. inverse_depth: [y, x] in 1/m; edges_m: ascending."""
+    last one includes infinity.
+
+    inverse_depth: [y, x] in 1/m.
+    edges_m: ascending.
+    """
     depth = inverse_depth.double().reciprocal()  # 1 / 0 is infinity, as it should be
     ranges = []
     for near, far in zip(edges_m, edges_m[1:], strict=False):

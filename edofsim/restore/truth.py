@@ -30,15 +30,19 @@ Restores = Callable[[Tensor], Tensor]
 
 @dataclass(frozen=True)
 class Truth:
-    """ideal: [channel, y, x], full scale 1, not clipped; noise: of the photo that it is the ideal image
-    of."""
+    """ideal: [channel, y, x], full scale 1, not clipped.
+    noise: of the photo that it is the ideal image of.
+    """
 
     ideal: Tensor
     noise: PhotoNoise = PhotoNoise()
 
     def restored_noise(self, photo: Tensor, restored: Tensor, restores: Restores) -> Tensor | None:
         """What noise is left in an image that was restored from a photo, [channel, y, x] each; None where
-        none is known. restores: what did it."""
+        none is known.
+
+        restores: what did it.
+        """
         if self.noise.image is None:
             return None
         with torch.no_grad():
@@ -46,8 +50,10 @@ class Truth:
 
     def compared(self, image: Tensor, noise: Tensor | None) -> tuple[Tensor, Tensor, TruthNoise]:
         """What `score_parts` and `score_by_depth` compare: an image [channel, y, x], the truth, and their
-        noise. noise: what is left of it in the image, as of `restored_noise`; of the photo,
-        `PhotoNoise.image`."""
+        noise.
+
+        noise: what is left of it in the image, as of `restored_noise`; of the photo, `PhotoNoise.image`.
+        """
         if self.noise.ideal is None or noise is None:
             return image, self.ideal, "none" if self.noise.state == "none" else "included"
         return image, self.ideal, Noise(self.noise.ideal, noise)

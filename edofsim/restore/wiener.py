@@ -29,12 +29,17 @@ def wiener(
 ) -> Tensor:
     """The linear filter with the least mean square error for an unknown depth.
 
-    image: [.., channel, y, x] linear. psf: [channel, y, x], or [depth, channel, y, x] where the depth is one
-    of several; light that a PSF does not have of 1 is veiling glare; its centre is index n // 2.
-    noise: standard deviation relative to full scale 1. beyond_px: pixels that the image is continued by
-    beyond its border, before its mirror images go on; None for `BEYOND_PX`. shares: [depth], how likely each
-    depth is, with the sum 1, see `optics.nodes.node_shares`; None where all are alike. fall: power of the
-    frequency with which the scene's spectrum falls. Returns the image's shape.
+    image: [.., channel, y, x] linear.
+    psf: [channel, y, x], or [depth, channel, y, x] where the depth is one of several; light that a PSF does
+        not have of 1 is veiling glare; its centre is index n // 2.
+    noise: standard deviation relative to full scale 1.
+    beyond_px: pixels that the image is continued by beyond its border, before its mirror images go on; None
+        for `BEYOND_PX`.
+    shares: [depth], how likely each depth is, with the sum 1, see `optics.nodes.node_shares`; None where all
+        are alike.
+    fall: power of the frequency with which the scene's spectrum falls.
+
+    Returns the image's shape.
 
     With H the transfer function, S the power spectrum of the scene and N that of the noise,
     W = E[H*] S / (E[|H|^2] S + N): the classical filter (Goodman, *Introduction to Fourier Optics*, sec. 8)

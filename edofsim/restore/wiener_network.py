@@ -19,8 +19,10 @@ FALL = 2.0
 class WienerNetwork(Restorer):
     """The filter of `wiener.wiener` for the PSFs of a mask, with a noise level that learns.
 
-    The masks of Cubic (Dowski and Cathey, 1995) and of Sitzmann et al. (2018) are restored so. window: width
-    of the PSFs in pixels; depths: how many PSFs, over the depth range, stand for all.
+    The masks of Cubic (Dowski and Cathey, 1995) and of Sitzmann et al. (2018) are restored so.
+
+    window: width of the PSFs in pixels.
+    depths: how many PSFs, over the depth range, stand for all.
     """
 
     kind = "wiener"
@@ -43,8 +45,11 @@ class WienerNetwork(Restorer):
         return {"window": self.window, "depths": self.depths}
 
     def forward(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
-        """Photo [batch, 3, y, x] to the sharp image. psf: [depth, 3, window, window] in place of its own,
-        while the mask learns. Clamped to [0, 1] except in training."""
+        """Photo [batch, 3, y, x] to the sharp image.
+
+        psf: [depth, 3, window, window] in place of its own, while the mask learns. Clamped to [0, 1] except
+            in training.
+        """
         sharp = self.unclamped(photo, psf)
         return sharp if self.training else sharp.clamp(0, 1)
 

@@ -31,9 +31,11 @@ NEAREST = 1e-3
 def build_scene(recipe: SceneRecipe, base: Path, progress: Progress | None = None) -> SceneModel:
     """Build a scene: meshes in metres in camera space, surfaces and lights at the recipe's bands.
 
-    base: folder that file names in the recipe are relative to; progress: given the part of the objects that
-    are built, and a sentence. Raises InputError with every problem found:
-    names used twice, missing or unreadable textures and meshes, unknown spectra, objects behind the camera.
+    base: folder that file names in the recipe are relative to.
+    progress: given the part of the objects that are built, and a sentence.
+
+    Raises InputError with every problem found: names used twice, missing or unreadable textures and meshes,
+    unknown spectra, objects behind the camera.
     """
     wavelengths = recipe.bands.wavelengths()
     if isinstance(recipe.source, SceneReader):

@@ -34,8 +34,10 @@ KINDS = (
 
 @dataclass(frozen=True)
 class StoredCube:
-    """values: float64 [band, y, x]; waves: [band] as the file lists them, in `unit`, or None; said: phrases
-    of what was taken for granted."""
+    """values: float64 [band, y, x].
+    waves: [band] as the file lists them, in `unit`, or None.
+    said: phrases of what was taken for granted.
+    """
 
     values: np.ndarray
     waves: np.ndarray | None = None

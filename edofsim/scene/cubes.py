@@ -17,8 +17,10 @@ def read_cube(source: CubeFile, base: Path, wavelengths: np.ndarray) -> tuple[np
     """Radiance (or reflectance under the recipe's illuminant) at `wavelengths`, float32 [band, y, x], and
     what the file was taken for.
 
-    wavelengths: [band] m. Bands between those of the file are interpolated linearly. Raises InputError for
-    files that cannot be read, for bands outside the file's, and for values that are not finite.
+    wavelengths: [band] m. Bands between those of the file are interpolated linearly.
+
+    Raises InputError for files that cannot be read, for bands outside the file's, and for values that are not
+    finite.
     """
     what = f"spectral cube {source.path!r}"
     cube, nm, said = stored_cube(source, base)

@@ -38,9 +38,11 @@ UNPAINTED = 0.5
 class Paint:
     """How a file paints faces, in linear RGB.
 
-    corners: float32 [face, corner, 3], NaN where it says nothing; picture: number of the picture that each
-    face has, int [face], -1 for none; pictures: float32 [y, x, 3] each; uv: float32 [vertex, 2], NaN where
-    there are none."""
+    corners: float32 [face, corner, 3], NaN where it says nothing.
+    picture: number of the picture that each face has, int [face], -1 for none.
+    pictures: float32 [y, x, 3] each.
+    uv: float32 [vertex, 2], NaN where there are none.
+    """
 
     corners: np.ndarray
     picture: np.ndarray
@@ -56,8 +58,10 @@ class Paint:
 def paint_of(parts: list[Part], path: Path, what: str) -> Paint:
     """What a file says of the colours of all its parts, one after the other.
 
-    parts: where each lies, and what it looks like in the file. Raises InputError for pictures
-    that are damaged or too large."""
+    parts: where each lies, and what it looks like in the file.
+
+    Raises InputError for pictures that are damaged or too large.
+    """
     linear = path.suffix.lower() in LINEAR
     pictures: dict[tuple[int, tuple[float, ...]], tuple[int, np.ndarray]] = {}
     corners: list[np.ndarray] = []

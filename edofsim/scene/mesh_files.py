@@ -56,7 +56,8 @@ def read_mesh(path: Path, what: str, smooth: bool = True, allow_outside: bool = 
 def read_content(path: Path, what: str, smooth: bool = True, allow_outside: bool = False) -> MeshContent:
     """A mesh file in its own axes and units.
 
-    smooth: whether there are normals; allow_outside: whether files that it names may lie outside its folder.
+    smooth: whether there are normals.
+    allow_outside: whether files that it names may lie outside its folder.
 
     Duplicate and degenerate faces and stray vertices are dropped; a closed mesh that is inside out is
     turned. Raises InputError, naming `what`, for a missing or unreadable file, for one without triangles,

@@ -11,7 +11,10 @@ from ..core.json_values import Json
 
 
 def not_convex(vertices: np.ndarray, polygons: Iterable[Sequence[int]]) -> int:
-    """How many polygons, by the numbers of their corners, are not convex. vertices: [vertex, 3]."""
+    """How many polygons, by the numbers of their corners, are not convex.
+
+    vertices: [vertex, 3].
+    """
     by_count: dict[int, list[Sequence[int]]] = {}
     for corners in polygons:
         if len(corners) > 3:

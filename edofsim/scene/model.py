@@ -16,10 +16,11 @@ import numpy as np
 class TriangleMesh:
     """Triangles of one object.
 
-    vertices: float32 [vertex, 3] in metres; faces: uint32 [face, 3]; uv: float32 [vertex, 2] or None,
-    (0, 0) the lower left corner of a texture; normals: float32 [vertex, 3] or None (then faces are flat).
-    Faces are wound so that (b - a) x (c - a), taken by coordinates, points outward; lamps shine that way.
-    Textures repeat outside [0, 1].
+    vertices: float32 [vertex, 3] in metres.
+    faces: uint32 [face, 3].
+    uv: float32 [vertex, 2] or None, (0, 0) the lower left corner of a texture.
+    normals: float32 [vertex, 3] or None (then faces are flat). Faces are wound so that (b - a) x (c - a),
+        taken by coordinates, points outward; lamps shine that way. Textures repeat outside [0, 1].
     """
 
     vertices: np.ndarray
@@ -32,8 +33,9 @@ class TriangleMesh:
 class BandTexture:
     """A quantity over bands that may vary over a surface: value(band, uv) = sum_j c_j(uv) basis[j, band].
 
-    basis: float32 [n, band] with n <= 3; image: float32 [y, x, n] of coefficients (row 0 is the top), or
-    None where the value is the same everywhere (then n = 1 and the coefficient is 1).
+    basis: float32 [n, band] with n <= 3.
+    image: float32 [y, x, n] of coefficients (row 0 is the top), or None where the value is the same
+        everywhere (then n = 1 and the coefficient is 1).
     """
 
     basis: np.ndarray
@@ -50,8 +52,9 @@ class Surface:
     is none, as for clear glass, whose light is split by its refractive index alone.
 
     per_band: other parameters of the plugin that change with wavelength, float64 [band] each, such as
-    `int_ior` of dispersive glass. They steer the path itself, so beyond such a surface one path can't
-    carry all bands; `SceneModel.dispersive` tells which objects have one."""
+        `int_ior` of dispersive glass. They steer the path itself, so beyond such a surface one path can't
+        carry all bands; `SceneModel.dispersive` tells which objects have one.
+    """
 
     bsdf: Mapping[str, object]
     reflectance_key: str
@@ -80,8 +83,12 @@ class Environment:
 
 @dataclass(frozen=True)
 class SceneModel:
-    """A whole scene. wavelengths: float64 [band] in metres; path_length: what the scene's own file asks for,
-    as `render.max_depth` counts, None where it asks for none."""
+    """A whole scene.
+
+    wavelengths: float64 [band] in metres.
+    path_length: what the scene's own file asks for, as `render.max_depth` counts, None where it asks for
+        none.
+    """
 
     name: str
     wavelengths: np.ndarray

@@ -15,8 +15,11 @@ def source_picture(name: str, layer: str | None, base: Path, what: str = "pictur
     """A picture file, or `skimage:NAME` for one inside scikit-image, as linear light, and what it was taken
     for.
 
-    An array of NumPy's counts as `View.from_image` takes it: sRGB, floats from 0 to 1. layer: of an OpenEXR
-    file. Raises InputError.
+    An array of NumPy's counts as `View.from_image` takes it: sRGB, floats from 0 to 1.
+
+    layer: of an OpenEXR file.
+
+    Raises InputError.
     """
     path = packaged_file(name.removeprefix(SKIMAGE), what) if name.startswith(SKIMAGE) else Path(base) / name
     if path.suffix.lower() in (".npy", ".npz"):

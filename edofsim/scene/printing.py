@@ -64,7 +64,9 @@ def line_of_text(text: str, rows: int, columns: float, font: str = "DejaVuSans-B
 def page_of_text(text: str | None, lines: int, aspect: float, font: str = "DejaVuSerif.ttf") -> np.ndarray:
     """A page of text, repeated until it is full: ink coverage [y, x] in [0, 1].
 
-    aspect: width / height of the page. Raises InputError where there is nothing to print.
+    aspect: width / height of the page.
+
+    Raises InputError where there is nothing to print.
     """
     body = DEPTH_OF_FIELD_TEXT if text is None else text
     if not body.strip():

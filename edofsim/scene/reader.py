@@ -17,6 +17,10 @@ class SceneReader(Source):
     rendered: ClassVar[bool] = True
 
     def scene(self, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
-        """The scene called `name` in camera space, at `wavelengths` [band] in metres. base: the folder of the
-        recipe. Raises InputError for files that cannot be used."""
+        """The scene called `name` in camera space, at `wavelengths` [band] in metres.
+
+        base: the folder of the recipe.
+
+        Raises InputError for files that cannot be used.
+        """
         raise NotImplementedError

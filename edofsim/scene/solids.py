@@ -103,7 +103,7 @@ def lathe(profile: ArrayLike, segments: int = 64, smooth: bool = True) -> Triang
     """A profile turned about the y axis.
 
     profile: (radius, y) from the bottom up along the outside; a hollow body goes on down its inside. With
-    `smooth`, normals are smooth within runs of the profile that bend by less than 40 degrees.
+        `smooth`, normals are smooth within runs of the profile that bend by less than 40 degrees.
     """
     points = np.asarray(profile, float)
     runs = _smooth_runs(points) if smooth else [points[i : i + 2] for i in range(len(points) - 1)]

@@ -97,7 +97,9 @@ def _measured_surfaces() -> dict[str, colour.SpectralDistribution]:
 def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
     """Measured reflectances of the 24 patches (N. Ohta, in colour-science), in the chart's order.
 
-    wavelengths: [band] m. Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
+    wavelengths: [band] m.
+
+    Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -169,8 +171,10 @@ def hex_to_linear(text: str) -> np.ndarray:
 def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
     """A reflectance at `wavelengths` ([band], m), float64 [band] in [0, 1].
 
-    value: a number, `#rrggbb`, or the name of a measured surface. Raises InputError for an unknown name
-    (with the nearest ones) and for wavelengths further than 60 nm beyond the measured data.
+    value: a number, `#rrggbb`, or the name of a measured surface.
+
+    Raises InputError for an unknown name (with the nearest ones) and for wavelengths further than 60 nm
+    beyond the measured data.
     """
     if isinstance(value, int | float):
         return np.full(len(wavelengths), float(value))

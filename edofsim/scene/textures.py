@@ -48,7 +48,10 @@ def from_srgb(image: np.ndarray, wavelengths: np.ndarray) -> BandTexture:
 
 
 def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTexture:
-    """Two spectra mixed by an image: (1 - weight) first + weight second. weight: [y, x] in [0, 1]."""
+    """Two spectra mixed by an image: (1 - weight) first + weight second.
+
+    weight: [y, x] in [0, 1].
+    """
     image = np.stack([1 - weight, weight], axis=-1)
     return BandTexture(np.stack([first, second]).astype(np.float32), image.astype(np.float32))
 

@@ -12,11 +12,16 @@ from ..optics import Camera
 
 @dataclass(frozen=True)
 class Finding:
-    """One way through a case. way: method, mask, precision; error: its distance from the truth, in the
-    case's own measure, NaN where something was not finite; bound: what is still right; seconds: it took.
+    """One way through a case.
 
-    alike: the code was compared with itself, one precision or way with another; else with a truth that is
-    not this code: a closed form, a sum written out, what a message must say."""
+    way: method, mask, precision.
+    error: its distance from the truth, in the case's own measure, NaN where something was not finite.
+    bound: what is still right.
+    seconds: it took.
+
+    alike: the code was compared with itself, one precision or way with another; else with a truth that is not
+        this code: a closed form, a sum written out, what a message must say.
+    """
 
     way: str
     error: float
@@ -31,8 +36,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Case:
-    """group: what it strains; physics: what it is; risk: what could go wrong; expected: what is right;
-    check: runs it, yielding findings."""
+    """group: what it strains.
+    physics: what it is.
+    risk: what could go wrong.
+    expected: what is right.
+    check: runs it, yielding findings.
+    """
 
     name: str
     group: str

@@ -18,7 +18,9 @@ PHOTOS = ("depth", "coverage", "radiance", "spectrum", "image")
 
 @dataclass(frozen=True)
 class CaseResult:
-    """findings: of one case, in order; failed: what it ended with, if it did not come to its end."""
+    """findings: of one case, in order.
+    failed: what it ended with, if it did not come to its end.
+    """
 
     case: Case
     findings: tuple[Finding, ...]

@@ -50,9 +50,11 @@ FEW = 3
 
 @dataclass(frozen=True)
 class HardView:
-    """view: in the pixels of any camera; exact, layered: bounds in place of EXACT and LAYERED; options:
-    fields of `Fidelity`; cut: inverse depth [1/m] between a surface and what it
-    hides, None where nothing is hidden."""
+    """view: in the pixels of any camera.
+    exact, layered: bounds in place of EXACT and LAYERED.
+    options: fields of `Fidelity`.
+    cut: inverse depth [1/m] between a surface and what it hides, None where nothing is hidden.
+    """
 
     view: View
     exact: float = EXACT

@@ -31,8 +31,11 @@ AT_ONCE = 16
 
 @dataclass(frozen=True)
 class Source:
-    """Where a photo that is written out has its numbers from. psfs: of a camera at a wavelength in nm,
-    a window and inverse depths [1/m], a PSF [y, x] each; response: [channel, band] for wavelengths in nm."""
+    """Where a photo that is written out has its numbers from.
+
+    psfs: of a camera at a wavelength in nm, a window and inverse depths [1/m], a PSF [y, x] each.
+    response: [channel, band] for wavelengths in nm.
+    """
 
     psfs: Callable[[Camera, float, int, Sequence[float]], Sequence[Array]]
     response: Callable[[Camera, Sequence[float]], Array]
@@ -83,7 +86,10 @@ class Scene:
         return self._known[band, float(inverse_depth)]
 
     def light(self, which: NDArray[np.bool_], depth: Array | None = None) -> Array:
-        """Blurred light of fragments, [channel, y, x] of the padded frame. depth: in place of their own."""
+        """Blurred light of fragments, [channel, y, x] of the padded frame.
+
+        depth: in place of their own.
+        """
         depth = self.depth if depth is None else depth
         total = np.zeros((3, *self.shape))
         for each in np.unique(depth[which]):
@@ -181,7 +187,10 @@ def normalised(view: View, camera: Camera, nodes: Sequence[float], source: Sourc
 
 def uncovered(view: View, camera: Camera, cut: float | None, source: Source = OWN) -> Tensor:
     """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where
-    its fragments do not have, light from beside fills them. cut: None for nothing that hides anything."""
+    its fragments do not have, light from beside fills them.
+
+    cut: None for nothing that hides anything.
+    """
     if cut is None:
         return linear(view, camera, source)
     scene = Scene(view, camera, source=source)

@@ -77,8 +77,10 @@ def flat(
     columns: int = COLUMNS,
     wavelengths: tuple[float, ...] = NANOMETRES,
 ) -> View:
-    """One opaque fragment a pixel, nothing hidden. inverse_depth: [y, x] of the frame with its margin, or a
-    number."""
+    """One opaque fragment a pixel, nothing hidden.
+
+    inverse_depth: [y, x] of the frame with its margin, or a number.
+    """
     margin = WINDOW // 2
     return View.flat(
         0.1 + 0.9 * uniform(len(wavelengths), rows + 2 * margin, columns + 2 * margin),

@@ -66,8 +66,10 @@ def shipped_cameras() -> dict[str, Camera]:
 
 
 def disc_before_wall(camera: Camera, known: bool) -> View:
-    """A white disc at 0.6 m before a white wall at 3 m, in the pixels of a camera. known: whether the view
-    holds the wall behind the disc, or nothing of what is hidden."""
+    """A white disc at 0.6 m before a white wall at 3 m, in the pixels of a camera.
+
+    known: whether the view holds the wall behind the disc, or nothing of what is hidden.
+    """
     size = SIDE + 2 * MARGIN
     place = (torch.arange(size) - size / 2 + 0.5).square()
     disc = (place[:, None] + place < RADIUS**2).flatten()

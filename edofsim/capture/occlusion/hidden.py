@@ -38,6 +38,7 @@ def compose(view: View, blurring: Blurring, layout: Layout | None = None) -> Ten
     """[channel, y, x] of the padded frame; outside the frame itself the image is linear.
 
     Only tiles that a blur can carry across a depth edge are composited; elsewhere the linear image is exact.
+
     layout: of the view, or of it with a wider margin; None to choose it here.
     """
     layout = layout_of(view, blurring.gap, blurring.reach) if layout is None else layout
@@ -65,8 +66,11 @@ class Tile:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a frame is composited. tiles: its parts, and the inverse depths at which each is cut into slabs;
-    whole: those of the whole frame where it is done in one go, else None."""
+    """How a frame is composited.
+
+    tiles: its parts, and the inverse depths at which each is cut into slabs.
+    whole: those of the whole frame where it is done in one go, else None.
+    """
 
     tiles: tuple[tuple[Tile, list[float]], ...] = ()
     whole: list[float] | None = None
@@ -75,9 +79,10 @@ class Layout:
 def layout_of(view: View, gap: float, reach: int) -> Layout:
     """The parts of a view that blurs of this many pixels carry light into across depth edges, and their cuts.
 
-    Where there are too many tiles, and their overlaps cost more than the whole frame, that is done in one
-    go. gap: in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are
-    alike only where their layout is.
+    Where there are too many tiles, and their overlaps cost more than the whole frame, that is done in one go.
+
+    gap: in inverse depth, from which on one surface hides another. Photos by PSFs of several widths are alike
+        only where their layout is.
     """
     dark = view.with_light(view.radiance[:0], view.wavelengths[:0])
     hidden = hides(dark, gap)
@@ -115,7 +120,10 @@ def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
 
 
 def tiles_near(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
-    """Tiles of the frame that a blur carries light into across an edge; edges: pixels of the padded frame."""
+    """Tiles of the frame that a blur carries light into across an edge.
+
+    edges: pixels of the padded frame.
+    """
     columns = view.padded_shape[1]
     y, x = edges // columns - view.margin, edges % columns - view.margin
     found = []
@@ -135,7 +143,10 @@ def transform_pixels(height: int, width: int, reach: int) -> int:
 
 
 def composite(view: View, blurring: Blurring, cut: list[float]) -> Tensor:
-    """The whole padded frame composited in one go: [channel, y, x]. cut: inverse depths between slabs."""
+    """The whole padded frame composited in one go: [channel, y, x].
+
+    cut: inverse depths between slabs.
+    """
     slabs = slabs_of(view, cut)
 
     def blurred(which: Tensor) -> tuple[Tensor, Tensor]:

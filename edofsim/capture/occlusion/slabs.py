@@ -56,8 +56,10 @@ def hides(view: View, gap: float) -> Hides:
 def cuts(view: View, gap: float, found: Hides | None = None) -> list[float]:
     """Inverse depths at which the view is cut into slabs, from near to far: those at which the light that
     cuts leave wrong is least. A cut is wrong in as much coverage as lies beside it, and costs time besides
-    (`PRICE`); a pair that no cut parts is wrong in the coverage of what hides, for each `gap` between
-    the two once. found: what `hides` gives, where that is known.
+    (`PRICE`); a pair that no cut parts is wrong in the coverage of what hides, for each `gap` between the two
+    once.
+
+    found: what `hides` gives, where that is known.
     """
     found = hides(view, gap) if found is None else found
     if not found.front.numel():
@@ -123,7 +125,7 @@ def revealed(view: View, which: Tensor) -> Tensor:
     """Coverage that fragments would be seen with if only they were there: [n].
 
     which: int64 [n], ascending, of fragments sorted by pixel and depth. Nearer ones come first; together the
-    fragments of a pixel cover it once at most.
+        fragments of a pixel cover it once at most.
     """
     coverage = view.coverage[which]
     pixel = view.pixel[which]

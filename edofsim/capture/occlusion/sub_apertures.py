@@ -47,8 +47,11 @@ def change_by_sub_apertures(
     """[channel, y, x] of the padded frame, zero outside of the frame itself: composited through each
     sub-aperture and added, minus composited through the whole pupil.
 
-    blurring: through the whole pupil; through: its PSFs shared out, at the same nodes; side: of the pixels of
-    all these PSFs, in pixels of the view: the change is interpolated between them; layout: as of `compose`.
+    blurring: through the whole pupil.
+    through: its PSFs shared out, at the same nodes.
+    side: of the pixels of all these PSFs, in pixels of the view: the change is interpolated between them.
+    layout: as of `compose`.
+
     Gradients reach light and PSFs.
     """
     reach, pixels = side * blurring.reach, CoarsePixels(side)
@@ -130,8 +133,12 @@ class Slab:
 
     @classmethod
     def of(cls, light: Light, grid: Grid, frame: tuple[int, int] | None) -> Slab:
-        """Transformed in the part of the padded frame that its blur reaches. grid: of all of that; frame: the
-        rows and columns within its margin that are needed, None for all of it, to be interpolated between."""
+        """Transformed in the part of the padded frame that its blur reaches.
+
+        grid: of all of that.
+        frame: the rows and columns within its margin that are needed, None for all of it, to be interpolated
+            between.
+        """
         inset = grid.margin if frame else 0
         rows, columns = frame or (grid.rows, grid.columns)
         box = box_of(light, grid.window) or Box(0, 0, grid.rows, grid.columns)

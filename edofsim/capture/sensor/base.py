@@ -14,8 +14,10 @@ from ...recipe.kinds import SENSOR_EFFECTS, KindModel, NameOf
 
 @dataclass(frozen=True)
 class Signal:
-    """An exposed image on its way through the sensor, [..., channel, y, x], full scale 1; seen: 1 where a
-    pixel sees a channel, else 0, [channel, y, x], None where every pixel sees every channel."""
+    """An exposed image on its way through the sensor, [..., channel, y, x], full scale 1.
+
+    seen: 1 where a pixel sees a channel, else 0, [channel, y, x], None where every pixel sees every channel.
+    """
 
     image: Tensor
     seen: Tensor | None = None
@@ -29,8 +31,11 @@ class SensorEffect(KindModel):
     has no such effect, it acts after all others that there are by then"""
 
     def act(self, signal: Signal, generator: torch.Generator) -> Signal:
-        """The signal after the effect. generator: of everything random, on the CPU, so that the same seed
-        gives the same noise on every device; gradients pass where the effect lets them."""
+        """The signal after the effect.
+
+        generator: of everything random, on the CPU, so that the same seed gives the same noise on every
+            device; gradients pass where the effect lets them.
+        """
         raise NotImplementedError
 
     def variance(self, light: torch.Tensor) -> torch.Tensor:

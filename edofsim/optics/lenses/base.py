@@ -27,8 +27,12 @@ RIM_SAMPLES = 65
 
 @dataclass(frozen=True)
 class Bend:
-    """What defocus is beside the parabola. focus: inverse depth [1/m] where it is nothing; paths: float64 [2,
-    ...], what grows with the inverse depth less that [m^2], and with the square of it [m^3]."""
+    """What defocus is beside the parabola.
+
+    focus: inverse depth [1/m] where it is nothing.
+    paths: float64 [2, ...], what grows with the inverse depth less that [m^2], and with the square of it
+        [m^3].
+    """
 
     focus: float
     paths: Tensor

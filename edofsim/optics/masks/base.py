@@ -51,8 +51,10 @@ class Mask(KindModel):
 
     def learner(self, grid: PupilGrid, radian: float) -> nn.Module | None:
         """A module without inputs that gives the height map [samples, samples] in metres, up to a piston, and
-        whose parameters learn; None for a mask that cannot. radian: metres of height for a radian of phase
-        at the design wavelength."""
+        whose parameters learn; None for a mask that cannot.
+
+        radian: metres of height for a radian of phase at the design wavelength.
+        """
         return None
 
     def files(self) -> tuple[str, ...]:

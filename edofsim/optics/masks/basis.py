@@ -30,8 +30,9 @@ class BasisMask(SmoothMask):
 class BasisHeight(nn.Module):
     """A sum of given shapes: Zernike polynomials or harmonics (Sitzmann et al., 2018).
 
-    basis: [term, n, n] in metres for a coefficient of one radian; start: [term] in radians. The sum is
-    shifted to start at height 0, which no photo can tell from another start.
+    basis: [term, n, n] in metres for a coefficient of one radian.
+    start: [term] in radians. The sum is shifted to start at height 0, which no photo can tell from another
+        start.
     """
 
     def __init__(self, basis: Tensor, start: Tensor) -> None:

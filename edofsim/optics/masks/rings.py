@@ -81,10 +81,12 @@ def _cells(ring: Ring, grid: PupilGrid, disc: Callable[[PupilGrid, float], Tenso
 class RingHeight(nn.Module):
     """Concentric rings whose radii and phases learn (Elmalem et al., 2018).
 
-    radii: [ring, 2], inner and outer as fractions of the pupil's radius; phases: [ring] in radians at the
-    design wavelength; rho: [n, n], distance from the axis in pupil radii; radian: metres of height that
-    delay by one radian; edge: width of a ring's edge in pupil radii, one sample of the mask: samples that an
-    edge crosses have their share of the ring's height, and through them its radius learns.
+    radii: [ring, 2], inner and outer as fractions of the pupil's radius.
+    phases: [ring] in radians at the design wavelength.
+    rho: [n, n], distance from the axis in pupil radii.
+    radian: metres of height that delay by one radian.
+    edge: width of a ring's edge in pupil radii, one sample of the mask: samples that an edge crosses have
+        their share of the ring's height, and through them its radius learns.
     """
 
     def __init__(self, radii: Tensor, phases: Tensor, rho: Tensor, radian: float, edge: float) -> None:

@@ -22,11 +22,12 @@ WORDS = {"field": ("degrees", 1.0), "depth": ("1/m of inverse depth", 1.0), "wav
 class MeasuredBank:
     """PSFs in upright-picture orientation, as they land on pixels of `pitch` [m].
 
-    values: [place, depth, band, y, x], float32, each sample a fraction of the light through the pupil;
-    centre: [place, depth, band, 2], (y, x) in samples of where the chief ray lands. rights, ups: ascending
-    angles [deg] of a grid of places in the field, row by row in `ups`; without `rights`, the places lie above
-    the axis, and others have theirs turned, as round lenses do. inverse_depths [1/m], wavelengths [m]:
-    ascending. light: [place], on the sensor relative to the axis.
+    values: [place, depth, band, y, x], float32, each sample a fraction of the light through the pupil.
+    centre: [place, depth, band, 2], (y, x) in samples of where the chief ray lands.
+    rights, ups: ascending angles [deg] of a grid of places in the field, row by row in `ups`; without
+        `rights`, the places lie above the axis, and others have theirs turned, as round lenses do.
+        inverse_depths [1/m], wavelengths [m]: ascending.
+    light: [place], on the sensor relative to the axis.
     """
 
     values: Tensor
@@ -68,8 +69,12 @@ def psfs_between(
     """PSFs [depth, band, y, x] on a window of pixels [m], the chief ray's in the middle, n // 2: float64.
 
     Between places, inverse depths and wavelengths they are mixed linearly; a sample's light is spread evenly
-    over it. hold: axes, of "field", "depth", "wavelength", along which the outermost PSFs stand for what
-    lies beyond them. Raises InputError outside of what was measured.
+    over it.
+
+    hold: axes, of "field", "depth", "wavelength", along which the outermost PSFs stand for what lies beyond
+        them.
+
+    Raises InputError outside of what was measured.
     """
     shares, turn = bank.shares(field, hold)
     by_depth = _hats("depth", bank.inverse_depths, inverse_depths.tolist(), hold)

@@ -41,8 +41,10 @@ DARK = 0.01
 
 @dataclass(frozen=True)
 class Stated:
-    """What is said of PSFs, by a recipe or a file; None or empty where nothing is. fields_deg: angles (right,
-    up) of places in the field."""
+    """What is said of PSFs, by a recipe or a file; None or empty where nothing is.
+
+    fields_deg: angles (right, up) of places in the field.
+    """
 
     fields_deg: Sequence[Place] = ()
     inverse_depths: Sequence[float] = ()
@@ -83,7 +85,9 @@ def _digest(files: tuple[tuple[Path, int, int], ...]) -> str:
 
 
 def read_bank(path: Path, stated: Stated) -> MeasuredBank:
-    """PSFs of a file or folder; stated: what the recipe says of them.
+    """PSFs of a file or folder.
+
+    stated: what the recipe says of them.
 
     Raises InputError, naming every problem: what cannot be read, is missing or contradicted, NaN, and sums
     that light cannot have.

@@ -33,9 +33,10 @@ def save_bank(
     """Write PSFs of a camera as .exr or .npz, and as .toml beside it the recipe of a camera that has them.
 
     fields_deg: angles above the axis, of a lens that varies, by where their light lands without distortion,
-    which such a file does not hold; where its mask is not clear, PSFs do not turn
-    with the place, and are those of all places to the right and upwards at these angles. Returns what was
-    written. Raises InputError for an ending other than these, and as `psf_bank`.
+        which such a file does not hold; where its mask is not clear, PSFs do not turn with the place, and are
+        those of all places to the right and upwards at these angles.
+
+    Returns what was written. Raises InputError for an ending other than these, and as `psf_bank`.
     """
     if path.suffix.lower() not in (".exr", ".npz"):
         raise InputError(f"--save {path}: PSFs are written as .exr or .npz; name such a file")

@@ -29,10 +29,13 @@ these."""
 class Focused:
     """A lens with a sensor behind it. stop_radius of the lens is known.
 
-    wavelength [m], and the first order there: of these are focus and pupils. distance: of what is in focus,
-    before the entrance pupil's centre, may be infinite. sensor: behind the last vertex. scale: height on the
-    sensor of a paraxial chief ray for each unit of its tangent. sphere: radius of the reference sphere on the
-    axis. rim: what the marginal ray's direction cosine behind the lens is.
+    wavelength [m], and the first order there: of these are focus and pupils.
+
+    distance: of what is in focus, before the entrance pupil's centre, may be infinite.
+    sensor: behind the last vertex.
+    scale: height on the sensor of a paraxial chief ray for each unit of its tangent.
+    sphere: radius of the reference sphere on the axis.
+    rim: what the marginal ray's direction cosine behind the lens is.
     """
 
     lens: Stack
@@ -55,8 +58,10 @@ def focused(
     """A lens that is focused, paraxially, at a distance before its entrance pupil.
 
     opening: height of a ray parallel to the axis that just passes the stop; None where the stop's radius is
-    known. moved: how far the sensor is behind where it is in focus. Raises InputError where there is no
-    image, or no ray reaches the rim of the stop.
+        known.
+    moved: how far the sensor is behind where it is in focus.
+
+    Raises InputError where there is no image, or no ray reaches the rim of the stop.
     """
     index = lens.index(torch.tensor([wavelength], dtype=torch.float64))
     first = first_order(lens, index[0])
@@ -81,9 +86,10 @@ def launch(
 ) -> tuple[tuple[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor], Tensor]:
     """Rays through places (x, y) of a plane, each [batch, ray], from a point of the field.
 
-    plane: from the first vertex, where the chief ray crosses the axis; vergence: one over the distance of the
-    point from there along the axis. Returns places, directions, and how much longer the way there is than the
-    chief ray's.
+    plane: from the first vertex, where the chief ray crosses the axis.
+    vergence: one over the distance of the point from there along the axis.
+
+    Returns places, directions, and how much longer the way there is than the chief ray's.
     """
     secant = torch.sqrt(1 + tangent.square())
     sine, cosine, slant = -tangent / secant, 1 / secant, vergence / secant

@@ -15,8 +15,10 @@ class FirstOrder:
     """A lens in air near its axis. Planes are counted from the first vertex (entrance) or the last (focus,
     exit).
 
-    focal: length; focus: of light from infinity; entrance, exit: where the pupils' centres are; opening:
-    radius of the entrance pupil over that of the stop.
+    focal: length.
+    focus: of light from infinity.
+    entrance, exit: where the pupils' centres are.
+    opening: radius of the entrance pupil over that of the stop.
     """
 
     surfaces: tuple[tuple[float, float, float, float], ...]

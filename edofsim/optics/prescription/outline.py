@@ -21,8 +21,8 @@ def quantities_at(
     they hold for.
 
     right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn). On a grid, right
-    [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond, they stay as they
-    are at the edge.
+        [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond, they stay as
+        they are at the edge.
     """
     cosine, sine = math.cos(turn), math.sin(turn)
     x, y = (right - wave.middle * cosine) / wave.half, (up - wave.middle * sine) / wave.half

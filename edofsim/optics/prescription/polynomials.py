@@ -30,8 +30,10 @@ def basis(a: Tensor, b: Tensor) -> Tensor:
 
 
 def fit(a: Tensor, b: Tensor, weight: Tensor, values: Tensor, odd: bool = False) -> Tensor:
-    """Coefficients [batch, term, quantity] of the polynomials nearest to values [batch, place, quantity];
-    odd: times a. Where places do not fix them, the smallest."""
+    """Coefficients [batch, term, quantity] of the polynomials nearest to values [batch, place, quantity].
+
+    odd: times a. Where places do not fix them, the smallest.
+    """
     terms = basis(a, b) * weight[..., None]
     if odd:
         terms = terms * a[..., None]

@@ -23,10 +23,13 @@ AIMING_ROUNDS = 3
 class Pupil:
     """The entrance pupil seen from places in the field, each [field, 1], float64.
 
-    tangent; plane: from the first vertex, where the chief ray crosses the axis; vergence: one over the
-    distance of the point from there; landing: height [mm] on the sensor of its chief ray at the reference
-    wavelength, below 0 for a place above the axis. middle; half (across, along): of an ellipse in the plane
-    that all light that gets through lies in.
+    tangent.
+
+    plane: from the first vertex, where the chief ray crosses the axis.
+    vergence: one over the distance of the point from there.
+    landing: height [mm] on the sensor of its chief ray at the reference wavelength, below 0 for a place above
+        the axis. middle; half (across, along): of an ellipse in the plane that all light that gets through
+        lies in.
     """
 
     held: Focused

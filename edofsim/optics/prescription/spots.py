@@ -21,8 +21,11 @@ BESIDE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Spot:
-    """Rays of one wavelength from one point. x, y: [ray], where they land on the sensor from where the chief
-    ray of the reference wavelength does, upright as a picture: y above it, away from the axis."""
+    """Rays of one wavelength from one point.
+
+    x, y: [ray], where they land on the sensor from where the chief ray of the reference wavelength does,
+        upright as a picture: y above it, away from the axis.
+    """
 
     x: Tensor
     y: Tensor
@@ -39,9 +42,10 @@ def spots(
 ) -> list[Spot]:
     """Spots at wavelengths [m], [wavelength], of a point `tangent` above the axis.
 
-    distance: of the point before the entrance pupil, along the axis, may be infinite; moved: how far behind
-    `held.sensor` the sensor is. Rays stand for equal areas of the entrance pupil. Raises InputError where no
-    light gets through, or a wavelength is outside the data of a glass.
+    distance: of the point before the entrance pupil, along the axis, may be infinite.
+    moved: how far behind `held.sensor` the sensor is. Rays stand for equal areas of the entrance pupil.
+
+    Raises InputError where no light gets through, or a wavelength is outside the data of a glass.
     """
     seen = pupil(held, torch.tensor([tangent], dtype=torch.float64), distance)
     steps = torch.linspace(-1, 1, ACROSS, dtype=torch.float64)

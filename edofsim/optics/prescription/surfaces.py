@@ -113,10 +113,14 @@ def by_abbe(nd: float, vd: float, wavelengths_nm: tuple[float, float] = MODEL_NM
 @dataclass(frozen=True, eq=False)
 class Stack:
     """Surfaces as numbers, float64: curvature, conic [surface], aspheres [surface, term] of r^2, r^4, ...,
-    thickness [surface], the last of which is not used. clear: radii that light passes within, None where
-    nothing is in its way. stop: number of the stop; stop_radius: of its opening, NaN where it is not known
-    yet. media: what follows each surface, None for air. moves: of surfaces by number that are not in their
-    places; pupils and focus are those of all in place."""
+    thickness [surface], the last of which is not used.
+
+    clear: radii that light passes within, None where nothing is in its way.
+    stop: number of the stop.
+    stop_radius: of its opening, NaN where it is not known yet.
+    media: what follows each surface, None for air.
+    moves: of surfaces by number that are not in their places; pupils and focus are those of all in place.
+    """
 
     curvature: Tensor
     conic: Tensor

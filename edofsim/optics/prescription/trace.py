@@ -46,8 +46,11 @@ class Hit:
 @dataclass(frozen=True)
 class Rays:
     """Rays behind the last surface, each [batch, ray]: place (x, y) on its vertex plane, direction (right,
-    up, along), optical path since the start. at: place (x, y) on each surface that was asked for. lost: 0, or
-    1 + number of the surface that a ray was lost at + surfaces times the number of the reason."""
+    up, along), optical path since the start.
+
+    at: place (x, y) on each surface that was asked for.
+    lost: 0, or 1 + number of the surface that a ray was lost at + surfaces times the number of the reason.
+    """
 
     x: Tensor
     y: Tensor
@@ -84,9 +87,13 @@ def trace(
 ) -> Rays:
     """Rays from `start` (x, y, z from the first vertex), each [batch, ray], through a lens in air.
 
-    index: [batch, 1, surface + 1], of the ray's wavelength; keep: surfaces whose places are kept; surfaces:
-    how many are met, None for all; hits: gets what happens at each. Gradients reach the start and the tensors
-    of the lens. Places on a surface that is moved are those that it sees.
+    index: [batch, 1, surface + 1], of the ray's wavelength.
+    keep: surfaces whose places are kept.
+    surfaces: how many are met, None for all.
+    hits: gets what happens at each.
+
+    Gradients reach the start and the tensors of the lens. Places on a surface that is moved are those that it
+    sees.
     """
     x, y, z = start
     right, up, along = direction
@@ -149,7 +156,10 @@ def _shape(lens: Stack, number: int) -> Shape:
 
 def sag_and_slope(shape: Shape, squared: Tensor) -> tuple[Tensor, Tensor]:
     """How far a surface lies behind its vertex at squared distances from the axis, and how fast that grows
-    with the distance, over the distance. shape: its curvature, conic, even and odd aspheres."""
+    with the distance, over the distance.
+
+    shape: its curvature, conic, even and odd aspheres.
+    """
     c, k, even, odd = shape
     root = torch.sqrt((1 - squared * ((1 + k) * c * c)).clamp_min(TINY))
     sag, slope = squared * c / (1 + root), c / root

@@ -35,11 +35,13 @@ NEAR = 0.85
 class Wave:
     """What light from one place in the field, at one wavelength, does.
 
-    landing: height [mm] on the sensor, below the axis, of the chief ray at the reference wavelength. middle,
-    half: of t, and the radius of the disc that the polynomials hold in [mm]. even: coefficients [term,
-    quantity] of the path [mm] less the chief ray's, of the place in the stop over its radius along the field,
-    and of the square of the distance from the axis over the clear radius at each rim; odd: of the place in
-    the stop across the field. residual: root mean square [mm] of the path that the polynomials leave.
+    landing: height [mm] on the sensor, below the axis, of the chief ray at the reference wavelength.
+    middle, half: of t, and the radius of the disc that the polynomials hold in [mm].
+    even: coefficients [term, quantity] of the path [mm] less the chief ray's, of the place in the stop over
+        its radius along the field, and of the square of the distance from the axis over the clear radius at
+        each rim.
+    odd: of the place in the stop across the field.
+    residual: root mean square [mm] of the path that the polynomials leave.
     """
 
     landing: float

@@ -27,16 +27,21 @@ class ViewReader(Source):
     rendered: ClassVar[bool] = False
 
     def view(self, recipe: SceneRecipe, base: Path) -> View:
-        """The view in the recipe's frame, with its margin, at its bands. base: the folder of the recipe.
+        """The view in the recipe's frame, with its margin, at its bands.
 
-        Raises InputError for files that cannot be used."""
+        base: the folder of the recipe.
+
+        Raises InputError for files that cannot be used.
+        """
         raise NotImplementedError
 
 
 def picture_view(recipe: SceneRecipe, base: Path) -> View:
     """The view of a recipe whose source is read, not rendered.
 
-    base: the recipe's folder. Raises InputError for files that cannot be used.
+    base: the recipe's folder.
+
+    Raises InputError for files that cannot be used.
     """
     if not isinstance(recipe.source, ViewReader):
         raise InputError(f"{recipe.name}: its source is no picture; it has to be rendered")
@@ -100,7 +105,11 @@ def plain_view(
     route: str,
     facts: Mapping[str, object],
 ) -> View:
-    """A view of one fragment a pixel. radiance: float32 [band, y, x]; inverse_depth: [y, x] in 1/m."""
+    """A view of one fragment a pixel.
+
+    radiance: float32 [band, y, x].
+    inverse_depth: [y, x] in 1/m.
+    """
     return View.flat(
         radiance,
         inverse_depth,

@@ -54,8 +54,10 @@ class MitsubaSource(SceneReader):
 def read_scene(source: MitsubaSource, base: Path, wavelengths: np.ndarray, name: str) -> SceneModel:
     """A Mitsuba scene as a SceneModel in camera space.
 
-    wavelengths: [band] m. Raises InputError for files that are missing, damaged, or outside the scene's
-    folder, and NotCarried for surfaces, lights and shapes that only Mitsuba itself can render.
+    wavelengths: [band] m.
+
+    Raises InputError for files that are missing, damaged, or outside the scene's folder, and NotCarried for
+    surfaces, lights and shapes that only Mitsuba itself can render.
     """
     path = Path(base) / source.path
     root = read_nodes(path, source.allow_outside)

@@ -13,8 +13,13 @@ UNITS = {"mm": 1.0, "cm": 10.0, "in": 25.4, "m": 1000.0}
 
 @dataclass
 class Row:
-    """A surface. even: factors of r^2, r^4, ...; odd: of r^3, r^5, ...; glass: a name, with nd and vd where
-    the file says them; clear: radius that light passes within."""
+    """A surface.
+
+    even: factors of r^2, r^4, ...
+    odd: of r^3, r^5, ...
+    glass: a name, with nd and vd where the file says them.
+    clear: radius that light passes within.
+    """
 
     curvature: float = 0.0
     thickness: float = 0.0
@@ -53,9 +58,13 @@ class Row:
 
 @dataclass
 class LensFile:
-    """A lens as a file has it, from the object to the image. unit: millimetres; opening: what says how wide
-    it is, "diameter" of the entrance pupil, "f-number", or "stop" for the clear radius there; notes: what
-    was not read or is not as it seems, a sentence each."""
+    """A lens as a file has it, from the object to the image.
+
+    unit: millimetres.
+    opening: what says how wide it is, "diameter" of the entrance pupil, "f-number", or "stop" for the clear
+        radius there.
+    notes: what was not read or is not as it seems, a sentence each.
+    """
 
     title: str = ""
     unit: float = 1.0
