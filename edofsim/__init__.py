@@ -10,12 +10,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .api import camera, look, photograph, plan_for, psfs, restored, view, views
+    from .api import look, photograph, plan_for, psfs, restored, view, views
     from .capture import Fidelity, Photo
     from .capture.files import read_image, save_image
     from .core.notebook import show
     from .errors import EdofsimError, InputError
     from .optics import Camera, PsfField
+    from .own_camera import camera
     from .plan import Plan
     from .render.view import View
     from .restore.truth import score
@@ -54,7 +55,7 @@ _FROM = {
     "Plan": "plan",
     "PsfField": "optics",
     "View": "render.view",
-    "camera": "api",
+    "camera": "own_camera",
     "look": "api",
     "photograph": "api",
     "plan_for": "api",

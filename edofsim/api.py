@@ -7,9 +7,10 @@ radians, images linear torch tensors [channel, y, x] with full scale 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,143 +25,18 @@ from .core.progress import Progress
 from .errors import InputError
 from .optics import Camera, PsfField, psf_bank
 from .plan import Plan, parse_target, plan_photo
-from .recipe import CameraRecipe, Loaded, load_camera, load_scene
+from .recipe import Loaded, SceneRecipe, load_camera, load_scene
 from .recipe.scene import Bands
-from .recipe.toml import validate
 from .render import render
 from .render.seen import assumptions, by_itself, for_preview
 from .render.view import View
 from .restore import restore
-from .restore.checkpoint import Checkpoint, camera_with_mask, load_checkpoint
+from .restore.checkpoint import Checkpoint
 from .restore.choice import any_camera_network, choose_network
 from .scene.family import members as family_members
 
 NEAREST = 0.5
 """Metres: depths of a photo that is restored without any given, from here to infinity."""
-
-
-def camera(
-    source: str | Path | None = None,
-    *,
-    focal_length: float | None = None,
-    f_number: float | None = None,
-    focus: float | None = None,
-    pixel: float | None = None,
-    read_noise: float | None = None,
-    full_well: float | None = None,
-    bits: int | None = None,
-    bayer: str | None = None,
-    window: int | None = None,
-    mask: Mapping[str, object] | None = None,
-    name: str | None = None,
-    height: Tensor | np.ndarray | None = None,
-    pitch: float | None = None,
-    material: str | None = None,
-    network: str | Path | None = None,
-) -> Camera:
-    """A camera: a shipped one by name, a recipe's, or one given by numbers.
-
-    source: name such as `paper-learned`, or a TOML file; None for the paper's lens without a mask.
-    focal_length: of an ideal lens in place of that one's [m], which takes an f_number too.
-    f_number: focal length over the width of the aperture.
-    focus: the distance that is sharp [m].
-    pixel: pitch of the sensor [m].
-    read_noise: standard deviation, full scale 1.
-    full_well: electrons at full scale, for shot noise.
-    bits: of the quantisation.
-    bayer: the mosaic's first four pixels, such as `RGGB`.
-    window: width of the PSFs, pixels.
-    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file` in it is relative
-        to the working folder.
-    name: of the camera, in tables and reports.
-    height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
-    pitch: of the height map's samples [m]; None where they just cover the pupil.
-    material: of the height map; None for the photoresist S1813.
-    network: checkpoint whose mask the camera has.
-
-    Raises InputError for what cannot be a camera, naming every problem.
-    """
-    given = CameraRecipe(name="paper-clear") if source is None else None
-    loaded = Loaded(given, Path.cwd() / "camera.toml", "") if given else load_camera(source or "")
-    recipe, base = loaded.recipe, loaded.base
-    _check_lengths(focal_length=focal_length, pixel=pixel, pitch=pitch)
-    if mask is not None and not (height is None and network is None):
-        raise InputError("the mask is that of mask, of height or of network: give one of them")
-    if (focal_length is None) != (f_number is None):
-        raise InputError("focal_length and f_number belong together: give both, or neither")
-    if height is None and not (pitch is None and material is None):
-        raise InputError("pitch and material are those of a height map: give height as well")
-    if height is not None and network is not None:
-        raise InputError("the mask is that of height, or that of network: give one of them")
-    tables: dict[str, dict[str, object]] = {}
-    if focal_length is not None and f_number is not None:
-        lens: dict[str, object] = {"kind": "ideal", "f_number": f_number}
-        lens["focal_length_mm"] = focal_length * 1e3
-        tables["lens"] = lens
-    given = recipe.model_dump(mode="json", exclude_unset=True)
-    for table, key, value in (
-        ("focus", "distance_m", focus),
-        ("sensor", "pixel_um", None if pixel is None else pixel * 1e6),
-        ("sensor", "read_noise", read_noise),
-        ("sensor", "full_well_electrons", full_well),
-        ("sensor", "bits", bits),
-        ("sensor", "bayer", bayer),
-        ("psf", "window_px", window),
-    ):
-        if value is not None:
-            tables.setdefault(table, dict(given.get(table, {})))[key] = value
-    given_map = None if height is None else _heights(height)
-    if mask is not None:
-        tables["mask"] = dict(mask)
-    if given_map is not None and (pitch is not None or material is not None):
-        clear = CameraRecipe.model_validate(_with(given, tables) | {"mask": {"kind": "clear"}})
-        across = 2 * Camera.from_recipe(clear, base).aperture_radius * (1 + 1e-12) / given_map.shape[0]
-        made_of: dict[str, object] = {} if material is None else {"material": material}
-        pitch_um = (across if pitch is None else pitch) * 1e6
-        tables["mask"] = {"kind": "height-map", "pitch_um": pitch_um, **made_of}
-    if tables or name:
-        recipe = validate(CameraRecipe, _with(given, tables, name))
-    if network is not None:
-        return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
-    made = Camera.from_recipe(recipe, base)
-    return made if given_map is None else made.with_height(given_map)
-
-
-def _with(
-    given: Mapping[str, object], tables: Mapping[str, object], name: str | None = None
-) -> dict[str, object]:
-    """What a recipe says with other tables, and under another name."""
-    return {**given, **tables, **({} if name is None else {"name": name})}
-
-
-def _check_lengths(**lengths: float | None) -> None:
-    """Raises InputError for lengths of small things that are metres: numbers of another unit look so."""
-    small = {"focal_length": (10.0, "mm", 1e-3), "pixel": (1e-3, "um", 1e-6), "pitch": (1e-2, "um", 1e-6)}
-    for name, value in lengths.items():
-        most, unit, metres = small[name]
-        if value is not None and value >= most:
-            raise InputError(
-                f"{name} = {value:g} m: lengths are in metres; {value:g} {unit} is {value * metres:.6g}"
-            )
-
-
-def _heights(height: object) -> Tensor:
-    """A height map [n, n] as a tensor. Raises InputError for what is none."""
-    if isinstance(height, str | Path):
-        raise InputError(
-            f"height = {str(height)!r}: give an array [n, n] in metres; a file goes into "
-            'mask={"kind": "height-map", "file": ..., "pitch_um": ...}'
-        )
-    if isinstance(height, Tensor):
-        found = height
-    else:
-        values = np.asarray(height)
-        if values.dtype.kind not in "buif":
-            raise InputError(f"height holds {values.dtype}, not real numbers: give an array [n, n] in metres")
-        found = torch.tensor(np.array(values, float))
-    if found.ndim != 2 or found.shape[0] != found.shape[1]:
-        raise InputError(f"height has the shape {list(found.shape)}; a height map is square, [n, n]")
-    return found
 
 
 def view(
@@ -186,15 +62,30 @@ def view(
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
     loaded = load_scene(scene)
-    if seen_by is None:
-        named = load_camera(loaded.recipe.camera, loaded.base)
-        seen_by = Camera.from_recipe(named.recipe, named.base)
-    recipe = framed(loaded.recipe, seen_by, resample)
+    how = {"cache": cache, "device": device, "progress": progress}
+    return _rendered(loaded.recipe, loaded, seen_by or _own_camera(loaded), samples, resample, **how)
+
+
+def _own_camera(scene: Loaded[SceneRecipe]) -> Camera:
+    """The one that a scene names."""
+    named = load_camera(scene.recipe.camera, scene.base)
+    return Camera.from_recipe(named.recipe, named.base)
+
+
+def _rendered(
+    recipe: SceneRecipe,
+    scene: Loaded[SceneRecipe],
+    seen_by: Camera,
+    samples: int | None,
+    resample: bool = False,
+    **how: Any,  # pyrefly: ignore[explicit-any]
+) -> View:
+    """The view that a camera has of a recipe of a scene, or of its family. how: of `render`."""
+    recipe = framed(recipe, seen_by, resample)
     if samples is not None:
         finer = recipe.render.model_copy(update={"samples": samples})
         recipe = recipe.model_copy(update={"render": finer})
-    found = render(recipe, loaded.base, cache=cache, device=device, progress=progress)
-    return seen_through(seen_by, recipe, found)[1]
+    return seen_through(seen_by, recipe, render(recipe, scene.base, **how))[1]
 
 
 def views(
@@ -218,16 +109,9 @@ def views(
     Raises InputError for a scene without a family, and what `view` raises.
     """
     loaded = load_scene(scene)
-    if seen_by is None:
-        named = load_camera(loaded.recipe.camera, loaded.base)
-        seen_by = Camera.from_recipe(named.recipe, named.base)
+    seen_by = seen_by or _own_camera(loaded)
     for recipe in family_members(loaded.recipe, members):
-        framed_member = framed(recipe, seen_by)
-        if samples is not None:
-            finer = framed_member.render.model_copy(update={"samples": samples})
-            framed_member = framed_member.model_copy(update={"render": finer})
-        found = render(framed_member, loaded.base, cache=cache, device=device)
-        yield seen_through(seen_by, framed_member, found)[1]
+        yield _rendered(recipe, loaded, seen_by, samples, cache=cache, device=device)
 
 
 def look(
@@ -253,8 +137,7 @@ def look(
     loaded = load_scene(scene)
     recipe, whose = by_itself(loaded.recipe, loaded.base)
     if recipe is None:
-        named = load_camera(loaded.recipe.camera, loaded.base)
-        recipe = framed(loaded.recipe, Camera.from_recipe(named.recipe, named.base))
+        recipe = framed(loaded.recipe, _own_camera(loaded))
     view = render(for_preview(recipe, samples), loaded.base, cache=cache, device=device, progress=progress)
     return replace(view, metadata={**view.metadata, "assumed": assumptions(view, whose)})
 

@@ -35,7 +35,7 @@ def write_photo(path: Path, photo: Photo) -> Path:
     if photo.inverse_depth is not None:
         channels["Z"] = photo.inverse_depth.detach().cpu().float().reciprocal().numpy()
     truncated = photo.truncated.detach().cpu().tolist()
-    said: dict[str, object] = {"how": dict(photo.how), "truncated": truncated}
+    said: dict[str, object] = {"how": photo.how.said(), "truncated": truncated}
     if photo.colours is not None:
         said["colours"] = photo.colours.tolist()
     texts = {name: json.dumps(value, sort_keys=True) for name, value in said.items()}

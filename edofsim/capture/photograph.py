@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..core.json_values import Json
 from ..core.progress import Progress
 from ..errors import InputError
 from ..optics import Camera, response
@@ -33,7 +34,7 @@ from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .light import hat_weights, seen
 from .occlusion.hidden import Layout
-from .photo import Photo
+from .photo import How, Photo
 from .prepare import channel_weights, depth_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
 from .stopwatch import Stopwatch
@@ -87,14 +88,9 @@ def capture(
     check_fidelity(fidelity)
     single = isinstance(views, View)
     given = [views] if isinstance(views, View) else list(views)
-    for view in given:
-        check_pixel_angle(view, camera.pixel_angle)
-    distortion = {distortion_of(view, camera) for view in given}
+    distortion = _checked(given, camera, fidelity)
     given = [view.to(device, dtype) for view in given]
-    _same_size(given)
-    check_window(given[0], fidelity.window_px or camera.recipe.psf.window_px)
-    first = given[0]
-    weights = channel_weights(camera, first.wavelengths.cpu())
+    weights = channel_weights(camera, given[0].wavelengths.cpu())
     ideal = torch.stack([view.crop_margin(all_in_focus(view, weights)) for view in given])
     factor = _exposure(exposure, camera, ideal, noisy=any(view.noise > 0 for view in given))
     depth = torch.stack([view.crop_margin(view.mean_inverse_depth()) for view in given]).detach()
@@ -106,24 +102,18 @@ def capture(
     clean = photo * factor
     effects = sensor_effects(camera, fidelity)
     image = torch.stack([record(each, effects, seed + k) for k, each in enumerate(clean)])
-    said = {
-        "fidelity": values_of(fidelity),
-        "layers": int(axes.nodes.numel()),
-        **_used(given, fidelity, imaging),
-        "field_step_px": step,
-        "distortion": " and ".join(sorted(distortion)),
-        "window_px": imaging.window,
-        "layers_db": fidelity.layers_db,
-        "margin_repeated_px": max(0, imaging.window // 2 - min(first.margin, imaging.reach)),
-        "transmission": transmission(camera),
-        "sensor": [effect.model_dump() for effect in effects],
-        "seed": seed,
-    }
+    said = How(
+        distortion=distortion,
+        field_step_px=step,
+        sensor=[effect.model_dump() for effect in effects],
+        seed=seed,
+        **_used(given, camera, fidelity, axes, imaging),
+    )
     watch.lap("sensor", 1.0)
-    images = (image, clean, ideal * factor)
-    if single:
-        images, truncated, depth = (image[0], clean[0], images[2][0]), truncated[0], depth[0]
-    return Photo(*images, factor, truncated, said, watch.seconds, depth, colours_of(given, weights))
+    found = [image, clean, ideal * factor, truncated, depth]
+    image, clean, ideal, truncated, depth = (each[0] for each in found) if single else found
+    colours = colours_of(given, weights)
+    return Photo(image, clean, ideal, factor, truncated, said, watch.seconds, depth, colours)
 
 
 def _imaged(
@@ -180,9 +170,15 @@ def _in_parts(fidelity: Fidelity) -> bool:
     return fidelity.sub_apertures > 1 and fidelity.occlusion == "hidden"
 
 
-def _used(views: Sequence[View], fidelity: Fidelity, imaging: Imaging) -> dict[str, object]:
-    """What a photo of views has used of what they and the fidelity hold."""
+def _used(views: Sequence[View], camera: Camera, fidelity: Fidelity, axes: Axes, imaging: Imaging) -> Json:
+    """What a photo of views has used of what they, the camera and the fidelity hold, by fields of `How`."""
     return {
+        "fidelity": values_of(fidelity),
+        "layers": int(axes.nodes.numel()),
+        "layers_db": fidelity.layers_db,
+        "window_px": imaging.window,
+        "margin_repeated_px": max(0, imaging.window // 2 - min(views[0].margin, imaging.reach)),
+        "transmission": transmission(camera),
         "occlusion": fidelity.occlusion,
         "hidden_surfaces": _behind(views, fidelity),
         "guessed_fragments": sum(guessed_fragments(view) for view in views),
@@ -334,9 +330,13 @@ def _ends(views: Sequence[View]) -> tuple[float, float]:
     )
 
 
-def _same_size(views: Sequence[View]) -> None:
+def _checked(views: Sequence[View], camera: Camera, fidelity: Fidelity) -> str:
+    """How view and camera agree in distortion. Raises InputError for views that cannot be photographed."""
     if not views:
         raise InputError("no view to photograph: give at least one")
+    for view in views:
+        check_pixel_angle(view, camera.pixel_angle)
+    distortion = {distortion_of(view, camera) for view in views}
     first = views[0]
     for view in views[1:]:
         if view.padded_shape != first.padded_shape or not torch.equal(view.wavelengths, first.wavelengths):
@@ -344,6 +344,8 @@ def _same_size(views: Sequence[View]) -> None:
                 f"views of {first.padded_shape} and {view.padded_shape} pixels with {first.bands} and "
                 f"{view.bands} bands cannot share a batch: photograph them one by one"
             )
+    check_window(first, fidelity.window_px or camera.recipe.psf.window_px)
+    return " and ".join(sorted(distortion))
 
 
 def _exposure(exposure: float | None, camera: Camera, ideal: Tensor, noisy: bool) -> float:

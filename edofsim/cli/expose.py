@@ -254,9 +254,9 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
         photo = with_predicted(photo, plan)
         if compute == "cpu":
             learn_rates(plan.seconds, photo.seconds)
-    origin = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
-    origin |= {"camera": camera_recipe.recipe.model_dump(mode="json", exclude_unset=True)}
-    photo = replace(photo, how={**photo.how, **origin})
+    seen = {"scene": scene.recipe.name, "view": view_key(scene.recipe, scene.base)}
+    seen_by = camera_recipe.recipe.model_dump(mode="json", exclude_unset=True)
+    photo = replace(photo, how=replace(photo.how, **seen, camera=seen_by))
     numbers, lines = _scored(view, optics, fidelity, photo, compute)
     numbers |= plan_figures(plan, watch.seconds["plan"])
     outputs = {

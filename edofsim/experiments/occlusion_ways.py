@@ -70,7 +70,7 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
         )
         photo = capture(part, camera, fidelity, exposure=factor)
         glare = photo.truncated * sharp.mean((1, 2)) * factor
-        return int(str(photo.how["layers"])), photo.clean - glare[:, None, None]
+        return photo.how.layers, photo.clean - glare[:, None, None]
 
     photos: dict[str, Tensor] = {}
     best: dict[str, int] = {}

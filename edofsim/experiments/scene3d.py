@@ -360,7 +360,7 @@ def measure(
                 about_layers = like or system.name, way.flat, way.encoded, way.occlusion, way.layers
                 if about_layers not in far:
                     far[about_layers] = converged_db(shown, way, system)
-                photo = int(str(taken.photo.how["layers"])), far[about_layers]
+                photo = taken.photo.how.layers, far[about_layers]
                 for image in taken.images:
                     about = (name, way.name, system.name, image)
                     scores = scores_of(taken, image, regions)

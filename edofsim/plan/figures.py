@@ -42,4 +42,4 @@ def with_predicted(photo: Photo, plan: Plan) -> Photo:
         "psnr_db": round(plan.error_db, 2) if math.isfinite(plan.error_db) else None,
         "left_out_db": {name: round(db, 2) for name, db in left.items() if math.isfinite(db)},
     }
-    return replace(photo, how={**photo.how, "predicted": said})
+    return replace(photo, how=replace(photo.how, predicted=said))

@@ -177,24 +177,7 @@ class View(FragmentFields[Tensor]):
             depth = depth * depth_maps.usual_unit(depth)
         colours = picture.linear
         rows, columns = colours.shape[:2]
-        given = np.asarray(depth)
-        if given.ndim and depth_maps.usual_unit(given) != 1:
-            raise InputError(
-                "the depth map is an array of whole numbers, whose unit is not known: give floats in metres, "
-                "of millimetres depth / 1000"
-            )
-        metres = given.astype(float)
-        if metres.ndim and metres.shape != (rows, columns):
-            raise InputError(
-                f"the depth map has the shape {list(metres.shape)}, the picture {[rows, columns]}: give "
-                "[y, x] in metres for each pixel, or one number"
-            )
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = np.where(metres > 0, 1 / metres, np.nan)
-        if not np.isfinite(inverse).any():
-            raise InputError("the depth map holds no depth: metres above 0, inf for background")
-        inverse = np.broadcast_to(inverse, (rows, columns))
-        inverse = depth_maps.fill_holes(inverse, "background", "the depth map")
+        inverse = depth_maps.inverse_of(np.asarray(depth), (rows, columns))
         frame = Frame()
         margin = frame.margin_px if margin is None else margin
         around = np.ix_(

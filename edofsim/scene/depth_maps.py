@@ -82,6 +82,28 @@ def resized(inverse: np.ndarray, shape: tuple[int, int], source: DepthMap) -> np
     return inverse[np.ix_(row, column)]
 
 
+def inverse_of(depths: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Inverse depth in 1/m, [y, x] of the shape, of metres [y, x] or one number for all, holes filled from
+    behind. Raises InputError for whole numbers, whose unit nobody knows, for another shape, and for no depth.
+    """
+    if depths.ndim and usual_unit(depths) != 1:
+        raise InputError(
+            "the depth map is an array of whole numbers, whose unit is not known: give floats in metres, "
+            "of millimetres depth / 1000"
+        )
+    metres = depths.astype(float)
+    if metres.ndim and metres.shape != shape:
+        raise InputError(
+            f"the depth map has the shape {list(metres.shape)}, the picture {list(shape)}: give "
+            "[y, x] in metres for each pixel, or one number"
+        )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.where(metres > 0, 1 / metres, np.nan)
+    if not np.isfinite(inverse).any():
+        raise InputError("the depth map holds no depth: metres above 0, inf for background")
+    return fill_holes(np.broadcast_to(inverse, shape), "background", "the depth map")
+
+
 def usual_unit(depths: np.ndarray) -> float:
     """Metres in one unit of what a depth map holds, where nobody says: whole numbers are millimetres."""
     return 0.001 if np.issubdtype(depths.dtype, np.integer) else 1.0

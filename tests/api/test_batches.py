@@ -102,7 +102,7 @@ def test_a_batch_is_its_photos_one_by_one_with_psfs_computed_once(monkeypatch: p
         assert torch.allclose(both.image[k], alone.image, atol=1e-12)
     assert len(asked) == 3
     full = edofsim.photograph(views, optics, exposure=1.0)
-    assert full.how["occlusion"] == "hidden"
+    assert full.how.occlusion == "hidden"
 
 
 def test_what_is_no_batch_is_refused() -> None:

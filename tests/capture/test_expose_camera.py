@@ -85,7 +85,7 @@ def test_picture_is_upright(bench):
     rows = torch.arange(33, dtype=torch.float64)
     centre = (photo.clean.sum((0, 2)) @ rows / photo.clean.sum()).item()
     assert centre < 16 - 2
-    assert photo.how["transmission"] == pytest.approx(0.5, abs=1e-3)
+    assert photo.how.transmission == pytest.approx(0.5, abs=1e-3)
 
 
 @pytest.mark.parametrize("layers", [None, 1])
@@ -112,7 +112,7 @@ def test_constant_scene(bench, layers):
     """A constant scene is constant to the frame's edge, margin or not, and as bright as it is."""
     view = view_of(bench, torch.ones(3, 50, 53, dtype=torch.float64), 0.9, margin=5)
     photo = capture(view, camera(), Fidelity(layers=layers), exposure=1.0, dtype=torch.float64)
-    assert photo.how["margin_repeated_px"] == 11
+    assert photo.how.margin_repeated_px == 11
     assert (photo.truncated > 1e-4).all()
     assert (photo.clean - 1).abs().max() < 1e-5
 

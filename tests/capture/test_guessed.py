@@ -122,7 +122,7 @@ def test_adding_all_light_is_not_white(camera: Camera):
 
 def test_a_white_scene_is_white_through_sub_apertures(camera: Camera):
     photo = capture(picture(camera, depths("disc")), camera, Fidelity(sub_apertures=3), exposure=1.0)
-    assert photo.how["sub_apertures"] == 3
+    assert photo.how.sub_apertures == 3
     assert float((photo.clean - 1).abs().max()) < 0.01
 
 
@@ -186,12 +186,12 @@ def test_a_photo_is_that_of_the_whole_scene_where_what_is_hidden_is_even(camera:
     seen, whole = layered(camera)
     truth = capture(whole, camera, exposure=1.0)
     photo = capture(seen, camera, exposure=1.0)
-    assert truth.how["hidden_surfaces"] == "rendered" and truth.how["guessed_fragments"] == 0
-    assert photo.how["hidden_surfaces"] == "guessed"
+    assert truth.how.hidden_surfaces == "rendered" and truth.how.guessed_fragments == 0
+    assert photo.how.hidden_surfaces == "guessed"
     error = float((photo.clean - truth.clean).square().mean().sqrt())
     for way in ("none", "over", "normalised"):
         other = capture(seen, camera, Fidelity(occlusion=way), exposure=1.0)
-        assert other.how["hidden_surfaces"] == "not used"
+        assert other.how.hidden_surfaces == "not used"
         assert error < 0.3 * float((other.clean - truth.clean).square().mean().sqrt())
 
 
@@ -272,7 +272,7 @@ def test_background_is_behind_what_stands_before_it(clear: Camera):
 def test_plans_and_photos_by_hand_treat_edges_alike(clear: Camera):
     view = picture(clear, depths("disc"))
     for photo in (photograph(view, clear), photograph(view, clear, accuracy="full")):
-        assert photo.how["occlusion"] == "hidden" and photo.how["hidden_surfaces"] == "guessed"
+        assert photo.how.occlusion == "hidden" and photo.how.hidden_surfaces == "guessed"
         assert float((photo.clean / photo.exposure - 1).abs().max()) < 0.01
     plan = edofsim.plan_for(view, clear)
     (row,) = [each for each in plan.decisions if each.effect == "hidden surfaces"]
@@ -287,7 +287,7 @@ def test_sub_apertures_are_simulated_or_refused(clear: Camera):
     ):
         with pytest.raises(InputError, match="sub_apertures = 3"):
             photograph(view, clear, fidelity)
-    assert photograph(view, clear, Fidelity(sub_apertures=3)).how["sub_apertures"] == 3
+    assert photograph(view, clear, Fidelity(sub_apertures=3)).how.sub_apertures == 3
 
 
 def test_push_pull_keeps_what_is_known_and_stays_within_it():

@@ -81,7 +81,7 @@ def scores(view: View, camera: Camera, layers: int | None) -> tuple[float, float
 
 def shift(view: View, camera: Camera, layers: int | None) -> float:
     """By how much scores move with twice the layers, in dB at most; None for as many as the camera asks."""
-    count = layers or int(str(capture_restored(view, NONE, System(LENS_ALONE, camera)).photo.how["layers"]))
+    count = layers or capture_restored(view, NONE, System(LENS_ALONE, camera)).photo.how.layers
     once, twice = scores(view, camera, layers), scores(view, camera, 2 * count)
     return max(abs(a - b) for a, b in zip(once, twice, strict=True))
 

@@ -13,10 +13,11 @@ from edofsim.learn.camera_pool import Pooled, camera_pool
 from edofsim.learn.edges import Edges
 from edofsim.learn.random_cameras import random_camera, widest_blur_px
 from edofsim.learn.setup import prepare
+from edofsim.learn.shots import by_stored_psfs
 from edofsim.learn.system import Planes
 from edofsim.learn.trainer import draw_batch, train
 from edofsim.learn.training_camera import StoredPsfs, TrainingCamera
-from edofsim.learn.views import by_stored_psfs, normalise_depth_range
+from edofsim.learn.views import normalise_depth_range
 from edofsim.learn.workers import Workers
 from edofsim.optics import PAPER_COLOURS, psf_bank
 from edofsim.recipe.kinds import MASKS

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn import trainer
+from edofsim.learn import shots, trainer
 from edofsim.learn import views as views_
 from edofsim.learn.edges import Edges
 from edofsim.learn.photographs import PlaneSource
@@ -170,9 +170,9 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
         torch.zeros(239, 239)
     )
     taken: list[float] = []
-    once = views_.capture_view
-    monkeypatch.setattr(views_, "photographed", lambda *how: taken.append(0.0) or once(*how))
-    monkeypatch.setattr(views_, "_folder", lambda: tmp_path / "photos")
+    once = shots.capture_view
+    monkeypatch.setattr(shots, "capture_view", lambda *how: taken.append(0.0) or once(*how))
+    monkeypatch.setattr(shots, "_folder", lambda: tmp_path / "photos")
     shade = [0.5]
 
     def view(*_: object, **__: object) -> View:
@@ -209,7 +209,7 @@ def test_photos_that_are_taken_once_have_the_veil_of_errors_of_fabrication(
     optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(
         torch.zeros(239, 239)
     )
-    monkeypatch.setattr(views_, "_folder", lambda: tmp_path / "photos")
+    monkeypatch.setattr(shots, "_folder", lambda: tmp_path / "photos")
     image = 0.4 + 0.2 * torch.rand(3, 72, 62, generator=torch.Generator().manual_seed(4))
     angle = optics.camera.pixel_angle
     rising = PAPER_COLOURS.flip(0)
@@ -217,10 +217,10 @@ def test_photos_that_are_taken_once_have_the_veil_of_errors_of_fabrication(
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: flat)
     table = Views(scenes=("clutter",), members=2, layers=2, once=True, bands="three")
 
-    def shot(error: float) -> views_.Shot:
+    def shot(error: float) -> shots.Shot:
         found = open_views(table, 24, 0.5, optics, Path(), tmp_path, None, height_noise=error)
         first = found.views[0]
-        assert isinstance(first, views_.Shot)
+        assert isinstance(first, shots.Shot)
         return first
 
     designed, made = shot(0.0), shot(60e-9)

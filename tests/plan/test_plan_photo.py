@@ -118,7 +118,7 @@ def test_one_depth_calls_for_one_layer_and_no_occlusion():
     called_for = {d.effect for d in plan.decisions if d.called_for}
     assert not called_for & {"depth layers", "occlusion", "hidden surfaces"}
     assert plan.fidelity.occlusion == "none" and "0.7" not in row(plan, "depth layers").chosen
-    assert capture(scene(FLAT), CAMERA, plan.fidelity).how["layers"] == 1
+    assert capture(scene(FLAT), CAMERA, plan.fidelity).how.layers == 1
 
 
 def test_a_slanted_surface_has_layers_and_no_edges_and_a_step_has():
@@ -157,7 +157,7 @@ def test_bands_that_say_the_same_are_gathered():
     many = capture(scene(FLAT), CAMERA, planner("flat").plan(target).fidelity)
     plan = plan_photo(scene(FLAT, grey.contiguous()), CAMERA, target=target)
     few = capture(scene(FLAT, grey.contiguous()), CAMERA, plan.fidelity)
-    assert few.how["bands"] < many.how["bands"]
+    assert few.how.bands < many.how.bands
 
 
 def test_a_sensor_of_three_lines_has_no_bands_to_gather():
@@ -457,7 +457,7 @@ def test_parts_of_the_pupil_are_an_effect_of_edges_whose_behind_is_known_or_gues
         (without, 1),
         (known.plan(parse_target("full", None)), known.facts.full.sub_apertures),
     ):
-        assert capture(scene(STEP, hidden=True), CAMERA, plan.fidelity).how["sub_apertures"] == parts
+        assert capture(scene(STEP, hidden=True), CAMERA, plan.fidelity).how.sub_apertures == parts
 
 
 def test_parts_change_little_by_the_bands_and_layers_that_they_are_told_apart_in(
@@ -487,7 +487,7 @@ def test_parts_of_the_pupil_are_taken_on_request():
     plan = plan_photo(view, CAMERA, {"sub_apertures": 2})
     four = capture(view, CAMERA, plan.fidelity)
     one = capture(view, CAMERA, replace(plan.fidelity, sub_apertures=1))
-    assert plan.fidelity.occlusion == "hidden" and four.how["sub_apertures"] == 2
+    assert plan.fidelity.occlusion == "hidden" and four.how.sub_apertures == 2
     assert not torch.equal(one.clean, four.clean)
     assert (one.clean - four.clean).abs().mean() < 0.05 * one.clean.mean()
     with pytest.raises(InputError, match="hidden"):

@@ -100,8 +100,8 @@ def test_one_depth_has_no_layers_no_occlusion_nothing_hidden_and_no_band_apart(n
     }
     assert not called_for(plan) & {*never, "interreflection"}
     assert calls["views"] <= 1 and calls["hidden layers"] == 0 and calls["bands apart"] == 0
-    assert photo.how["layers"] == 1 and calls["coverages"] == 0
-    assert calls["convolutions"] == photo.how["bands"] < 31
+    assert photo.how.layers == 1 and calls["coverages"] == 0
+    assert calls["convolutions"] == photo.how.bands < 31
     assert calls["psfs"] < 31
 
 
@@ -145,7 +145,7 @@ def bands_of(view: View, camera: Camera, calls: Counter) -> tuple[int, int]:
     calls.clear()
     # what parts of the pupil change has bands and layers of its own
     photo = capture(view, camera, plan.fidelity.changed({"sub_apertures": 1}))
-    return photo.how["bands"], calls["psfs"] // photo.how["layers"]
+    return photo.how.bands, calls["psfs"] // photo.how.layers
 
 
 def test_a_grey_scene_under_flat_light_takes_fewer_bands_than_the_desk(desk, calls):

@@ -127,7 +127,7 @@ def test_views_of_another_lens_are_refused(phone):
     own = phone.lens.chief_rays(40 * phone.pixel_angle)
     other = tuple((place, 1.01 * ratio, at) for place, ratio, at in own)
     how = Fidelity(field_step_px=64, window_px=16)
-    assert capture(replace(view, metadata={"chief_rays": own}), phone, how).how["distortion"] == "rendered"
-    assert capture(view, phone, how).how["distortion"] == "as in the view"
+    assert capture(replace(view, metadata={"chief_rays": own}), phone, how).how.distortion == "rendered"
+    assert capture(view, phone, how).how.distortion == "as in the view"
     with pytest.raises(InputError, match="chief rays of another lens"):
         capture(replace(view, metadata={"chief_rays": other}), phone, how)

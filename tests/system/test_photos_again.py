@@ -90,8 +90,8 @@ def test_a_photo_and_a_view_come_back_from_their_files(edofsim: Run, tmp_path: P
     command = ("expose", one, "--camera", "paper-cubic", "--accuracy", "20dB", "--out", tmp_path / "out")
     assert edofsim(*command)[0] == 0
     photo = package.Photo.load(tmp_path / "out" / "photo.exr")
-    assert photo.how["scene"] == "one" and photo.how["camera"]["mask"]["kind"] == "cubic"
-    assert len(photo.how["view"]) == 64
+    assert photo.how.scene == "one" and photo.how.camera["mask"]["kind"] == "cubic"
+    assert len(photo.how.view) == 64
     assert photo.inverse_depth is not None and photo.inverse_depth.shape == photo.image.shape[1:]
     np.testing.assert_allclose(photo.inverse_depth, 1 / 1.2, rtol=1e-6)  # what scenes() put there
     again = package.Photo.load(photo.save(tmp_path / "again.exr"))

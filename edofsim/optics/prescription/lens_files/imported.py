@@ -61,7 +61,7 @@ def camera_of(
     """The camera with a lens of a file, and a sentence for each thing that is not as the file has it.
 
     name: of the camera, by default that of the file.
-    told: n_d and V_d of glasses by name.
+    glasses_by_name: n_d and V_d of glasses by name.
     catalogues: files of makers of glass, .agf.
     focus_m, pixel_um, window_px: what a lens file does not say.
 
@@ -69,23 +69,10 @@ def camera_of(
     lens is, and what cannot be traced.
     """
     found = read_lens(path)
-    rows, notes = found.rows[1:-1], list(found.notes)
+    rows = found.rows[1:-1]
     upper = {key.upper(): value for key, value in (glasses_by_name or {}).items()}
-    known = [catalogue(each) for each in catalogues]
-    surfaces: list[dict[str, object]] = []
-    problems: list[str] = []
-    for number, row in enumerate(rows, 1):
-        try:
-            glass, note = keys_of(row.glass, row.index, upper, known) if row.glass else ({}, "")
-        except InputError as error:
-            where = f"{path}, surface {number}: "
-            told_already = {each.partition(": ")[2] for each in problems}
-            problems += [where + each for each in error.problems if each not in told_already]
-            continue
-        notes += [note] if note and note not in notes else []
-        surfaces.append(_surface(row, glass))
-    if problems:
-        raise InputError(problems)
+    surfaces, notes = _surfaces(path, rows, upper, [catalogue(each) for each in catalogues])
+    notes = [*found.notes, *(note for note in notes if note not in found.notes)]
     if not any(row.stop for row in rows):
         raise InputError(f"{path} names no stop; mark a surface as the aperture stop in the program it is of")
     if any(row.thickness < 0 for row in rows[:-1]):
@@ -93,23 +80,7 @@ def camera_of(
             f"{path}: a thickness is below 0: mirrors, and planes that are behind, are not traced"
         )
     lens: dict[str, object] = {"kind": "prescription", "source": f"{found.title or 'a lens'}, {path.name}"}
-    stop = next(each for each in surfaces if each.get("stop"))
-    how, value = found.opening
-    if how == "stop":
-        if "clear_radius_mm" not in stop:
-            raise InputError(f"{path}: the stop is as wide as its radius, and the file does not say that")
-    elif how:
-        stop.pop("clear_radius_mm", None)
-        lens["f_number"] = value
-        if how == "diameter":
-            bare = PrescriptionLens.model_validate({**lens, "surfaces": surfaces})
-            if wrong := bare.wrong_numbers():
-                raise InputError(wrong)
-            as_stack = stack(bare.surfaces)
-            index = as_stack.index(torch.tensor([D_LINE], dtype=torch.float64))[0]
-            lens["f_number"] = _plain(first_order(as_stack, index).focal / (value * found.unit))
-    else:
-        raise InputError(f"{path} does not say how wide the lens is: no entrance pupil diameter, no f-number")
+    _open(lens, surfaces, found, path)
     if not any("clear_radius_mm" in each for each in surfaces if not each.get("stop")):
         notes.append("no surface has a clear radius: nothing but the stop shuts the pupil off the axis")
     if not math.isinf(found.rows[0].thickness) and found.rows[0].thickness < 1e9:
@@ -128,6 +99,53 @@ def camera_of(
         }
     )
     return recipe, notes
+
+
+def _surfaces(
+    path: Path,
+    rows: Sequence[Row],
+    glasses_by_name: Mapping[str, tuple[float, float]],
+    known: Sequence[Mapping[str, dict[str, object]]],
+) -> tuple[list[dict[str, object]], list[str]]:
+    """Tables of surfaces with their glass, and a note on each glass that is not as the file has it. Raises
+    InputError, naming every glass that is not known."""
+    surfaces: list[dict[str, object]] = []
+    notes: list[str] = []
+    problems: list[str] = []
+    for number, row in enumerate(rows, 1):
+        try:
+            glass, note = keys_of(row.glass, row.index, glasses_by_name, known) if row.glass else ({}, "")
+        except InputError as error:
+            where = f"{path}, surface {number}: "
+            known_already = {each.partition(": ")[2] for each in problems}
+            problems += [where + each for each in error.problems if each not in known_already]
+            continue
+        notes += [note] if note and note not in notes else []
+        surfaces.append(_surface(row, glass))
+    if problems:
+        raise InputError(problems)
+    return surfaces, notes
+
+
+def _open(lens: dict[str, object], surfaces: list[dict[str, object]], found: LensFile, path: Path) -> None:
+    """Say how wide a lens is, in its table or at its stop. Raises InputError where the file does not."""
+    stop = next(each for each in surfaces if each.get("stop"))
+    how, value = found.opening
+    if how == "stop":
+        if "clear_radius_mm" not in stop:
+            raise InputError(f"{path}: the stop is as wide as its radius, and the file does not say that")
+    elif how:
+        stop.pop("clear_radius_mm", None)
+        lens["f_number"] = value
+        if how == "diameter":
+            bare = PrescriptionLens.model_validate({**lens, "surfaces": surfaces})
+            if wrong := bare.wrong_numbers():
+                raise InputError(wrong)
+            as_stack = stack(bare.surfaces)
+            index = as_stack.index(torch.tensor([D_LINE], dtype=torch.float64))[0]
+            lens["f_number"] = _plain(first_order(as_stack, index).focal / (value * found.unit))
+    else:
+        raise InputError(f"{path} does not say how wide the lens is: no entrance pupil diameter, no f-number")
 
 
 def _surface(row: Row, glass: Mapping[str, object]) -> dict[str, object]:
