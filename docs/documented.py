@@ -1,11 +1,13 @@
-"""How many public functions of arrays say what their arguments are: `python docs/documented.py [LIST]`.
+"""How much docstrings say of arrays and errors: `python docs/documented.py [LIST]`.
 
-Counted are functions and methods without `_` that take a Tensor or an array. One is documented if each of its
+Counted are public functions and methods that take a Tensor or an array. One is documented if each of its
 arrays has a line of its own in the docstring, which begins with its name and holds its shape, as in
 
     photo: linear image, [channel, y, x], full scale 1.
 
-The other count is of those in which every argument has such a line. `LIST` names those that have not.
+A method without a docstring has that of the method that it overrides (`inspect.getdoc`), and is not counted.
+The second count is of those in which every argument has such a line. The third is of public functions that
+raise InputError themselves, and say so. `LIST` names those that do not.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 PACKAGE = Path(__file__).parents[1] / "edofsim"
+COMMAND = re.compile(r"/cli/|/experiments/\w+\.py:\d+: run$")
 ARRAY = re.compile(r"\b(Tensor|ndarray|ArrayLike)\b")
 
 
@@ -41,8 +44,8 @@ class Function(NamedTuple):
         return [name for name in self.arguments if name not in lines]
 
 
-def functions(package: Path = PACKAGE) -> Iterator[Function]:
-    """All public functions of arrays."""
+def public(package: Path = PACKAGE) -> Iterator[tuple[str, ast.FunctionDef]]:
+    """All public functions and methods, with their place."""
     for path in sorted(package.rglob("*.py")):
         inner = path.relative_to(package.parent)
         if any(part.startswith("_") for part in inner.parts if part != "__init__.py"):
@@ -51,28 +54,56 @@ def functions(package: Path = PACKAGE) -> Iterator[Function]:
         for owner in [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))]:
             prefix = f"{owner.name}." if isinstance(owner, ast.ClassDef) else ""
             for node in owner.body:
-                public = isinstance(node, ast.FunctionDef) and not f"{prefix}{node.name}".startswith("_")
-                if public and not node.name.startswith("_"):
-                    yield from _function(f"{inner}:{node.lineno}: {prefix}{node.name}", node)
+                if not isinstance(node, ast.FunctionDef) or node.name[0] == "_" or prefix[:1] == "_":
+                    continue
+                yield f"{inner}:{node.lineno}: {prefix}{node.name}", node
 
 
-def _function(place: str, node: ast.FunctionDef) -> Iterator[Function]:
-    every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-    every = [each for each in every if each.arg not in ("self", "cls")]
-    arrays = [a.arg for a in every if a.annotation and ARRAY.search(ast.unparse(a.annotation))]
-    if arrays:
-        yield Function(place, [each.arg for each in every], arrays, ast.get_docstring(node) or "")
+def functions(package: Path = PACKAGE) -> Iterator[Function]:
+    """All public functions of arrays, but for methods whose docstring is that of another class."""
+    found = list(public(package))
+    documented = _documented_methods(found)
+    for place, node in found:
+        every = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        every = [each for each in every if each.arg not in ("self", "cls")]
+        arrays = [a.arg for a in every if a.annotation and ARRAY.search(ast.unparse(a.annotation))]
+        text = ast.get_docstring(node) or ""
+        if arrays and (text or node.name not in documented):
+            yield Function(place, [each.arg for each in every], arrays, text)
+
+
+def raising(package: Path = PACKAGE) -> Iterator[tuple[str, bool]]:
+    """All public functions that raise InputError themselves, but commands, whose docstrings are help texts;
+    and whether they say so."""
+    found = list(public(package))
+    documented = _documented_methods(found)
+    for place, node in found:
+        text = ast.get_docstring(node) or ""
+        thrown = [each.exc for each in ast.walk(node) if isinstance(each, ast.Raise) and each.exc]
+        counts = not COMMAND.search(place) and (text or node.name not in documented)
+        if counts and any("InputError" in ast.unparse(each) for each in thrown):
+            yield place, re.search(r"\b[Rr]aises?\b", text) is not None
+
+
+def _documented_methods(found: list[tuple[str, ast.FunctionDef]]) -> set[str]:
+    """Names of methods that have a docstring somewhere, which others of the name inherit."""
+    return {node.name for place, node in found if "." in place.rsplit(": ", 1)[1] and ast.get_docstring(node)}
 
 
 def main() -> int:
     every = list(functions())
     shaped = [each for each in every if not each.missing(arrays=True)]
     whole = [each for each in every if not each.missing(arrays=False)]
+    errors = list(raising())
     if sys.argv[1:]:
         for each in every:
             if gone := each.missing(arrays=True):
                 print(f"{each.place}: {', '.join(gone)}")
+        for place, said in errors:
+            if not said:
+                print(f"{place}: raises InputError")
     print(f"arrays with shapes: {len(shaped)} of {len(every)}; every argument: {len(whole)} of {len(every)}")
+    print(f"raising InputError and saying so: {sum(said for _, said in errors)} of {len(errors)}")
     return 0
 
 

@@ -24,12 +24,20 @@ STEP, ROUNDS, INNER = 100.0, 20, 10
 
 
 def deepinv_wiener(photo: Tensor, psfs: Tensor, info: object) -> Tensor:
-    """Wiener-Hunt deconvolution: least squares, with a penalty on the image's Laplacian."""
+    """Wiener-Hunt deconvolution: least squares, with a penalty on the image's Laplacian.
+
+    photo: [3, y, x], linear, full scale 1.
+    psfs: [depth, 3, y, x].
+    """
     return _restored(photo, psfs, deepinv.models.WienerDeconvolution(SMOOTHNESS, "laplacian"))
 
 
 def deepinv_tv(photo: Tensor, psfs: Tensor, info: object) -> Tensor:
-    """Least squares, with a penalty on the image's total variation, by Douglas-Rachford splitting."""
+    """Least squares, with a penalty on the image's total variation, by Douglas-Rachford splitting.
+
+    photo: [3, y, x], linear, full scale 1.
+    psfs: [depth, 3, y, x].
+    """
     how = {"lambda_reg": VARIATION, "stepsize": STEP, "max_iter": ROUNDS}
     prior, fidelity = deepinv.optim.TVPrior(n_it_max=INNER), deepinv.optim.L2()
     return _restored(photo, psfs, deepinv.optim.DRS(fidelity, prior=prior, **how))

@@ -89,7 +89,12 @@ class Entry:
         return self.built["camera"]
 
     def restored(self, photo: Tensor, known: Known, key: str) -> Tensor:
-        """What it makes of a photo. Raises InputError for what is no such image."""
+        """What it makes of a photo.
+
+        photo: [3, y, x], linear, full scale 1.
+
+        Raises InputError for what is no such image.
+        """
         if self.folder is not None:
             return self._from_folder(key, photo)
         assert self.source is not None

@@ -37,7 +37,10 @@ def resamples(
 
 
 def interval(values: np.ndarray, seed: int = 0) -> Interval:
-    """The mean of values [scene, seed] over scenes, NaN left out, with its bootstrap interval."""
+    """The mean of values [scene, seed] over scenes, NaN left out, with its bootstrap interval.
+
+    values: [scene, seed].
+    """
     known = ~np.isnan(values).all(1)
     values = values[known]
     if not len(values):
@@ -55,7 +58,10 @@ def interval(values: np.ndarray, seed: int = 0) -> Interval:
 
 def differences(by_entry: Mapping[str, np.ndarray], seed: int = 0) -> dict[tuple[str, str], Interval]:
     """Of every two entries, values [scene, seed] each: how much the first is above the second, photo by
-    photo."""
+    photo.
+
+    by_entry: values [scene, seed] by name of the entry.
+    """
     names = list(by_entry)
     return {
         (one, other): interval(by_entry[one] - by_entry[other], seed)

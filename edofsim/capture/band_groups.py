@@ -38,7 +38,11 @@ class Gathering:
 
 
 def every_band(wavelengths: Tensor, response: Tensor) -> Gathering:
-    """Each band on its own: wavelengths [band], response [channel, band]."""
+    """Each band on its own: wavelengths [band], response [channel, band].
+
+    wavelengths: [band], metres.
+    response: [channel, band].
+    """
     alone = torch.eye(wavelengths.numel(), dtype=torch.float64)
     return Gathering(wavelengths, alone, alone, response.double())
 

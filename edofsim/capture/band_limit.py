@@ -21,10 +21,17 @@ class BandLimit:
     error: float
 
     def nodes(self, inverse_depth: Tensor) -> Tensor:
-        """As few nodes [node] as suffice for fragments [fragment], at least one; 1/m, ascending."""
+        """As few nodes [node] as suffice for fragments [fragment], at least one; 1/m, ascending.
+
+        inverse_depth: [fragment], 1/m.
+        """
         low, high = (float(end) for end in inverse_depth.aminmax())
         return band_limited_nodes(low, high, self.per_dioptre, self.error)
 
     def shares(self, inverse_depth: Tensor, nodes: Tensor) -> Tensor:
-        """Shares [node, fragment] of the nodes in the blur of each fragment."""
+        """Shares [node, fragment] of the nodes in the blur of each fragment.
+
+        inverse_depth: [fragment], 1/m.
+        nodes: [node], 1/m, ascending.
+        """
         return band_limited_weights(inverse_depth, nodes, self.per_dioptre).T.to(inverse_depth.dtype)

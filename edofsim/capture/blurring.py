@@ -71,7 +71,12 @@ class Blurring:
         return self._blurred(self._coverage, light, view)
 
     def slab(self, view: View, which: Tensor, part: Tensor, amount: Tensor) -> tuple[Tensor, Tensor]:
-        """`light` and `coverage` of the same fragments."""
+        """`light` and `coverage` of the same fragments.
+
+        which: [fragment], numbers of fragments of the view.
+        part: [fragment], share of each that counts.
+        amount: [fragment], coverage of each.
+        """
         if self.between is None:
             return self.light(view, which, part), self.coverage(view, which, amount)
         near = self._nearby(view, which)
@@ -116,7 +121,10 @@ class Blurring:
 
 
 def white_psfs(psfs: PsfField, response: Tensor) -> PsfField:
-    """PSFs of white light in each channel, each summing to 1: [depth, channel, y, x] in the band's place."""
+    """PSFs of white light in each channel, each summing to 1: [depth, channel, y, x] in the band's place.
+
+    response: [channel, band].
+    """
     layers = []
     for node in range(psfs.inverse_depths.numel()):
         psf = psfs.layer(node)

@@ -19,7 +19,7 @@ CHIEF_RAY_SLACK = 0.1
 
 
 def check_fidelity(fidelity: Fidelity) -> None:
-    """Refuse ways to composite that there are not, and what is for rendering alone. Raises InputError."""
+    """Raise InputError for ways to composite that there are not, and for what is for rendering alone."""
     rendered = [name for name in RENDERED if getattr(fidelity, name) != getattr(Fidelity, name)]
     if rendered:
         raise InputError(
@@ -33,8 +33,7 @@ def check_fidelity(fidelity: Fidelity) -> None:
 
 
 def check_fits(fidelity: Fidelity, camera: Camera, recipe: SceneRecipe | None = None) -> None:
-    """Refuse what a camera, or the rendering of a scene, would pass over: a fidelity that was made for
-    another. Raises InputError."""
+    """Raise InputError for a fidelity made for another camera or scene, which would ignore some of it."""
     window = camera.recipe.psf.window_px
     problems = []
     if (fidelity.window_px or 0) > window:
@@ -55,7 +54,7 @@ def check_fits(fidelity: Fidelity, camera: Camera, recipe: SceneRecipe | None = 
 
 
 def check_view(view: View) -> None:
-    """Refuse a view with values that are not light or not depth. Raises InputError naming the pixels."""
+    """Raise InputError for a view with values that are not light or not depth, naming the pixels."""
     problems = []
     check_pixels(view)
     depth = view.inverse_depth.detach()
@@ -82,7 +81,7 @@ def check_view(view: View) -> None:
 
 
 def check_pixels(view: View) -> None:
-    """Refuse fragments that lie beyond the frame with its margin, or that are not sorted by pixel."""
+    """Raise InputError for fragments beyond the frame with its margin, or not sorted by pixel."""
     rows, columns = view.padded_shape
     if not view.pixel.numel():
         return
@@ -128,7 +127,7 @@ def distortion_of(view: View, camera: Camera) -> str:
 
 
 def check_pixel_angle(view: View, pixel_angle: float) -> None:
-    """Refuse a view whose pixels see another angle than the camera's."""
+    """Raise InputError for a view whose pixels see another angle than the camera's."""
     if abs(view.pixel_angle / pixel_angle - 1) > PIXEL_ANGLE_SLACK:
         raise InputError(
             f"a pixel of the view sees {view.pixel_angle * 1e3:.6g} mrad and one of the camera's "
@@ -140,7 +139,7 @@ def check_pixel_angle(view: View, pixel_angle: float) -> None:
 
 
 def check_window(view: View, window: int) -> None:
-    """Refuse PSFs that are wider than the image with its margin."""
+    """Raise InputError for PSFs that are wider than the image with its margin."""
     rows, columns = view.padded_shape
     if window > min(rows, columns):
         raise InputError(
@@ -163,7 +162,7 @@ NEAR_SHARE = 1e-3
 
 
 def check_near(view: View, camera: Camera) -> None:
-    """Refuse a picture whose depths lie within the lens's focal length, as those in another unit do."""
+    """Raise InputError for depths within the lens's focal length, as those in another unit are."""
     seen = ~view.hidden
     focal = float(camera.lens.focal_length(float(view.wavelengths.mean())))
     near = view.inverse_depth[seen] > 1 / focal

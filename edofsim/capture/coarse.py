@@ -38,7 +38,10 @@ class CoarsePixels:
         )
 
     def interpolated(self, image: Tensor, rows: int, columns: int) -> Tensor:
-        """[channel, y, x] in coarse pixels to that of rows and columns of fine ones."""
+        """[channel, y, x] in coarse pixels to that of rows and columns of fine ones.
+
+        image: [channel, y, x] in coarse pixels.
+        """
         if self.side == 1:
             return image
         fine = interpolate(image[None], scale_factor=self.side, mode="bicubic", align_corners=False)[0]

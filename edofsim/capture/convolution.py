@@ -42,7 +42,10 @@ class Grid:
 
 
 def spectrum(image: Tensor, grid: Grid) -> Tensor:
-    """Spectrum of images or of PSFs, put at the top left corner: [..., y, x] to [..., ky, kx], half of it."""
+    """Spectrum of images or of PSFs, put at the top left corner: [..., y, x] to [..., ky, kx], half of it.
+
+    image: [..., y, x].
+    """
     return torch.fft.rfft2(image, s=grid.transform)
 
 
@@ -62,7 +65,11 @@ def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Ten
 
 
 def mixed(weights: Tensor, spectra: Tensor) -> Tensor:
-    """Real weights [channel, n] of spectra [n, ky, kx]: their sums, [channel, ky, kx]."""
+    """Real weights [channel, n] of spectra [n, ky, kx]: their sums, [channel, ky, kx].
+
+    weights: [channel, n], real.
+    spectra: [n, ky, kx], complex.
+    """
     n, *shape = spectra.shape
     own = weights.diagonal()
     if len(weights) == n and int(weights.count_nonzero()) == int(own.count_nonzero()):
@@ -73,7 +80,10 @@ def mixed(weights: Tensor, spectra: Tensor) -> Tensor:
 
 
 def summed_products(pairs: Iterable[tuple[Tensor, Tensor]]) -> Tensor:
-    """The sum of the products of pairs of spectra."""
+    """The sum of the products of pairs of spectra.
+
+    pairs: two arrays of one shape [..., ky, kx] each.
+    """
     total = None
     for one, other in pairs:
         total = one * other if total is None else torch.addcmul(total, one, other)
@@ -85,13 +95,19 @@ def summed_products(pairs: Iterable[tuple[Tensor, Tensor]]) -> Tensor:
 def image_of(total: Tensor, grid: Grid) -> Tensor:
     """Channels' spectra to images of the padded frame: [channel, ky, kx] to [channel, y, x].
 
+    total: [channel, ky, kx], complex.
+
     The PSFs' centre pixel moves to the origin here, once for all.
+
     """
     return centred(torch.fft.irfft2(total, s=grid.transform), grid)
 
 
 def centred(image: Tensor, grid: Grid) -> Tensor:
-    """An image as its transform is, moved by half a window, as one of the padded frame: [..., y, x] both."""
+    """An image as its transform is, moved by half a window, as one of the padded frame: [..., y, x] both.
+
+    image: [..., y, x].
+    """
     centre = grid.window // 2
     image = torch.roll(image, (-centre, -centre), dims=(-2, -1)) if centre else image
     return image[..., : grid.rows, : grid.columns]

@@ -288,7 +288,11 @@ def pupil_is_free(camera: Camera) -> bool:
 
 def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths: torch.Tensor) -> float:
     """The coarsest pitch in micrometres that the bound on defocus and the replicas of the PSF allow, between
-    the wavelengths [band] too, where groups of bands have theirs."""
+    the wavelengths [band] too, where groups of bands have theirs.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    """
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
     alike = sampled_alike(camera, wavelengths, ends, camera.recipe.psf.window_px)
     return min(pitch for _, pitch in alike) * 1e6

@@ -46,8 +46,8 @@ def image_over_field(
     """An unexposed image [..., y, x] of a frame, each place of it by the PSFs of its place in the field, and
     as bright as these are.
 
-    image: of the part of the frame that a camera sees from its place.
     step: pixels between places; None for one place, where the part is the whole.
+    image: of the part of the frame that a camera sees from its place, [..., y, x].
     """
     if frame is None or step is None:
         return image(camera, lambda light, reach: light)

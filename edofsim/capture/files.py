@@ -67,7 +67,12 @@ def _image_of(planes: Mapping[str, np.ndarray], prefix: str) -> Tensor:
 
 
 def write_image(path: Path, image: Tensor) -> Path:
-    """A linear image [3 or 1, y, x] as an OpenEXR file. Raises what `core.files.whole` raises."""
+    """A linear image [3 or 1, y, x] as an OpenEXR file.
+
+    image: [3 or 1, y, x], linear.
+
+    Raises what `core.files.whole` raises.
+    """
     return write_exr(path, _channels(image, ""), {})
 
 

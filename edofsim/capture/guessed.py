@@ -247,6 +247,7 @@ def push_pull(light: Tensor, weight: Tensor) -> Tensor:
     """Light where it is not known, from averages about it, the farther the coarser: [k, y, x].
 
     light: [k, y, x], of as much as `weight` [y, x] from 0 to 1 says is known; where that is 1, it stays.
+    weight: [y, x], from 0 to 1.
     """
     rows, columns = weight.shape
     if max(rows, columns) == 1:

@@ -191,7 +191,10 @@ def sub_aperture_imaging(
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:
     """As many nodes [node] from the first to the last as a fidelity has layers, or all where they are no
-    more."""
+    more.
+
+    nodes: [node], 1/m.
+    """
     if fidelity.layers is None or nodes.numel() <= fidelity.layers:
         return nodes
     return torch.linspace(float(nodes[0]), float(nodes[-1]), fidelity.layers, dtype=nodes.dtype)

@@ -30,7 +30,10 @@ KEPT_NODES = 2
 
 def layered(psfs: PsfField, response: Tensor) -> Blur:
     """A blur by PSFs at depth nodes under a response [channel, band], for frames of any size. Its error is
-    that of the depth nodes alone. Light of one band is that of all."""
+    that of the depth nodes alone. Light of one band is that of all.
+
+    response: [channel, band].
+    """
     kept: dict[tuple[int, int, Grid], Tensor] = {}
     count = response.shape[1]
 

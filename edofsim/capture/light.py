@@ -110,7 +110,10 @@ class Box:
         return replace(light, rows=self.rows, columns=self.columns, pixel=y * self.columns + x)
 
     def pasted(self, image: Tensor, rows: int, columns: int) -> Tensor:
-        """An image [channel, y, x] of this part of a frame of rows and columns, as one of all of it."""
+        """An image [channel, y, x] of this part of a frame of rows and columns, as one of all of it.
+
+        image: [channel, y, x].
+        """
         before = (self.left, columns - self.left - self.columns, self.top, rows - self.top - self.rows)
         return pad(image, before)
 
@@ -162,8 +165,12 @@ def seen(view: View) -> Tensor:
 def hat_weights(inverse_depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
     """Cell and share of the upper node of each inverse depth: linear interpolation between ascending nodes.
 
+    inverse_depth: [fragment], 1/m.
+    nodes: [node], 1/m, ascending.
+
     One node: cell 0 and share 0. Shares within 1e-6 of an end are moved onto it: a float32 depth that equals
     a node then costs one convolution, not two.
+
     """
     if nodes.numel() == 1:
         return torch.zeros_like(inverse_depth, dtype=torch.int64), torch.zeros_like(inverse_depth)

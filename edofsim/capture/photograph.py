@@ -224,7 +224,8 @@ def axes_of(
     """Of a photo of views.
 
     weights: the response [channel, band].
-    nodes, spectrum: as in `capture`.
+    nodes: [node], 1/m, as in `capture`.
+    spectrum: [band], as in `capture`.
     """
     spectrums = [spectrum_of(view) for view in views] if spectrum is None else [spectrum]
     at, between = depths_of(views, camera, fidelity) if nodes is None else (nodes, None)
@@ -280,7 +281,10 @@ def ideal_image(view: View, camera: Camera | None = None, exposure: float | None
 
 
 def all_in_focus(view: View, weights: Tensor) -> Tensor:
-    """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed."""
+    """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed.
+
+    weights: [channel, band].
+    """
     rows, columns = view.padded_shape
     light = weights.to(view.radiance) @ view.radiance
     if not view.one_each:

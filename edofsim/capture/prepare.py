@@ -33,7 +33,10 @@ def fewer_nodes(
     nodes: Tensor, camera: Camera, shortest: float, tolerance_db: float
 ) -> tuple[Tensor, BandLimit | None]:
     """In place of many nodes of `depth_nodes`, those from which band-limited PSFs at all depths between are
-    known, and how light is blurred with them; the same nodes and None where they are no fewer."""
+    known, and how light is blurred with them; the same nodes and None where they are no fewer.
+
+    nodes: [node], 1/m.
+    """
     per_dioptre = defocus_per_dioptre(camera, shortest)
     held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, INTERPOLATION_ERROR)
     if len(held) >= len(nodes):
@@ -80,8 +83,11 @@ def depth_nodes(
 def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:
     """What each band adds to each channel: [channel, band], float64, rows summing to 1.
 
+    wavelengths: [band], metres.
+
     Raises InputError where a channel's response lies mostly outside the bands: its image would be that of
     other light. One band alone is taken as monochromatic on purpose.
+
     """
     weights = response(camera, wavelengths)
     curves = response_curves(camera)

@@ -75,11 +75,13 @@ def colours_of(
 
     Whole numbers count to their type's largest.
 
+    values: [y, x] or [y, x, 1 to 4].
     gamma: exponent of the transfer curve in place of sRGB's.
     linear: whether there is none.
 
     Raises InputError for another shape, for floats beyond [0, 1] that have a transfer curve, and for values
     that are not finite.
+
     """
     values = np.asarray(values)
     if values.dtype.kind not in "buif":

@@ -44,6 +44,7 @@ def srgb_encode(linear: A) -> A:
 def developed(image: Tensor, colours: Tensor | None) -> Tensor:
     """A sensor's linear image [..., 3, y, x] in linear sRGB of the same shape; as it is without `colours`.
 
+    image: [..., 3, y, x], linear, of the sensor.
     colours: [3, 3], matrix to linear sRGB, white balance included (`Photo.colours`). What exceeds full scale
         is clipped first, so that highlights stay white; images of one channel have no colours.
     """
@@ -61,7 +62,10 @@ def srgb_decode(encoded: A) -> A:
 def unit_rgb(image: np.ndarray) -> np.ndarray:
     """A picture of any kind as three channels in [0, 1], float64 [y, x, 3]; transparency is painted white.
 
+    image: [y, x], [y, x, 1], [y, x, 3] or [y, x, 4].
+
     Raises InputError for another shape than [y, x] or [y, x, 1 to 4].
+
     """
     image = np.asarray(image)
     if image.dtype == bool:
@@ -84,7 +88,10 @@ def unit_rgb(image: np.ndarray) -> np.ndarray:
 
 
 def png_bytes(pixels: np.ndarray, texts: Mapping[str, str] | None = None) -> bytes:
-    """uint8 [y, x, 3] or uint16 [y, x] as a PNG file with `texts` in it; the same gives the same bytes."""
+    """uint8 [y, x, 3] or uint16 [y, x] as a PNG file with `texts` in it; the same gives the same bytes.
+
+    pixels: uint8 [y, x, 3] or uint16 [y, x].
+    """
     about = PngInfo()
     for key, text in (texts or {}).items():
         about.add_text(key, text)
@@ -96,7 +103,10 @@ def png_bytes(pixels: np.ndarray, texts: Mapping[str, str] | None = None) -> byt
 def write_png(path: Path, image: ArrayLike) -> Path:
     """An image [3, y, x] of values as people see them, 1 is white, as PNG of 8 bits. Returns the path.
 
+    image: [3, y, x].
+
     Values beyond [0, 1] are clipped, and NaN is black. Raises what `files.whole` raises.
+
     """
     values = np.nan_to_num(np.asarray(image).transpose(1, 2, 0)).clip(0, 1)
     return write_bytes(path, png_bytes((values * 255).round().astype(np.uint8)))
@@ -236,7 +246,10 @@ def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mappin
     """Planes [y, x] by name, with a header, as an OpenEXR file: float32, half where they are float16. Returns
     the path.
 
+    channels: planes [y, x] by name.
+
     Raises what `files.whole` raises.
+
     """
     writer = openexr()
     header = {"compression": writer.ZIP_COMPRESSION, "type": writer.scanlineimage, **attributes}

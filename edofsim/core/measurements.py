@@ -62,7 +62,12 @@ def read_numbers(name: str, key: str | None, base: Path, what: str) -> np.ndarra
 
 
 def one_array(found: dict[str, np.ndarray], key: str | None, path: Path, what: str) -> np.ndarray:
-    """The array that was asked for, of `hdf5.read_hdf5`. Raises InputError where there is none."""
+    """The array that was asked for, of `hdf5.read_hdf5`.
+
+    found: arrays of any shape [...] by name.
+
+    Raises InputError where there is none.
+    """
     if not found:
         raise InputError(f"{what}: {str(path)!r} holds no array of numbers")
     return _numbers(next(iter(found.values())), path, what)

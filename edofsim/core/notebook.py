@@ -26,9 +26,11 @@ SHOWN_PX = (320, 640)
 def srgb_pixels(image: Tensor, colours: Tensor | None = None) -> np.ndarray:
     """A linear image [3 or 1, y, x] as uint8 [y, x, 3]; full scale 1 is white, NaN is black.
 
+    image: [3 or 1, y, x], linear.
     colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
 
     Raises InputError for another shape.
+
     """
     if image.ndim != 3 or image.shape[0] not in (1, 3):
         raise InputError(f"an image to look at has the shape [3, y, x] or [1, y, x], not {list(image.shape)}")
@@ -38,7 +40,11 @@ def srgb_pixels(image: Tensor, colours: Tensor | None = None) -> np.ndarray:
 
 
 def picture_png(image: Tensor, colours: Tensor | None = None) -> bytes:
-    """A linear image [3 or 1, y, x] as an sRGB PNG, which states the colours that `srgb_pixels` takes."""
+    """A linear image [3 or 1, y, x] as an sRGB PNG, which states the colours that `srgb_pixels` takes.
+
+    image: [3 or 1, y, x], linear.
+    colours: [3, 3] to linear sRGB; None for the image's own colours.
+    """
     texts = {} if colours is None else {COLOURS: json.dumps(colours.tolist())}
     return png_bytes(srgb_pixels(image, colours), texts)
 
@@ -67,7 +73,8 @@ def show(image: Tensor, title: str = "", axes: Axes | None = None, colours: Tens
 def picture_html(image: Tensor, caption: str, colours: Tensor | None = None) -> str:
     """A linear image with a line below it.
 
-    colours: see `srgb_pixels`.
+    image: [3 or 1, y, x], linear.
+    colours: [3, 3], see `srgb_pixels`.
     """
     data = base64.b64encode(picture_png(image, colours)).decode("ascii")
     width = min(max(SHOWN_PX[0], image.shape[-1]), SHOWN_PX[1])

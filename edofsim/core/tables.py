@@ -32,8 +32,11 @@ _KEPT = Store("{}.json", _read, _write, memory_bytes=256, most_files=256)  # eac
 def kept_tables(name: str, make: Callable[[], Mapping[str, ArrayLike]]) -> Mapping[str, np.ndarray]:
     """Numbers that `make` takes from colour-science: float64 [row, column] by name, in its order.
 
+    make: gives arrays [row, column] by name.
+
     Those of a `name` are kept, and made anew for another version of colour-science; what `make` raises is
     not kept. All names together are at most 256; those used longest ago leave.
+
     """
     key, folder = quote(f"{name} {version('colour-science')}", safe=" "), user_folder() / "tables"
     tables = _KEPT.find(key, folder)

@@ -152,7 +152,10 @@ def finished(work: Work, folder: Folder, progress: Progress) -> Path | None:
 
 def write_camera(path: Path, camera: Camera, wavelengths: Tensor, ends: Sequence[float]) -> Path:
     """A camera's recipe, height map and PSFs: `psfs` [depth, channel, y, x] of white points at
-    `inverse_depths` [depth] in 1/m that stand for the range, for a lens that varies on its axis."""
+    `inverse_depths` [depth] in 1/m that stand for the range, for a lens that varies on its axis.
+
+    wavelengths: [band], metres.
+    """
     depths = nodes_between(camera, wavelengths, min(ends), max(ends), most=MOST_PSFS)
     bank = psf_bank(camera, wavelengths, depths)
     psfs = torch.einsum("cb,dbyx->dcyx", response(camera, wavelengths).to(bank.values), bank.values)

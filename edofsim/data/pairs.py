@@ -173,9 +173,11 @@ class PairStream(IterableDataset[Pair]):
 def turned(image: Tensor, turn: int, *, centred: bool = False) -> Tensor:
     """An image [.., y, x] mirrored along x (bit 0 of `turn`) and y (bit 1), and its axes exchanged (bit 2).
 
+    image: [..., y, x].
     centred: of a PSF, whose middle, index n // 2, stays where it is: the mirror image of a photo is then the
-    photo of the mirrored scene by the mirrored PSF. Of a window with an even side the first row and column
-    have no mirror image within it, and stay."""
+        photo of the mirrored scene by the mirrored PSF. Of a window with an even side the first row and
+        column have no mirror image within it, and stay.
+    """
     for bit, axis in ((1, -1), (2, -2)):
         if turn & bit:
             image = image.flip(axis)

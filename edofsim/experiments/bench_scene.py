@@ -194,7 +194,10 @@ def page(measured: Measured, seen: Seen, system: System, parts: Mapping[str, Ten
 
 
 def object_crops(seen: Seen, parts: Mapping[str, Tensor]) -> tuple[Detail, ...]:
-    """The most textured square of each object that the frame shows."""
+    """The most textured square of each object that the frame shows.
+
+    parts: masks [y, x], bool, by object.
+    """
     truth = seen.taken[OURS, LENS_ALONE].truth
     depth = seen.view.crop_margin(seen.view.mean_inverse_depth())
     crops: list[Detail] = []

@@ -306,7 +306,12 @@ def _as_kept(found: Json) -> Json:
 
 def capture_cube(radiance: Tensor, psf: Tensor, weights: Tensor) -> tuple[Tensor, list[float]]:
     """The noise-free colours [3, y, x] of a plane [band, y, x] through PSFs [band, w, w], weighted with the
-    response [3, band]; and what the optics do to each band: root mean square over the band's own."""
+    response [3, band]; and what the optics do to each band: root mean square over the band's own.
+
+    radiance: [band, y, x].
+    psf: [band, w, w].
+    weights: [3, band].
+    """
     photo = radiance.new_zeros(3, *radiance.shape[1:])
     errors = []
     for band in range(len(radiance)):

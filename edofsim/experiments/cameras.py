@@ -268,7 +268,8 @@ class Judge:
         return {**self.by, **({} if self.tested.own is None else {OWN: self.tested.own})}
 
     def planes(self, data: Photographs, progress: Progress) -> tuple[dict[str, float], list[PictureScore]]:
-        """Means over the pictures at random depths, by three lines of light, and the rows."""
+        """Means over the pictures at random depths, by three lines of light, and the rows. Raises
+        InputError where nothing restores them."""
         tested = self.tested
         camera = of_three_lines(tested.camera)
         lens = camera.without_mask()

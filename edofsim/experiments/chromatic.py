@@ -74,12 +74,18 @@ def chromatic(system: EvaluatedSystem) -> Chromatic:
 
 
 def rms_transfer(psf: Tensor) -> Tensor:
-    """Root mean square of the modulation transfer over the frequencies of the sensor, [.., y, x] to [..]."""
+    """Root mean square of the modulation transfer over the frequencies of the sensor, [.., y, x] to [..].
+
+    psf: [..., y, x].
+    """
     return psf.double().square().sum((-1, -2)).sqrt()
 
 
 def centroid(psf: Tensor) -> Tensor:
-    """Centre of the light in pixels from the centre pixel, [.., y, x] to [.., 2]: to the right, down."""
+    """Centre of the light in pixels from the centre pixel, [.., y, x] to [.., 2]: to the right, down.
+
+    psf: [..., y, x].
+    """
     inner = _centred(psf)
     size = inner.shape[-1]
     offset = torch.arange(size, dtype=psf.dtype) - size // 2
@@ -90,7 +96,10 @@ def centroid(psf: Tensor) -> Tensor:
 
 
 def asymmetry(psf: Tensor) -> Tensor:
-    """Half the sum of |h - mirrored h|, over the light, [.., y, x] to [.., 2]: left-right, top-bottom."""
+    """Half the sum of |h - mirrored h|, over the light, [.., y, x] to [.., 2]: left-right, top-bottom.
+
+    psf: [..., y, x].
+    """
     inner = _centred(psf)
     total = 2 * inner.sum((-1, -2))
     sides = [(inner - inner.flip(axis)).abs().sum((-1, -2)) / total for axis in (-1, -2)]

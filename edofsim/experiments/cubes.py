@@ -58,7 +58,10 @@ def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[lis
     """The cube at `path`, or all in that folder, at the bands of `wanted_nm` that they have; and a sentence
     for each that cannot be used.
 
+    wanted_nm: [band], nanometres.
+
     Raises InputError where there is none at all.
+
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; name a spectral cube or a folder of them, --data")
@@ -83,7 +86,12 @@ def _with_options(problem: str) -> str:
 
 
 def read_one(path: Path, wanted_nm: np.ndarray, reading: Reading) -> Cube:
-    """A cube at those of the bands `wanted_nm` that it has. Raises InputError."""
+    """A cube at those of the bands `wanted_nm` that it has.
+
+    wanted_nm: [band], nanometres.
+
+    Raises InputError.
+    """
     start, step = reading.start_nm, reading.step_nm
     if start is None and _named_like_cave(path):
         start, step = CAVE_START_NM, CAVE_STEP_NM

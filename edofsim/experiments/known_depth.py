@@ -19,9 +19,13 @@ from .systems import truncated_share
 def at_known_depth(photo: Tensor, psf: Tensor, noise: float) -> Tensor:
     """A photo [3, y, x] of a plane through PSFs [3, w, w], restored within [0, 1].
 
+    photo: [3, y, x], full scale 1.
+    psf: [3, w, w].
+
     At each frequency the filter is W = X R^-1, R the covariance of the photo's colours there and X the
     scene's with them, for the statistics of photographs (see `restore.linear.colour_error`). Mirror images
     continue the photo.
+
     """
     rows, columns = photo.shape[-2:]
     size = next_fast_len(max(rows, columns) + psf.shape[-1], real=True)

@@ -91,7 +91,10 @@ def depths_of(camera: Camera) -> tuple[float, ...]:
 
 
 def classic_curves(per_mm: Tensor) -> list[Curve]:
-    """Clear, coded and cubic pupil for three values of Psi at 543 nm, with the paper's lens as a parabola."""
+    """Clear, coded and cubic pupil for three values of Psi at 543 nm, with the paper's lens as a parabola.
+
+    per_mm: [frequency], 1/mm on the sensor.
+    """
     curves: list[Curve] = []
     for name, mask in MASKS.items():
         camera = _parabolic(mask)
@@ -104,7 +107,10 @@ def classic_curves(per_mm: Tensor) -> list[Curve]:
 
 
 def camera_curves(camera: Camera, per_mm: Tensor, depths_m: Sequence[float]) -> list[Curve]:
-    """The camera's own mask and lens at depths for its three colours."""
+    """The camera's own mask and lens at depths for its three colours.
+
+    per_mm: [frequency], 1/mm on the sensor.
+    """
     inverse_depths = [1 / depth for depth in depths_m]
     curves: list[Curve] = []
     for nm in COLOURS_NM:

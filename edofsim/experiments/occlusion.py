@@ -292,7 +292,10 @@ def by_rays(
 
 
 def noise_db(one: Tensor, other: Tensor) -> float:
-    """PSNR that the noise of the mean of two images with independent noise leaves."""
+    """PSNR that the noise of the mean of two images with independent noise leaves.
+
+    one, other: [channel, y, x].
+    """
     # the error of the mean is half of their difference
     return psnr(one, other) + 20 * math.log10(2)
 
@@ -330,7 +333,10 @@ def three_bands(loaded: Loaded[SceneRecipe], samples: int) -> SceneRecipe:
 
 
 def crops_plot(shown: dict[tuple[str, str], dict[str, Tensor]]) -> Plot:
-    """For each mask and focus the reference, and for each way the photo with its error below, times ten."""
+    """For each mask and focus the reference, and for each way the photo with its error below, times ten.
+
+    shown: images [channel, y, x] by way, by mask and focus.
+    """
     columns = 1 + len(WAYS)
 
     def paint() -> Figure:

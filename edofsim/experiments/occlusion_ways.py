@@ -51,7 +51,10 @@ class Judged:
 def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged:
     """The crop photographed each way, beside a truth [channel, y, x] that is not exposed.
 
+    truth: [channel, y, x], not exposed.
+
     The slow truth has no light beyond the PSFs' windows, so that the glare that it becomes is taken off.
+
     """
     window = camera.recipe.psf.window_px
     part = cropped(view, where.top, where.left, where.height, where.width, window // 2)

@@ -81,7 +81,10 @@ def chart(path: Path | None) -> Photograph:
 
 
 def one(name: str, pixels: Tensor, place: int) -> Photograph:
-    """A photograph of uint8 pixels [3, y, x]."""
+    """A photograph of uint8 pixels [3, y, x].
+
+    pixels: [3, y, x], uint8.
+    """
     return Photograph(name, pixels, place, hashlib.sha256(pixels.numpy().tobytes()).hexdigest())
 
 

@@ -191,13 +191,20 @@ def random_depths(
 
 
 def through(sharp: Tensor, psf: Tensor) -> Tensor:
-    """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it."""
+    """The noise-free photo of a plane [band, y, x] through PSFs [band, w, w]; mirror images continue it.
+
+    sharp: [band, y, x].
+    psf: [band, w, w].
+    """
     return capture_planes(_continued(sharp, *surroundings(psf.shape[-1]))[None], psf[None])[0]
 
 
 def over_field(sharp: Tensor, inverse_depth: float, camera: Camera) -> tuple[Tensor, Tensor]:
     """The same through a lens whose PSFs vary over the frame, its axis in the middle; and the fraction of the
-    light [band] that the PSFs' windows truncate."""
+    light [band] that the PSFs' windows truncate.
+
+    sharp: [band, y, x].
+    """
     margin = camera.recipe.psf.window_px // 2
     how = {"wavelengths": PAPER_COLOURS, "pixel_angle": camera.pixel_angle, "margin": margin}
     view = View.flat(_continued(sharp, margin, margin), inverse_depth, **how, metadata={"hidden": "none"})
@@ -214,7 +221,10 @@ def _continued(sharp: Tensor, before: int, after: int) -> Tensor:
 
 
 def noisy(photo: Tensor, read_noise: float, key: str) -> Tensor:
-    """With read noise (Eq. `SensorImage`), decided by a text."""
+    """With read noise (Eq. `SensorImage`), decided by a text.
+
+    photo: [3, y, x].
+    """
     seed = int.from_bytes(hashlib.sha256(key.encode()).digest()[:7], "big")
     generator = torch.Generator().manual_seed(seed)
     return photo + read_noise * torch.randn(photo.shape, generator=generator)
@@ -249,7 +259,10 @@ def write_rows(path: Path, rows: Sequence[PictureScore], condition: str) -> Path
 
 
 def middle(image: Tensor, size: int = SHOWN_PX) -> Tensor:
-    """The middle of an image [..., y, x], at most `size` pixels each way."""
+    """The middle of an image [..., y, x], at most `size` pixels each way.
+
+    image: [..., y, x].
+    """
     top, left = (max(0, (n - size) // 2) for n in image.shape[-2:])
     return image[..., top : top + size, left : left + size]
 
@@ -336,12 +349,18 @@ def _row(job: Job, system: EvaluatedSystem, found: Json, files: Shown | None) ->
 
 
 def channels(image: Tensor, truth: Tensor) -> list[float]:
-    """PSNR of each channel."""
+    """PSNR of each channel.
+
+    image, truth: [channel, y, x].
+    """
     return [image_psnr(image[c : c + 1], truth[c : c + 1]) for c in range(len(truth))]
 
 
 def framed(image: Tensor, reach: int) -> Tensor:
-    """The middle of an image [.., y, x], `reach` pixels from its border."""
+    """The middle of an image [.., y, x], `reach` pixels from its border.
+
+    image: [..., y, x].
+    """
     return image[..., reach : image.shape[-2] - reach, reach : image.shape[-1] - reach]
 
 

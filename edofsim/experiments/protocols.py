@@ -319,6 +319,8 @@ def _fidelity(view: View, way: Way, camera: Camera) -> Fidelity:
 def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:
     """Part of the light that height errors of `HEIGHT_ERROR_M` leave in the PSF of the mask as designed,
     [band], float64. 1 without a height map, and where the recipe says how the mask is made.
+
+    wavelengths: [band], metres.
     """
     recipe = camera.recipe
     if recipe.fabrication is not None or not hasattr(recipe.mask, "design_wavelength_nm"):
@@ -327,7 +329,10 @@ def unscattered_light(camera: Camera, wavelengths: Tensor) -> Tensor:
 
 
 def with_glare(view: View, unscattered: Tensor) -> View:
-    """The view with the light that a made mask scatters, 1 - `unscattered` [band], spread evenly over it."""
+    """The view with the light that a made mask scatters, 1 - `unscattered` [band], spread evenly over it.
+
+    unscattered: [band], fraction of the light.
+    """
     part = unscattered.to(view.radiance)[:, None]
     rows, columns = view.padded_shape
     mean = view.radiance[:, ~view.hidden].sum(1, keepdim=True) / (rows * columns)
@@ -378,7 +383,10 @@ def flattened(view: View, camera: Camera, *, encoded: bool) -> View:
 
 
 def quantised(inverse_depth: Tensor) -> Tensor:
-    """Inverse depths in 1/m of depths rounded to whole steps of 1 mm; infinity stays."""
+    """Inverse depths in 1/m of depths rounded to whole steps of 1 mm; infinity stays.
+
+    inverse_depth: any shape [...], 1/m.
+    """
     steps = (inverse_depth.double().reciprocal() / DEPTH_STEP_M).round().clamp_min(1)
     return torch.where(torch.isfinite(steps), 1 / (steps * DEPTH_STEP_M), 0.0)
 

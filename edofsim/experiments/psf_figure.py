@@ -180,7 +180,10 @@ def psfs_plot(camera: Camera, bank: PsfField, wavelengths_nm: list[float], depth
 
 
 def draw_psf(axis: Axes, psf: Tensor) -> None:
-    """Draw a PSF [y, x] by the square root of its values."""
+    """Draw a PSF [y, x] by the square root of its values.
+
+    psf: [y, x].
+    """
     picture_axes(axis)
     shown = (psf / psf.max()).clamp_min(DARKEST).sqrt().numpy()
     axis.imshow(shown, cmap="magma", vmin=math.sqrt(DARKEST), vmax=1)
@@ -192,7 +195,10 @@ def metres_name(depth: float) -> str:
 
 
 def write_psfs(path: Path, names: list[list[str]], images: Tensor, camera: Camera) -> Path:
-    """Write images [depth, band, y, x] as EXR, a channel for each name, with the camera they are of."""
+    """Write images [depth, band, y, x] as EXR, a channel for each name, with the camera they are of.
+
+    images: [depth, band, y, x].
+    """
     channels = {
         name: np.ascontiguousarray(images[d, b].cpu().numpy(), dtype=np.float32)
         for d, row in enumerate(names)

@@ -62,7 +62,14 @@ def known_of(
     inverse_depth: Tensor,
     truncated: Tensor | None = None,
 ) -> Known:
-    """The same with the nodes that the camera asks for, found once, where they are asked for."""
+    """The same with the nodes that the camera asks for, found once, where they are asked for.
+
+    wavelengths: [band], metres.
+    ends: [2], least and largest inverse depth, 1/m.
+    glare: [channel], part of the light.
+    inverse_depth: [y, x], 1/m.
+    truncated: [channel], part of the light.
+    """
 
     @functools.cache
     def nodes() -> tuple[Tensor, Tensor]:

@@ -134,7 +134,10 @@ def overview_page(
 
 
 def strip(truth: torch.Tensor, alone: Capture, restored: torch.Tensor, name: str) -> Picture:
-    """Truth, lens alone and restored side by side, small, for a card."""
+    """Truth, lens alone and restored side by side, small, for a card.
+
+    truth, restored: [3, y, x].
+    """
     colours = alone.photo.colours
     gain = display_gain(developed(truth, colours))
     images = [truth, alone.images["photo"].clamp(0, 1), restored.clamp(0, 1)]

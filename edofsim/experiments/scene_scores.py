@@ -151,7 +151,10 @@ Region = tuple[str, float, float]
 
 
 def regions_of(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
-    """Masks, bool [y, x], of depth ranges and of named parts, by name, near_m and far_m; none is empty."""
+    """Masks, bool [y, x], of depth ranges and of named parts, by name, near_m and far_m; none is empty.
+
+    named: masks [y, x], bool, by name.
+    """
     depth = view.crop_margin(view.mean_inverse_depth()).cpu()
     found: dict[Region, Tensor] = {("depth", near, far): mask for near, far, mask in depth_ranges(depth)}
     for name, mask in named.items():
@@ -163,7 +166,10 @@ def regions_of(view: View, named: Mapping[str, Tensor]) -> dict[Region, Tensor]:
 def scores_of(
     taken: Capture, name: str, regions: Mapping[Region, Tensor]
 ) -> Iterable[tuple[Region, tuple[float, float, int, float, float, float]]]:
-    """Of an image of what was taken: the fields of a `SceneScore` from psnr_db on, by region."""
+    """Of an image of what was taken: the fields of a `SceneScore` from psnr_db on, by region.
+
+    regions: masks [y, x], bool, by name and depths.
+    """
     image, truth, noise = taken.compared(name)
     masks = [None, *regions.values()]
     parts = score_parts(image, truth, masks, noise)
@@ -175,7 +181,10 @@ def scores_of(
 
 def facts_of(view: View, edges: Tensor, taken: Capture) -> dict[str, float]:
     """What decides scores besides the camera. mean: of the truth; clipped: share of its values beyond full
-    scale before it was clipped; noise_db: PSNR between the truth and itself rendered with another seed."""
+    scale before it was clipped; noise_db: PSNR between the truth and itself rendered with another seed.
+
+    edges: [y, x], bool.
+    """
     truth = taken.truth
     # two renderings differ by sqrt(2) times the standard error of one
     wander = math.sqrt(2) * view.noise * float(truth.double().square().mean().sqrt())

@@ -49,7 +49,11 @@ class EvaluatedSystem:
     at: Callable[[Tensor, Tensor, float], Tensor] | None = None
 
     def restored(self, photo: Tensor, glare: Tensor, inverse_depth: float) -> Tensor:
-        """What it makes of the photo of a plane."""
+        """What it makes of the photo of a plane.
+
+        photo: [3, y, x], full scale 1.
+        glare: [3], part of the light.
+        """
         return self.at(photo, glare, inverse_depth) if self.at else self.restore(photo, glare)
 
 
@@ -112,7 +116,7 @@ def with_restoration(
 ) -> EvaluatedSystem:
     """What restores photos of planes by a camera, for a range of inverse depths from 0 to `nearest_per_m`.
 
-    wavelengths: as in `evaluated_system`.
+    wavelengths: [band], metres, as in `evaluated_system`.
     """
     digest = hashlib.sha256(f"{camera_digest(camera)} {restoration.digest}".encode()).hexdigest()
     seeing = camera.with_read_noise(READ_NOISE)
@@ -172,14 +176,23 @@ def described(fabrication: Fabrication) -> str:
 
 def filtered(photo: Tensor, stack: Tensor, glare: Tensor, nodes: Tensor | None = None) -> Tensor:
     """A photo [3, y, x], of whose light the part `glare` [3] is veiling glare, after Wiener deconvolution by
-    PSFs [depth, 3, y, x] at inverse depths `nodes` [depth] (None: all equally likely), in [0, 1]."""
+    PSFs [depth, 3, y, x] at inverse depths `nodes` [depth] (None: all equally likely), in [0, 1].
+
+    photo: [3, y, x], full scale 1.
+    stack: [depth, 3, y, x].
+    glare: [3], part of the light.
+    nodes: [depth], 1/m; None where all are equally likely.
+    """
     within = (stack / stack.sum((-1, -2), keepdim=True)).to(photo)
     shares = None if nodes is None else node_shares(nodes)
     return wiener(without_glare(photo, glare), within, READ_NOISE, shares=shares).clamp(0, 1)
 
 
 def truncated_share(psf: Tensor) -> Tensor:
-    """The part of the light that the window of PSFs [.., y, x] truncates, [..]: it is veiling glare. That
-    of a made mask is nearly the same whatever its errors are drawn like: how finely it is made decides it,
-    which is known of a camera."""
+    """The part of the light that the window of PSFs [.., y, x] truncates, [..]: it is veiling glare. That of
+    a made mask is nearly the same whatever its errors are drawn like: how finely it is made decides it, which
+    is known of a camera.
+
+    psf: [..., y, x].
+    """
     return 1 - psf.sum((-1, -2))

@@ -50,7 +50,10 @@ class Pooled:
 
     def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
         """The photo without its glare, and where the network sees it what Wiener deconvolution makes of that,
-        as in use."""
+        as in use.
+
+        photo: [batch, 3, y, x].
+        """
         psf = captured.psf
         glare = captured.truncated.expand(3) if psf is None else 1 - psf.sum((-1, -2))
         photo = without_glare(photo, glare)

@@ -62,7 +62,10 @@ class Edges:
         return captured(clean, ideal, 1 - psf.sum((-1, -2)).mean(), psf, **how)
 
     def reusing(self, psf: Tensor, broadband: bool) -> Edges:
-        """With the PSFs of another photo, of ascending inverse depths."""
+        """With the PSFs of another photo, of ascending inverse depths.
+
+        psf: [batch, 3, window, window], of ascending inverse depths.
+        """
         return replace(self, psf=psf, broadband=broadband)
 
 

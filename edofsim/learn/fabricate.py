@@ -97,8 +97,11 @@ def write_device(made: Device, folder: Path, name: str, *, gds: bool = False) ->
 
 
 def rectangles(levels: np.ndarray) -> np.ndarray:
-    """Rows of equal level as rectangles, those of equal extent in neighbouring rows joined: int [rectangle,
-    5], (level, first row, end row, first column, end column), covering every sample once."""
+    """Rows of equal level as rectangles, those of equal extent in neighbouring rows joined: int
+    [rectangle, 5], (level, first row, end row, first column, end column), covering every sample once.
+
+    levels: [y, x], integers.
+    """
     found: list[tuple[int, int, int, int, int]] = []
     open_runs: dict[tuple[int, int, int], int] = {}
     for row, line in enumerate(levels):

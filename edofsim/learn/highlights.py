@@ -18,7 +18,10 @@ DIMMED = (0.03, 1.0)  # what is left of the rest, uniform in its logarithm: high
 
 
 def with_highlights(sharp: Tensor, share: float, generator: torch.Generator) -> Tensor:
-    """A share of the patches [batch, 3, y, x] dimmed and with a few highlights; the others as they are."""
+    """A share of the patches [batch, 3, y, x] dimmed and with a few highlights; the others as they are.
+
+    sharp: [batch, 3, y, x].
+    """
     found = []
     for patch in sharp:
         lit = float(torch.rand((), generator=generator)) < share

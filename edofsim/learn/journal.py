@@ -46,7 +46,11 @@ class Journal:
 
     def picture(self, step: int, rows: list[list[Tensor]], height: Tensor | None) -> Path:
         """Rows of images, each [3, y, x] in [0, 1] and of one size, side by side (8-bit values are
-        intensities); beside them the height map [n, n], dark is low."""
+        intensities); beside them the height map [n, n], dark is low.
+
+        rows: of images [3, y, x] in [0, 1].
+        height: [n, n], metres; None for none.
+        """
         grid = torch.cat([torch.cat([image.cpu() for image in row], dim=-1) for row in rows], dim=-2)
         path = self.folder / "pictures" / f"{step:07d}.png"
         write_png(path, grid.detach())
@@ -65,7 +69,10 @@ class Journal:
 
 
 def stretched(values: Tensor) -> Tensor:
-    """Values stretched over [0, 1]; a flat map becomes 0."""
+    """Values stretched over [0, 1]; a flat map becomes 0.
+
+    values: any shape [...].
+    """
     low, high = values.min(), values.max()
     return (values - low) / (high - low).clamp_min(torch.finfo(values.dtype).tiny)
 

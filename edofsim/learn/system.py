@@ -46,7 +46,13 @@ def captured(
     light: Tensor | None = None,
 ) -> Captured:
     """What lies beyond full scale is not asked of the network, and not seen by a sensor that saturates: with
-    less light on it, full scale is brighter."""
+    less light on it, full scale is brighter.
+
+    clean, ideal: [batch, 3, y, x].
+    truncated: scalar [].
+    psf: [batch, 3, window, window].
+    light: [batch], relative to the axis.
+    """
     if saturates:
         clean = clean.clamp_max(1) if light is None else clean.minimum(1 / light[:, None, None, None])
     return Captured(clean, ideal.clamp_max(1), truncated, psf if light is None else None, broadband, light)
@@ -59,7 +65,10 @@ class Scenes(Protocol):
         """The photo without noise, by the mask as it is made."""
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
-        """The same scenes with the PSFs of an earlier photo, and its light, where they can be used again."""
+        """The same scenes with the PSFs of an earlier photo, and its light, where they can be used again.
+
+        psf: [batch, 3, window, window].
+        """
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,10 @@ class PooledCamera(Protocol):
         """Condition the network on it."""
 
     def seen(self, network: Restorer, photo: Tensor, captured: Captured) -> Tensor:
-        """What the network is given of a photo [batch, 3, y, x], [batch, channel, y, x]."""
+        """What the network is given of a photo [batch, 3, y, x], [batch, channel, y, x].
+
+        photo: [batch, 3, y, x].
+        """
 
 
 @dataclass(frozen=True)
@@ -202,13 +214,20 @@ class System(nn.Module):
         return image[..., border:-border, border:-border]
 
     def capture(self, draw: Draw, height: Tensor | None) -> Captured:
-        """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication."""
+        """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication.
+
+        height: [n, n], metres; None for a mask without one.
+        """
         if height is not None and self.height_noise > 0:
             height = height + self.height_noise * _normal(height, draw.generator)
         return draw.scenes.photograph(self.optics.with_height(height))
 
     def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
-        """What the network sees to [batch, 3, y, x], float32."""
+        """What the network sees to [batch, 3, y, x], float32.
+
+        photo: [batch, channel, y, x].
+        height: [n, n], metres; None for a mask without one.
+        """
         if self.network.psfs == "designed":
             return self.network.restored_with(photo, self._designed_psfs(height))
         photo = photo.contiguous(memory_format=torch.channels_last)

@@ -31,7 +31,10 @@ class StoredPsfs:
     widest: float
 
     def at(self, inverse_depths: Tensor) -> Tensor:
-        """Float32 [depth, 3, window, window]."""
+        """Float32 [depth, 3, window, window].
+
+        inverse_depths: [depth], 1/m.
+        """
         low, high = self.drawn
         part = (inverse_depths - low) / (high - low) * len(self.values)
         return self.values[part.long().clamp(0, len(self.values) - 1)].to(torch.float32)
@@ -50,7 +53,10 @@ class TrainingCamera:
     stored: StoredPsfs | None = None
 
     def with_height(self, height: Tensor | None) -> TrainingCamera:
-        """The same with the height map [n, n] in metres of a step; None for a mask without one."""
+        """The same with the height map [n, n] in metres of a step; None for a mask without one.
+
+        height: [n, n], metres; None for a mask without one.
+        """
         return replace(self, camera=self.camera.with_height(height))
 
     @property
@@ -68,7 +74,13 @@ class TrainingCamera:
     ) -> tuple[Tensor, Tensor | None]:
         """PSFs [plane, 3, window, window] of planes, each at its inverse depth [plane] and its place in the
         frame [plane, 2] (right, up, in pixels from the optical axis; None: all on it); and the light there
-        [plane] over that on the axis, None where it is the same everywhere. Raises InputError as `psfs`."""
+        [plane] over that on the axis, None where it is the same everywhere.
+
+        inverse_depths: [plane], 1/m.
+        places: [plane, 2] (right, up), pixels from the optical axis; None for the axis.
+
+        Raises InputError as `psfs`.
+        """
         if not self.varies or places is None:
             return self.psfs(inverse_depths, broadband), None
         there = [self.seen_at(right, up) for right, up in places.tolist()]

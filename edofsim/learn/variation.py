@@ -34,13 +34,21 @@ class Variation(RecipeModel):
 def varied(
     sharp: Tensor, means: Tensor, variation: Variation, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Patches [batch, 3, y, x] and the means [batch, 3] of the pictures that they are from, changed alike."""
+    """Patches [batch, 3, y, x] and the means [batch, 3] of the pictures that they are from, changed alike.
+
+    sharp: [batch, 3, y, x].
+    means: [batch, 3].
+    """
     draws = torch.rand(len(sharp), 5, generator=generator)
     return _changed(sharp, means, variation, draws)
 
 
 def evenly(sharp: Tensor, means: Tensor, variation: Variation) -> tuple[Tensor, Tensor]:
-    """The same with exposures spread evenly over the batch in their logarithm, and colours as they are."""
+    """The same with exposures spread evenly over the batch in their logarithm, and colours as they are.
+
+    sharp: [batch, 3, y, x].
+    means: [batch, 3].
+    """
     draws = torch.full((len(sharp), 5), 0.5)
     draws[:, 0] = (torch.arange(len(sharp)) + 0.5) / len(sharp)
     only = Variation(exposure=variation.exposure)

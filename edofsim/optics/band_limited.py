@@ -38,7 +38,11 @@ def fewest_nodes(low: float, high: float, per_dioptre: float) -> float:
 
 
 def band_limited_weights(at: Tensor, nodes: Tensor, per_dioptre: float) -> Tensor:
-    """Weights [n, node], float64, of what is known at `nodes` [node] for the inverse depths `at` [n], 1/m."""
+    """Weights [n, node], float64, of what is known at `nodes` [node] for the inverse depths `at` [n], 1/m.
+
+    at: [n], 1/m.
+    nodes: [node], 1/m.
+    """
     return _weights(at.double() * per_dioptre, nodes.to(at.device, torch.float64) * per_dioptre)
 
 

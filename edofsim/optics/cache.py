@@ -25,7 +25,11 @@ def key(
     seed: int | None,
     dtype: torch.dtype,
 ) -> str:
-    """SHA-256 of everything that PSFs depend on, the code that computes them included."""
+    """SHA-256 of everything that PSFs depend on, the code that computes them included.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    """
     said = {"optics": identity(camera), "window": window_px, "seed": seed, "dtype": str(dtype)}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
     for axis in (wavelengths, inverse_depths):
@@ -59,7 +63,10 @@ def find(key: str, folder: Path | None) -> Tensor | None:
 def keep(key: str, psfs: Tensor, folder: Path | None) -> None:
     """Remember PSFs on the CPU, and write them to the folder if there is one.
 
+    psfs: [depth, band, y, x].
+
     Raises ValueError for those that carry gradients: a cached graph would be that of an old parameter.
+
     """
     if psfs.requires_grad:
         raise ValueError("PSFs that carry gradients must not be cached")

@@ -144,7 +144,10 @@ class Camera:
         gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
         height map too, else they just cover the pupil. None for the recipe's own mask.
 
+        height: [n, n], metres; None for the recipe's own mask.
+
         Raises InputError for a map that is not square and real, or whose values are not finite or above 1 mm.
+
         """
         if height is not None:
             _check_height(height)
@@ -188,7 +191,10 @@ def _check_height(height: Tensor) -> None:
 
 
 def check_thin(height: Tensor, name: str) -> None:
-    """Raise InputError for heights [m] that no mask has, as those in another unit are."""
+    """Raise InputError for heights [m] that no mask has, as those in another unit are.
+
+    height: [n, n], metres.
+    """
     highest = float(height.detach().abs().max())
     if highest > HIGHEST:
         raise InputError(
@@ -198,14 +204,20 @@ def check_thin(height: Tensor, name: str) -> None:
 
 
 def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
-    """Of the lens, metres, float64, same shape as `wavelengths` [m]."""
+    """Of the lens, metres, float64, same shape as `wavelengths` [m].
+
+    wavelengths: any shape [...], metres.
+    """
     return camera.lens.focal_length(wavelengths)
 
 
 def focus_distance(camera: Camera, wavelengths: Tensor | float) -> Tensor:
     """Distance that is paraxially sharp, metres, float64, same shape as `wavelengths` [m].
 
+    wavelengths: any shape [...], metres.
+
     From 1/z = 1/f - 1/z_i; infinite where the sensor lies in the focal plane, negative where it is nearer.
+
     """
     return 1 / (1 / focal_length(camera, wavelengths) - 1 / camera.sensor_distance)
 
@@ -234,7 +246,11 @@ def best_vergence(lens: Lens, wavelength: float) -> float:
 def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor | float) -> Tensor:
     """Defocus coefficient Psi [rad] at the rim of the pupil, Akpinar et al., Eq. `defocus`; float64.
 
+    wavelengths: any shape [...], metres.
+    inverse_depths: any shape [...] that broadcasts with it, 1/m.
+
     wavelengths [m] and inverse_depths [1/m] broadcast. Negative for points beyond the focus.
+
     """
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64)

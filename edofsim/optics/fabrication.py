@@ -18,7 +18,11 @@ def makes_squares(fabrication: Fabrication) -> bool:
 
 
 def straight_through(exact: Tensor, rounded: Tensor) -> Tensor:
-    """The value of `rounded` with the gradient of `exact`."""
+    """The value of `rounded` with the gradient of `exact`.
+
+    exact: any shape [...].
+    rounded: the same shape [...].
+    """
     return exact + (rounded - exact).detach()
 
 
@@ -38,7 +42,10 @@ def unscattered_fraction(wavelengths: Tensor, height_error: float, material: Mat
 
 
 def make(designed: Tensor, fabrication: Fabrication, material: Material, seed: int) -> Tensor:
-    """The made surface [.., y, x] in metres from the designed one: `made_height` it, and `height_error`."""
+    """The made surface [.., y, x] in metres from the designed one: `made_height` it, and `height_error`.
+
+    designed: [..., y, x], metres.
+    """
     surface = made_height(designed, fabrication, material)
     return surface + height_error(surface, fabrication, seed)
 
@@ -46,11 +53,14 @@ def make(designed: Tensor, fabrication: Fabrication, material: Material, seed: i
 def made_height(designed: Tensor, fabrication: Fabrication, material: Material) -> Tensor:
     """The surface [.., y, x] in metres that is meant to be made of the designed one.
 
+    designed: [..., y, x], metres.
+
     In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
     and quantised. All of it passes gradients straight through.
 
     Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and
     where not even one wave fits under the limit.
+
     """
     surface = designed
     if fabrication.height_limit_um is not None or fabrication.levels is not None:
@@ -66,8 +76,11 @@ def made_height(designed: Tensor, fabrication: Fabrication, material: Material) 
 def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor:
     """By how much [m] each sample of a surface comes out too high: a Gaussian error of its own.
 
+    surface: [..., y, x], metres.
+
     It is drawn on the CPU in float64, so that a seed means the same surface on every device and in every
     precision.
+
     """
     if not (fabrication.height_noise_nm or fabrication.height_bias_nm):
         return torch.zeros_like(surface)

@@ -106,7 +106,8 @@ def _hats(count: int, axis: float, step: int) -> list[tuple[float, slice, Tensor
 def joined(frame: Frame, step: int, image: Callable[[Place], Tensor]) -> Tensor:
     """One image of a frame from those of its places, [..., row, column].
 
-    image: of a place's rows and columns, as all light that reaches them is seen from there.
+    image: of a place's rows and columns, [..., row, column], as all light that reaches them is seen from
+        there.
     """
     whole = None
     for place in places(frame, step):
@@ -168,7 +169,10 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
 
 
 def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float], db: float) -> int:
-    """The largest of `STEPS` by which photos err by less than `db` of PSNR, see `errors_by_step`."""
+    """The largest of `STEPS` by which photos err by less than `db` of PSNR, see `errors_by_step`.
+
+    wavelengths: [band], metres.
+    """
     if not camera.lens.varies:
         return STEPS[0]
     found = errors_by_step(camera, frame, wavelengths, ends)
@@ -185,6 +189,7 @@ def errors_by_step(
     the PSF, with its light, stands against the mean of the cell's corners, by the contrast of a picture whose
     power spectrum falls with the square of the frequency.
 
+    wavelengths: [band], metres.
     ends: least and largest inverse depth [1/m]: looked at are the distance in focus and those whose blur is
         `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
     """
@@ -238,11 +243,14 @@ def psf_field(
     """`psf_bank`, but that more than `HELD_BYTES` are computed as they are needed, unless gradients must pass
     them; and, on request, as what reaches a place on the sensor.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
         on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene. Other parameters
         as there.
 
     Raises InputError as `psf_bank`.
+
     """
 
     def psfs(depths: Tensor) -> Tensor:

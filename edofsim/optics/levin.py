@@ -44,7 +44,10 @@ PATTERN = (
 def discrimination(pattern: Tensor) -> float:
     """Least Kullback-Leibler divergence between blurs of neighbouring sizes, a frequency, for [13, 13] cells.
 
+    pattern: [13, 13], 0 or 1.
+
     The larger, the better a blur's size can be determined. 0 for a pattern that lets no light through.
+
     """
     light = float(pattern.sum())
     if light == 0:

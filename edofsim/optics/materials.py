@@ -23,7 +23,12 @@ class Material(Glass):
     """A glass or resist of optics."""
 
     def index(self, wavelengths: Tensor | float) -> Tensor:
-        """Refractive index, float64, same shape as `wavelengths` [m]. Raises InputError outside the range."""
+        """Refractive index, float64, same shape as `wavelengths` [m].
+
+        wavelengths: any shape [...], metres.
+
+        Raises InputError outside the range.
+        """
         if isinstance(wavelengths, float) and self.shortest <= wavelengths <= self.longest:
             return torch.tensor(self.at(wavelengths), dtype=torch.float64)  # many times as quick
         wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)

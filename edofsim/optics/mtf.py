@@ -48,6 +48,7 @@ def otf(
 ) -> Tensor:
     """Optical transfer function along one direction, complex128 [depth, frequency], 1 at frequency 0.
 
+    inverse_depths: [depth], 1/m.
     frequencies: [frequency] in 1/m on the sensor.
     angle_deg: of the frequency vector in the upright picture, counter-clockwise from the right. The Fourier
         transform of the whole PSF (Goodman, Introduction to Fourier Optics, section 6.3: the autocorrelation
@@ -56,6 +57,7 @@ def otf(
     with_pixel: times the transform of a square pixel. Of a measured lens, the pixel is in it in any case.
 
     Raises InputError as `psf_bank` does.
+
     """
     return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel)[0]
 
@@ -108,7 +110,11 @@ def mtf(
     *,
     angle_deg: float = 0.0,
 ) -> Tensor:
-    """Modulation transfer function |`otf`|, float64 [depth, frequency]; arguments as for `otf`."""
+    """Modulation transfer function |`otf`|, float64 [depth, frequency]; arguments as for `otf`.
+
+    inverse_depths: [depth], 1/m.
+    frequencies: [frequency], 1/m on the sensor.
+    """
     return otf(camera, wavelength, inverse_depths, frequencies, angle_deg=angle_deg).abs()
 
 
@@ -119,7 +125,11 @@ def tangential_sagittal(
     frequencies: Tensor | Sequence[float],
 ) -> Tensor:
     """MTFs along the camera's direction in the field and across it, float64 [2, depth, frequency]; arguments
-    as for `otf`. On the axis, those of a field above it."""
+    as for `otf`. On the axis, those of a field above it.
+
+    inverse_depths: [depth], 1/m.
+    frequencies: [frequency], 1/m on the sensor.
+    """
     right, up = camera.field
     along = math.degrees(math.atan2(up, right)) if right or up else 90.0
     found = [
@@ -138,6 +148,8 @@ def strehl(
 ) -> Tensor:
     """Peak of each PSF over that of the same amplitude without aberration, float64 [depth, band].
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     on_axis: the intensity in the middle instead of the peak, wherever that lies.
     """
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()

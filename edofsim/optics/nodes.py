@@ -50,12 +50,14 @@ def nodes_between(
 
     camera: as it is simulated, with its mask.
     wavelengths: [band], metres, of the light that the sensor adds up.
-    far, near: the least and the largest inverse depth, 1/m.
+    far: scalar [], 1/m, the least and the largest inverse depth, 1/m.
+    near: scalar [], 1/m, the least and the largest inverse depth, 1/m.
     difference: of photos at neighbouring nodes.
     most: nodes; where a camera asks for more, those parts that differ most are halved.
 
     Returns float64 [node], 1/m, ascending from `far` to `near`; one where these are equal.
     Raises InputError as `psf_bank`.
+
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours, ends = axes_of(camera, response(camera, bands) @ bands, [float(far), float(near)])

@@ -144,7 +144,10 @@ def _lit(window: Tensor) -> slice:
 
 
 def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:
-    """Adjoint of `energies`: gradient of a loss by the pupil, complex [s, s], from that by the energies."""
+    """Adjoint of `energies`: gradient of a loss by the pupil, complex [s, s], from that by the energies.
+
+    upstream: gradient by the energies, [depth, pixel, pixel].
+    """
     parts = fold(wave.pupil)
     total = torch.zeros_like(wave.pupil)
     at_once = depths_at_once(wave.bases)

@@ -58,6 +58,8 @@ def psf_bank(
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with what the lens adds to its parabola, on an oversampled
     grid of the sensor that is summed over each pixel. Differentiable by the camera's height map.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     window_px: width of the window in place of the recipe's.
     seed: of the fabrication error in place of the recipe's.
     cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
@@ -69,6 +71,7 @@ def psf_bank(
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
+
     """
     wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
@@ -179,11 +182,14 @@ def mean_psfs(
 ) -> Tensor:
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
         What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they
         scatter spreads evenly over the period of the sampled mask.
 
     Raises as `psf_bank`.
+
     """
     psf = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device).values
     if height_noise == 0:
@@ -242,7 +248,10 @@ def wave_at(
     oversampling: int | None = None,
 ) -> Wave:
     """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
-    `pixels`, each of `pixel` [m], None for the camera's, with this many samples along its side."""
+    `pixels`, each of `pixel` [m], None for the camera's, with this many samples along its side.
+
+    inverse_depths: [depth], 1/m.
+    """
     window = SensorWindow(pixels, pixel or camera.pixel, oversampling or camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
     wave = Wave(
@@ -258,7 +267,10 @@ def wave_at(
 
 
 def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: torch.dtype) -> Tensor:
-    """The inverse depths that PSFs at `inverse_depths` [depth] are computed at: fewer, or just these."""
+    """The inverse depths that PSFs at `inverse_depths` [depth] are computed at: fewer, or just these.
+
+    inverse_depths: [depth], 1/m.
+    """
     if dtype == torch.float64:
         return inverse_depths
     low, high = (float(end) for end in inverse_depths.aminmax())
@@ -288,7 +300,12 @@ def axes_of(
     inverse_depths: Tensor | Sequence[float],
 ) -> tuple[Tensor, Tensor]:
     """Wavelengths and inverse depths as float64 [n]; refuses what cannot be one, or has no glass data.
-    Raises InputError for values that are no axes of PSFs."""
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+
+    Raises InputError for values that are no axes of PSFs.
+    """
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64, device="cpu").flatten().detach()
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64, device="cpu").flatten().detach()
     problems = []

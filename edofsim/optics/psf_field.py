@@ -74,6 +74,7 @@ class PsfField:
     def at(self, inverse_depths: Tensor, per_dioptre: float) -> PsfField:
         """Those at other inverse depths between these, where these suffice for band-limited PSFs.
 
+        inverse_depths: [depth], 1/m.
         per_dioptre: change of Psi with inverse depth, see `band_limited_weights`.
         """
         if not isinstance(self.source, Tensor):
@@ -82,7 +83,10 @@ class PsfField:
         return PsfField(torch.tensordot(weights, self.source, 1), inverse_depths, self.wavelengths)
 
     def grouped(self, shares: Tensor) -> PsfField:
-        """PSFs of groups of bands: sums of those of the bands, by shares [group, band]."""
+        """PSFs of groups of bands: sums of those of the bands, by shares [group, band].
+
+        shares: [group, band].
+        """
         source, means = self.source, shares @ self.wavelengths
 
         def mixed(values: Tensor) -> Tensor:

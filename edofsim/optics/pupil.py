@@ -125,8 +125,12 @@ def pupil_function(
 
 
 def bent(pupil: Tensor, opening: Aperture, wavelength: float, inverse_depths: Tensor) -> Tensor:
-    """A pupil function with what of the defocus of inverse depths [depth] is no parabola, [depth, samples,
-    samples]; itself where all of it is one."""
+    """A pupil function with what of the defocus of inverse depths [depth] is no parabola,
+    [depth, samples, samples]; itself where all of it is one.
+
+    pupil: [samples, samples], complex.
+    inverse_depths: [depth], 1/m.
+    """
     bend = opening.bend
     if bend is None:
         return pupil
@@ -161,8 +165,11 @@ def chirp(
     """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half], for Psi [depth] in
     float64.
 
+    defocus: Psi, [depth], radians, float64.
+
     It is even, so it is given from the centre outwards only; the phase of a whole defocus is its product
     along both axes.
+
     """
     axis = grid.centres[grid.samples // 2 :] / grid.radius
     phase = _reduced(defocus.double()[:, None] * axis**2)

@@ -49,11 +49,14 @@ def plan_sampling(
     steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
     that the cells of a height map scatter out of the window.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     by_bound: False leaves the paper's bound out of "auto"; it is twice as fine as the steepest phase asks
         for.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.
+
     """
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     largest = float(psi.flatten()[psi.abs().argmax()])
@@ -106,6 +109,9 @@ def _what_helps(camera: Camera, wavelengths: Tensor, psi: Tensor) -> str:
 def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int) -> float:
     """The coarsest fixed pitch [m] that `plan_sampling` takes, by the paper's bound and with replicas that
     stay out of the window.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     """
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
     return min(coarsest_pitches(camera, wavelengths, ends, window_px))
@@ -114,7 +120,11 @@ def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, 
 def coarsest_pitches(
     camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int
 ) -> list[float]:
-    """The same of each inverse depth [depth] by itself."""
+    """The same of each inverse depth [depth] by itself.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    """
     shortest = float(wavelengths.double().min())
     alone = shortest * camera.sensor_distance / (window_px * camera.pixel)
     psi = defocus(camera, wavelengths.double()[None, :], inverse_depths.double()[:, None])
@@ -127,7 +137,11 @@ def sampled_alike(
     """Depths, by number, that one pitch of the pupil does for, and the coarsest that does [m], between the
     wavelengths [band] too: those farthest out of focus need the finest, by which the PSFs of all would take
     long. Those that do with a pitch `OWN_GRID` times as coarse have one of their own, and so on. None is
-    coarser than both the finest and a height map's own, whose samples scatter light into the window."""
+    coarser than both the finest and a height map's own, whose samples scatter light into the window.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    """
     if camera.lens.measured:
         return [(torch.arange(len(inverse_depths)), 2 * camera.aperture_radius / FEWEST_SAMPLES)]
     low, high = (float(end) for end in wavelengths.double().aminmax())

@@ -58,6 +58,8 @@ def sub_aperture_psfs(
 ) -> Iterator[Tensor]:
     """What each sub-aperture adds to the PSFs: one tensor [depth, band, y, x] each, as it is needed.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
         opaque mask being joined to others. Their sum is `psf_bank(...).values`.
     side: of the pixels, in pixels of the camera; where it is not 1, the window is the odd one that holds
@@ -67,6 +69,7 @@ def sub_aperture_psfs(
         the camera's height map.
 
     Raises InputError as there, and for a number of sub-apertures out of range.
+
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(
@@ -183,7 +186,7 @@ def windows_along(grid: PupilGrid, across: int) -> Tensor:
 def partition(along: Tensor, intensity: Tensor) -> tuple[Part, ...]:
     """The parts: each the products of a window along y and one along x, of all places that it is joined from.
 
-    along: from `windows_along`.
+    along: [window, samples], from `windows_along`.
     intensity: float64 [samples, samples], of the light in the pupil: places that hold next to none of it are
         joined to the nearest that do.
     """

@@ -111,8 +111,11 @@ def _half_axis(count: int) -> Tensor:
 def fold(pupil: Tensor) -> Tensor:
     """Even and odd parts of a complex pupil [s, s], or of one for each depth [depth, s, s], about both axes.
 
+    pupil: [s, s] or [depth, s, s], complex.
+
     Real, [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], half of the pupil each way; one depth
     stands for all.
+
     """
     pupil = pupil if pupil.ndim == 3 else pupil[None]
     half = pupil.shape[-1] // 2
@@ -125,8 +128,11 @@ def fold(pupil: Tensor) -> Tensor:
 
 
 def unfold(parts: Tensor, samples: int) -> Tensor:
-    """Adjoint of `fold`: gradient of the parts back to the complex pupil [samples, samples], or [depth,
-    samples, samples]."""
+    """Adjoint of `fold`: gradient of the parts back to the complex pupil [samples, samples], or
+    [depth, samples, samples].
+
+    parts: [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], see `fold`.
+    """
     half, depths = samples // 2, parts.shape[4]
     columns = parts.new_zeros(2, 2, samples, depths, parts.shape[-1])
     columns[:, :, half:] += parts[:, :, 0] + parts[:, :, 1]
@@ -151,9 +157,9 @@ def defocus_maps(chirps: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tens
 def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]:
     """The field's even and odd components in x on half axes, real, each [2 (re, im), 2 (y), y, depth, x].
 
-    parts: from `fold`.
-    chirps: as in `defocus_maps`.
-    bases: `Bases.fourier`.
+    parts: [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], from `fold`.
+    chirps: [depth, half], complex, as in `defocus_maps`.
+    bases: `Bases.fourier`, [pixel sample, half].
     """
     return across(down(parts, chirps, bases), bases)
 
@@ -161,8 +167,11 @@ def waves(parts: Tensor, chirps: Tensor, bases: Tensor) -> tuple[Tensor, Tensor]
 def down(parts: Tensor, chirps: Tensor, bases: Tensor, lit: slice = slice(None)) -> tuple[Tensor, Tensor]:
     """The first half of `waves`: transformed along y alone, each [2 (re, im), 2 (y), y, depth, half].
 
+    parts: as in `waves`, [2, 2, 2, y, depth, x].
+    chirps: [depth, half], complex.
+    bases: `Bases.fourier`, [pixel sample, half].
     lit: along half of the y axis, beyond which there is no light. The axis that is transformed first is the
-    outer one, so that one product serves all depths.
+        outer one, so that one product serves all depths.
     """
     real, imaginary = defocus_maps(chirps, lit)
     bases, parts = bases[..., lit], parts[..., lit, :, :]
@@ -180,7 +189,11 @@ def down(parts: Tensor, chirps: Tensor, bases: Tensor, lit: slice = slice(None))
 
 
 def across(components: tuple[Tensor, Tensor], bases: Tensor) -> tuple[Tensor, Tensor]:
-    """The second half of `waves`: along x, from what `down` gives."""
+    """The second half of `waves`: along x, from what `down` gives.
+
+    components: from `down`, [2 (re, im), 2 (y), y, depth, half] each.
+    bases: `Bases.fourier`, [pixel sample, half].
+    """
     rows, half = bases.shape[1:]
     done = [
         torch.mm(first.view(-1, half), basis.T).view(*first.shape[:-1], rows)
@@ -195,7 +208,11 @@ def windowed(
     """What `down` gives of a pupil that is multiplied by a real window [samples] along x, where on half of
     that axis it is `lit`.
 
+    components: from `down`, [2 (re, im), 2 (y), y, depth, half] each.
+    window: [samples], real.
+
     The window's odd part turns even components into odd ones, and back.
+
     """
     half = len(window) // 2
     right, left = window[half:], window[: len(window) - half].flip(0)
@@ -207,6 +224,10 @@ def windowed(
 def waves_gradient(even: Tensor, odd: Tensor, chirps: Tensor, bases: Tensor, each: bool = False) -> Tensor:
     """Adjoint of `waves`: gradient by `parts` from those by the even and odd components.
 
+    even: gradient by the even components, [2 (re, im), 2 (y), y, depth, x].
+    odd: gradient by the odd components, [2 (re, im), 2 (y), y, depth, x].
+    chirps: [depth, half], complex.
+    bases: `Bases.fourier`, [pixel sample, half].
     each: of parts of their own for each depth.
     """
     real, imaginary = defocus_maps(chirps)
@@ -232,14 +253,21 @@ pair.
 def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
     """(same, cross) for each pair of quadrants, [2 (re, im), y, depth, x]: the field is same +- j cross.
 
+    even, odd: [2 (re, im), 2 (y), y, depth, x], from `waves`.
+
     F(+-y, +-x) = (ee -+ oo) + j (+-oe +- eo), where the first letter is the parity in y.
+
     """
     ee, oe, eo, oo = even[:, 0], even[:, 1], odd[:, 0], odd[:, 1]
     return (ee - oo, oe + eo), (ee + oo, oe - eo)
 
 
 def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
-    """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`."""
+    """|F|^2 summed over each pixel of the symmetric window, [depth, pixel, pixel], from the `waves`.
+
+    even, odd: [2 (re, im), 2 (y), y, depth, x], from `waves`.
+    bases: what sums over pixels, [pixel, sample].
+    """
     found = _room_for_densities(even)
     for (total, mixed), (same, cross) in zip(found, pairs(even, odd), strict=True):
         # |same +- j cross|^2 = |same|^2 + |cross|^2 +- 2 Im(same cross*)
@@ -252,13 +280,17 @@ def intensity(even: Tensor, odd: Tensor, bases: Bases) -> Tensor:
 def is_even(parts: Tensor) -> bool:
     """Whether a pupil is its own mirror image about both axes.
 
-    parts: from `fold`.
+    parts: [2, 2, 2, y, depth, x], from `fold`.
     """
     return not (bool(parts[1].any()) or bool(parts[0, :, 1].any()))
 
 
 def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
-    """`intensity` of the `waves` of a pupil that `is_even`, by a quarter of the work."""
+    """`intensity` of the `waves` of a pupil that `is_even`, by a quarter of the work.
+
+    parts: [2, 2, 2, y, depth, x], from `fold`.
+    chirps: [depth, half], complex.
+    """
     real, imaginary = defocus_maps(chirps)
     (re, im), cosines = parts[0, :, 0], bases.fourier[0]
     (rows, high), (depths, half) = cosines.shape, chirps.shape
@@ -282,8 +314,9 @@ def shared_intensity(
 ) -> Tensor:
     """Re(F* G) summed over each pixel, as `intensity`.
 
-    whole: `pairs` of F.
-    part: even and odd components of G.
+    whole: `pairs` of F, [2 (re, im), y, depth, x] each.
+    part: even and odd components of G, [2 (re, im), 2 (y), y, depth, x] each.
+    bases: what sums over pixels, [pixel, sample].
     """
     found = _room_for_densities(part[0])
     for (total, mixed), (same, cross), (own, its_cross) in zip(found, whole, pairs(*part), strict=True):
@@ -315,7 +348,11 @@ def _summed(densities: Tensor, bases: Bases, times: int) -> Tensor:
 
 
 def intensity_gradient(upstream: Tensor, even: Tensor, odd: Tensor, bases: Bases) -> tuple[Tensor, Tensor]:
-    """Adjoint of `intensity`: gradients by the even and odd components from that by the pixels."""
+    """Adjoint of `intensity`: gradients by the even and odd components from that by the pixels.
+
+    upstream: [depth, pixel, pixel].
+    even, odd: [2 (re, im), 2 (y), y, depth, x].
+    """
     rows, depths = even.shape[2:4]
     image = upstream.permute(1, 0, 2)
     pulled = []

@@ -19,7 +19,11 @@ def noll_orders(index: int) -> tuple[int, int]:
 def zernike(index: int, u: Tensor, v: Tensor) -> Tensor:
     """Z_index at (u, v) broadcast, unit RMS over the disc of radius 1; angle counted from u towards v.
 
+    u: any shape [...] that broadcasts with v.
+    v: any shape [...] that broadcasts with u.
+
     Evaluated from powers of rho^2 and of u + i v, so that it is smooth everywhere, the centre included.
+
     """
     n, m = noll_orders(index)
     size = abs(m)

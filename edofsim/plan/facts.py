@@ -287,5 +287,8 @@ def metres(inverse_depth: float) -> str:
 
 
 def rms(image: Tensor) -> tuple[float, ...]:
-    """Root mean square of each channel of a difference [channel, n], see `Effect.differences`."""
+    """Root mean square of each channel of a difference [channel, n], see `Effect.differences`.
+
+    image: [channel, n].
+    """
     return tuple(torch.linalg.vector_norm(image.double(), dim=1).tolist())

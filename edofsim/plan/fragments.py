@@ -45,8 +45,11 @@ class Tiled:
     node: Tensor
 
     def transformed(self, window: Tensor | None = None) -> Tiled:
-        """Spectra of these images, under a window [y, x] where one is given: values complex [pair, k, y,
-        x // 2 + 1]."""
+        """Spectra of these images, under a window [y, x] where one is given: values complex
+        [pair, k, y, x // 2 + 1].
+
+        window: [y, x]; None for none.
+        """
         return replace(self, values=torch.fft.rfft2(self.values if window is None else self.values * window))
 
     def part(self, begin: int, count: int) -> Tiled:
@@ -56,7 +59,10 @@ class Tiled:
 
     def summed(self, weights: Tensor) -> tuple[Tensor, Tensor]:
         """The tiles that have pairs, int64 [some], and for each of them the sum over nodes and k of weights
-        [node, channel, k, y, x] times values: [some, channel, y, x]."""
+        [node, channel, k, y, x] times values: [some, channel, y, x].
+
+        weights: [node, channel, k, y, x].
+        """
         tiles, place = self.tile.unique(return_inverse=True)
         found = self.values.new_zeros(len(tiles), weights.shape[1], *self.values.shape[-2:])
         of_tiles, of_nodes = found.unbind(0), [each.unbind(1) for each in weights.unbind(0)]
@@ -67,8 +73,12 @@ class Tiled:
 
 
 def in_tiles(view: View, which: Tensor, at: Sequence[Tensor], tiles: Tiles) -> list[Fragments]:
-    """Those of the fragments `which` [n] of a view that lie in tiles; for each of `at` once, fragments
-    [n] at whose depth they count."""
+    """Those of the fragments `which` [n] of a view that lie in tiles; for each of `at` once, fragments [n] at
+    whose depth they count.
+
+    which: [n], numbers of fragments.
+    at: [n] each, fragments at whose depth they count.
+    """
     columns, side = view.padded_shape[1], tiles.side
     pixel = view.pixel[which]
     row = torch.div(pixel, columns, rounding_mode="floor")
@@ -94,6 +104,8 @@ def at_nodes(fragments: Fragments, light: Tensor, nodes: Tensor, tiles: Tiles, s
     """Images of light [k, n], each fragment's at the nearest of the nodes, where its PSF is that of a depth
     and no mixture.
 
+    light: [k, n].
+    nodes: [node], 1/m.
     shared: at the two that it lies between.
     """
     depth, side, count = fragments.depth, tiles.side, len(tiles.shares)
@@ -118,7 +130,10 @@ def at_nodes(fragments: Fragments, light: Tensor, nodes: Tensor, tiles: Tiles, s
 
 def light_by_depth(view: View, nodes: Tensor, reach: int) -> Tensor:
     """Light of the frame and `reach` pixels around it at the nearest of the nodes, a mean over these pixels,
-    by some of its fragments: [band, node] float64."""
+    by some of its fragments: [band, node] float64.
+
+    nodes: [node], 1/m.
+    """
     reach = min(reach, view.margin)
     rows, columns, count = view.height + 2 * reach, view.width + 2 * reach, nodes.numel()
     step = max(1, view.pixel.numel() // MEAN_SAMPLE)
@@ -133,13 +148,20 @@ def light_by_depth(view: View, nodes: Tensor, reach: int) -> Tensor:
 
 
 def nearest(depth: Tensor, nodes: Tensor) -> Tensor:
-    """The nearest node to each depth, as its number."""
+    """The nearest node to each depth, as its number.
+
+    depth: [n], 1/m.
+    nodes: [node], 1/m.
+    """
     return torch.searchsorted((nodes[1:] + nodes[:-1]) / 2, depth)
 
 
 def hat(fine: Tensor, nodes: Tensor, snapped: bool = False) -> Tensor:
-    """How each fine depth is made of nodes, [fine, node]: by linear interpolation, or snapped to the
-    nearest."""
+    """How each fine depth is made of nodes, [fine, node]: by linear interpolation, or snapped to the nearest.
+
+    fine: [fine], 1/m.
+    nodes: [node], 1/m.
+    """
     if nodes.numel() == 1:
         return torch.ones(fine.numel(), 1, dtype=torch.float64)
     cell, share = _cells(fine, nodes)
@@ -153,7 +175,11 @@ def hat(fine: Tensor, nodes: Tensor, snapped: bool = False) -> Tensor:
 
 def cubic(depth: Tensor, nodes: Tensor) -> Tensor:
     """How what changes smoothly with depth follows at each of some depths from evenly spaced nodes, four or
-    more: [depth, node], by the cubic through the four around it (Lagrange)."""
+    more: [depth, node], by the cubic through the four around it (Lagrange).
+
+    depth: [depth], 1/m.
+    nodes: [node], 1/m, evenly spaced.
+    """
     place = (depth - nodes[0]) / (nodes[1] - nodes[0])
     first = (place.floor().long() - 1).clamp(0, nodes.numel() - 4)
     found = torch.zeros(depth.numel(), nodes.numel(), dtype=torch.float64)

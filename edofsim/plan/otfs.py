@@ -38,8 +38,9 @@ def otfs_of(
 
     known: those that were made before.
     side: of square tiles, in pixels; wider PSFs are cut.
-    as_asked: the pupil is sampled as the fidelity says, where else each depth has the coarsest sampling
-        that will do for it.
+    nodes: [node], 1/m.
+    as_asked: the pupil is sampled as the fidelity says, where else each depth has the coarsest sampling that
+        will do for it.
     within: side in pixels of what PSFs are computed in, None for the recipe's window.
     """
     recipe = camera.recipe.psf
@@ -75,7 +76,10 @@ def otfs_of(
 
 
 def reach_of(make: MakeOtfs, fidelity: Fidelity, gathering: Gathering, nodes: Tensor, window: int) -> int:
-    """Side of the smallest window that holds nearly all of the light of each PSF in a `window`."""
+    """Side of the smallest window that holds nearly all of the light of each PSF in a `window`.
+
+    nodes: [node], 1/m.
+    """
 
     def held(side: int) -> Tensor:
         return make(fidelity.changed({"window_px": side}), gathering, nodes)[..., 0, 0].real

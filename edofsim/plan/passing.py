@@ -35,7 +35,10 @@ class Passing:
     passed: Tensor
 
     def slabs(self, depth: Tensor) -> Tensor:
-        """The slab of each inverse depth."""
+        """The slab of each inverse depth.
+
+        depth: [n], 1/m.
+        """
         return torch.searchsorted(self.cuts, depth)
 
     def shown(self, fragments: Fragments) -> Tensor:
@@ -47,6 +50,8 @@ class Passing:
 def passing(cover: Tiled, otfs: Tensor, nodes: Tensor, cuts: Tensor, tiles: int) -> Passing:
     """cover: of the fragments at nodes, k = 1, in this many tiles.
     otfs: of nodes, complex [node, y, x // 2 + 1].
+    nodes: [node], 1/m.
+    cuts: [cut], 1/m.
     """
     side, slab = cover.values.shape[-1], torch.searchsorted(cuts, nodes)
     blurred = cover.transformed().values[:, 0] * otfs[cover.node]

@@ -73,7 +73,10 @@ class Shape:
 
 def nodes_used(occupied: Tensor, layers: int) -> Tensor:
     """Of this many depth nodes, how many have a share in fragments at some depths: float64 [slab] for bool
-    [slab, bin]."""
+    [slab, bin].
+
+    occupied: [slab, bin], bool.
+    """
     if layers == 1:
         return torch.ones(len(occupied), dtype=torch.float64)
     cell = (torch.arange(BINS) * (layers - 1) // BINS).clamp_max(layers - 2)

@@ -60,7 +60,10 @@ class Tiles:
 
     def vector(self, change: Tensor) -> Tensor:
         """A change [tile, channel, y, x] as a vector [channel, n]: its sum of squares over n is the mean
-        square of the change over the frame."""
+        square of the change over the frame.
+
+        change: [tile, channel, y, x].
+        """
         return (change * (self.scale * self.inside)[:, None]).transpose(0, 1).flatten(1)
 
 

@@ -53,8 +53,8 @@ def clipped_psf(pupil: Tensor, opening: Aperture, psi: Tensor, wave: Tensor, tra
     """PSFs [n, y, x] of points with defocus psi [n] whose light reaches the pupil as `wave` [n, s, s].
 
     pupil: complex [s, s] without defocus.
-    wave: complex amplitude relative to a free path, from `shadow`. Each pixel gets its energy as a fraction
-        of the light through the whole pupil, float64.
+    psi: [n], radians.
+    wave: [n, s, s], complex amplitude relative to a free path, from `shadow`.
     """
     grid = opening.grid
     phase = torch.remainder(psi[:, None] * (grid.centres / grid.radius) ** 2, 2 * math.pi).float()

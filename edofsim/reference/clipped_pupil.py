@@ -99,7 +99,11 @@ def clipped_pupils(
     progress: Progress | None = None,
 ) -> list[Tensor]:
     """`clipped_pupil` for several cameras of one aperture and pixel angle, which share rays and shadows.
-    Raises InputError for cameras of different apertures."""
+
+    responses: [channel, band] each.
+
+    Raises InputError for cameras of different apertures.
+    """
     say = progress or silent
     check_crop(view, where)
     first = cameras[0]
@@ -133,7 +137,7 @@ def _near_the_pupil(rays: int, radius: float) -> np.ndarray:
 
 
 def check_crop(view: View, where: Crop) -> None:
-    """Refuse a crop that does not lie in the frame."""
+    """Raise InputError for a crop that does not lie in the frame."""
     if not (
         0 <= where.top < where.top + where.height <= view.height
         and 0 <= where.left < where.left + where.width <= view.width

@@ -30,10 +30,11 @@ def pixel_directions(
     """(x/z, y/z, 1) of pixels of a cropped view, float64 [n, 3].
 
     view: the whole one.
-    pixel: numbers in the crop's frame with its margin.
+    pixel: [n], numbers in the crop's frame with its margin.
     shift: (down, right) from the pixels' centres, in pixels, for all or each [n].
 
     Raises InputError for a view through a lens that distorts.
+
     """
     if view.metadata.get("chief_rays"):
         raise InputError(

@@ -107,8 +107,13 @@ def places_of(
 ) -> np.ndarray:
     """Where in their pixels fragments lie: bool [place, place, fragment], all true where that is unclear.
 
+    at: gives directions [fragment, 3] at an offset from the pixels' centres.
+    inverse_depth: [fragment], 1/m.
+    hidden: [fragment], bool.
+
     at(down, right): directions [fragment, 3] at an offset from the pixels' centres. A visible fragment is
     where the pixel's ray meets its depth first, a hidden one where the ray meets it behind something else.
+
     """
     found = np.zeros((PLACES, PLACES, len(inverse_depth)), bool)
     offsets = (np.arange(PLACES) + 0.5) / PLACES - 0.5
@@ -139,7 +144,10 @@ def _meets(
 
 
 def first_hits(mi: ModuleType, scene: mi.Scene, directions: np.ndarray) -> np.ndarray:
-    """Inverse depth of what rays through the pinhole meet first, 0 for nothing: float64 [n]."""
+    """Inverse depth of what rays through the pinhole meet first, 0 for nothing: float64 [n].
+
+    directions: [n, 3].
+    """
     return _hits(mi, scene, np.zeros((len(directions), 3)), directions)
 
 

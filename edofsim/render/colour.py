@@ -41,7 +41,10 @@ def lit(view: Fragments, recipe: SceneRecipe, base: Path) -> Fragments:
 
 
 def light_entry(spectrum: np.ndarray) -> Json:
-    """The entry of a view's metadata for the spectrum [band] of its light; empty for no light."""
+    """The entry of a view's metadata for the spectrum [band] of its light; empty for no light.
+
+    spectrum: [band].
+    """
     mean = float(np.mean(spectrum))
     return {LIGHT: [float(f"{value:.6g}") for value in spectrum / mean]} if mean > 0 else {}
 
@@ -54,7 +57,10 @@ def light_of(view: View | Fragments) -> np.ndarray | None:
 
 def scene_light(environment: Environment | None, lamps: list[SceneObject], places: np.ndarray) -> np.ndarray:
     """Irradiance on surfaces that face the camera (normal -z) at `places` [place, 3] in metres, summed over
-    them, float64 [band]. Nothing casts a shadow, and no light is reflected."""
+    them, float64 [band]. Nothing casts a shadow, and no light is reflected.
+
+    places: [place, 3], metres.
+    """
     total: np.ndarray | float = 0.0
     if environment is not None:
         basis, image = environment.radiance.basis.astype(float), environment.radiance.image

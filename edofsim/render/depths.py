@@ -64,7 +64,10 @@ def survey(tiles: Iterator[tuple[np.ndarray, np.ndarray]], gap: float, surfaces:
 
 
 def unparted(pixels: np.ndarray) -> DepthSurvey:
-    """Pixels that are taken to see one surface each, at depths that nobody asked for: all NOWHERE."""
+    """Pixels that are taken to see one surface each, at depths that nobody asked for: all NOWHERE.
+
+    pixels: [pixel], numbers.
+    """
     nothing = np.full((len(pixels), 1), NOWHERE, np.float32)
     return DepthSurvey(pixels, nothing[:, :0], nothing, nothing[:, 0])
 

@@ -57,7 +57,10 @@ def channel_name(wavelength: float) -> str:
 
 
 def exposure_value(radiance: np.ndarray) -> float:
-    """EV that brings radiances into half float's range; 0 if they are in it."""
+    """EV that brings radiances into half float's range; 0 if they are in it.
+
+    radiance: any shape [...].
+    """
     peak = float(radiance.max()) if radiance.size else 0.0
     if SMALLEST_PEAK <= peak <= LARGEST or not peak > 0:
         return 0.0
@@ -70,7 +73,10 @@ def noise_name(wavelength: float) -> str:
 
 
 def coarsely(noise: np.ndarray) -> tuple[np.ndarray, float]:
-    """Noise of any shape as float16 with two bits of mantissa, and the EV that it was divided by."""
+    """Noise of any shape as float16 with two bits of mantissa, and the EV that it was divided by.
+
+    noise: any shape [...].
+    """
     peak = float(np.abs(noise).max()) if noise.size else 0.0
     value = float(np.ceil(np.log2(peak / LARGEST))) if peak > 0 else 0.0
     bits = (noise * np.float32(2.0**-value)).astype(np.float16).view(np.uint16)

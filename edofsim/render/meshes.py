@@ -69,7 +69,10 @@ def face_rows(objects: Sequence[SceneObject], members: list[list[int]]) -> tuple
 
 def aligned(values: np.ndarray, kind: type[np.generic]) -> np.ndarray:
     """The values in one row, where a line of the processor's cache begins: the engine reads memory of NumPy's
-    in place, and another kernel is compiled for what lies elsewhere."""
+    in place, and another kernel is compiled for what lies elsewhere.
+
+    values: any shape [...].
+    """
     memory = np.empty(values.size * np.dtype(kind).itemsize + ALIGNMENT, np.uint8)
     start = -memory.ctypes.data % ALIGNMENT
     row = memory[start : start + memory.size - ALIGNMENT].view(kind)
@@ -136,7 +139,10 @@ def registry_table(
     mi: ModuleType, pointers: list[mi.ShapePtr | mi.EmitterPtr], entries: np.ndarray | None = None
 ) -> mi.UInt32:
     """A UInt32 table from the engine's number of a shape or emitter to its entry: its place in the list if
-    none are given."""
+    none are given.
+
+    entries: [shape], integers; None for the place in the list.
+    """
     numbers = [number_of(mi, pointer) for pointer in pointers]
     table = np.zeros(max(numbers, default=0) + 1, np.uint32)
     table[numbers] = np.arange(len(numbers)) if entries is None else entries

@@ -53,7 +53,11 @@ class Group:
 
 def groups_of(surveys: list[DepthSurvey], limits: list[np.ndarray]) -> tuple[Group, ...]:
     """The groups of a view whose n-th layer is the n-th survey, behind surfaces with the first n limits
-    (float32 [pixel of the frame])."""
+    (float32 [pixel of the frame]).
+
+    surveys: [pixel, sample] each, 1/m.
+    limits: [pixel] each, 1/m, float32.
+    """
     out: list[Group] = []
     first = 0
     for layer, found in enumerate(surveys):
@@ -183,9 +187,12 @@ class Sums:
         """What the radiance of slots (int64 [slot]) is off by chance, as far as two independent halves of the
         samples tell: float32 [band, slot]; None where there is one pass alone.
 
+        slots: [slot], int64.
+
         The halves are every second pass and the rest. Half of their difference has the variance of their
         mean; of halves of n and m samples it is sqrt(n m) / (n + m) of it, where variance falls as 1 /
         samples.
+
         """
         second, first = self.half_samples, self.samples - self.half_samples
         if not second or not first:

@@ -104,7 +104,10 @@ def render_stage(
     partial: Path | None,
     begun: float,
 ) -> Fragments:
-    """Survey, samples and fragments of a stage that is loaded."""
+    """Survey, samples and fragments of a stage that is loaded.
+
+    wavelengths: [band], metres.
+    """
     loaded = time.perf_counter()
     surveys, limits, hidden = survey_layers(stage, settings, part(say, 0.0, SURVEY_SHARE))
     surveyed = time.perf_counter()
@@ -270,7 +273,10 @@ def assemble(
     sums: Sums,
     metadata: Json,
 ) -> Fragments:
-    """Fragments from sums, sorted by pixel and from near to far."""
+    """Fragments from sums, sorted by pixel and from near to far.
+
+    wavelengths: [band], metres.
+    """
     pixel = np.concatenate([np.tile(group.pixels, group.surfaces) for group in groups])
     hidden = np.concatenate([np.full(group.slots, group.layer > 0) for group in groups])
     met = np.flatnonzero(sums.count > 0)

@@ -35,11 +35,15 @@ def depth_tiles(
     limits: list[np.ndarray],
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Inverse depths that samples see behind as many surfaces as there are limits (float32 [pixel of the
-    frame]): (pixels, float32 [pixel, sample], NaN for nothing).
+    """Inverse depths that samples see behind as many surfaces as there are limits (float32
+    [pixel of the frame]): (pixels, float32 [pixel, sample], NaN for nothing).
+
+    pixels: [pixel], numbers.
+    limits: [pixel] each, 1/m, float32.
 
     These are the very rays of the first passes (up to SURVEY_SAMPLES samples), so that what is rendered falls
     on the surfaces that were found.
+
     """
     sizes: list[int] = []
     total = 0

@@ -28,7 +28,10 @@ class Detail:
     depth_m: float  # mean inverse depth of the pixels in range, as a depth
 
     def cut(self, image: Tensor) -> Tensor:
-        """The square out of an image [..., y, x]."""
+        """The square out of an image [..., y, x].
+
+        image: [..., y, x].
+        """
         return image[..., self.y : self.y + self.size, self.x : self.x + self.size]
 
     def cut_noise(self, noise: TruthNoise) -> TruthNoise:
@@ -81,9 +84,12 @@ def near_focus_far(
 ) -> tuple[DepthRange, ...]:
     """The nearest and farthest of `ranges` that hold at least 1 % of the pixels, and depths around focus.
 
+    inverse_depth: [y, x], 1/m.
+
     Depths within 0.1 1/m of focus, or as far from it as the nearest 5 % of the pixels are. Without
     `ranges` (or without enough pixels in any) the whole depth of the picture is one range. Ranges that
     another one of the three covers already are left out.
+
     """
     depth = inverse_depth.detach().cpu().double()
     finite = depth[torch.isfinite(depth)]

@@ -40,7 +40,10 @@ COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "wiener": PURPLE, "lens_alone": 
 
 
 def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:
-    """The depth picture [y, x] in 1/m, bright near, with a scale in metres and in 1/m."""
+    """The depth picture [y, x] in 1/m, bright near, with a scale in metres and in 1/m.
+
+    inverse_depth: [y, x], 1/m.
+    """
     depth = inverse_depth.detach().cpu().double()
     finite = depth[torch.isfinite(depth)]
     low, high = (float(finite.min()), float(finite.max())) if finite.numel() else (0.0, 1.0)

@@ -116,7 +116,10 @@ def psf_plot(psfs: Psfs) -> Plot:
 
 
 def height_plot(height_m: Tensor, width_m: float) -> Plot:
-    """Height map [y, x] of a mask in metres, seen from the sensor; width_m is what its columns cover."""
+    """Height map [y, x] of a mask in metres, seen from the sensor; width_m is what its columns cover.
+
+    height_m: [y, x], metres.
+    """
     height = height_m.detach().cpu().double() * 1e6
     finite = height[torch.isfinite(height)]
     tallest = significant(float(finite.max() - finite.min()) if finite.numel() else 0.0)

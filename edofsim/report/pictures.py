@@ -56,7 +56,10 @@ def data_uri(content: bytes | str, media_type: str) -> str:
 def display_gain(image: Tensor) -> float:
     """Factor that makes a dark image visible: its 99th percentile is brought to 0.9 where it is below 0.4.
 
+    image: [3, y, x], linear.
+
     Never below 1: full scale of the sensor is white.
+
     """
     finite = image[torch.isfinite(image)].double().cpu().numpy()
     bright = float(np.percentile(finite, 99)) if finite.size else 0.0
@@ -66,7 +69,10 @@ def display_gain(image: Tensor) -> float:
 
 
 def clipped_fraction(image: Tensor, gain: float = 1.0) -> float:
-    """Fraction of an image's values that are shown as white although they are above it."""
+    """Fraction of an image's values that are shown as white although they are above it.
+
+    image: [3, y, x], linear.
+    """
     return float((image * gain > 1).double().mean())
 
 
@@ -82,6 +88,7 @@ def picture(
 ) -> Picture:
     """A linear image [3, y, x] as a picture. Values that are not numbers turn magenta, as in no photograph.
 
+    image: [3, y, x], linear.
     colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours. Images longer
         than `largest` are averaged, in linear light, over whole blocks of pixels.
     """
@@ -106,7 +113,10 @@ def _in_blocks(image: Tensor, largest: int) -> tuple[Tensor, int]:
 
 def depth_picture(inverse_depth: Tensor) -> tuple[Picture, float]:
     """Inverse depths [y, x] in 1/m for a page's script: red * 256 + green, 65535 the largest, blue where
-    there is none; in the blocks that `picture` takes. And the largest."""
+    there is none; in the blocks that `picture` takes. And the largest.
+
+    inverse_depth: [y, x], 1/m.
+    """
     depth, _ = _in_blocks(inverse_depth.detach().cpu().float()[None], LARGEST_SIDE)
     known = torch.isfinite(depth[0])
     most = float(depth[0][known].max()) if bool(known.any()) else 0.0

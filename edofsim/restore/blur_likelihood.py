@@ -24,7 +24,10 @@ FLOOR = 1e-7  # of the variance of noise: what 8-bit values leave of it
 
 
 def block_transfer(transfer: Tensor) -> Tensor:
-    """Every n-th frequency of transfer functions [depth, channel, n * BLOCK, ..]: those of a block."""
+    """Every n-th frequency of transfer functions [depth, channel, n * BLOCK, ..]: those of a block.
+
+    transfer: [depth, channel, n * BLOCK, ...], complex.
+    """
     step = transfer.shape[-2] // BLOCK
     return transfer[..., ::step, ::step]
 
@@ -56,6 +59,8 @@ def log_likelihood(photo: Tensor, matrix: Tensor, constant: Tensor) -> Tensor:
 
     photo: [batch, 3, y, x], both sizes multiples of STEP and at least BLOCK; place (i, j) stands for the
         block of which pixel (STEP i, STEP j) is the first.
+    matrix: [contrast * depth, feature], from `explain`.
+    constant: [contrast, depth], from `explain`.
     """
     used, window = _used(photo.device), torch.hann_window(BLOCK, periodic=False, device=photo.device)
     window = window[:, None] * window
@@ -86,7 +91,10 @@ def _real(hermitian: Tensor, *, twice: bool = False) -> Tensor:
 
 
 def spread(values: Tensor) -> Tensor:
-    """Values at the places of `log_likelihood`, [batch, n, row, column], at each pixel of its photo."""
+    """Values at the places of `log_likelihood`, [batch, n, row, column], at each pixel of its photo.
+
+    values: [batch, n, row, column].
+    """
     inside = functional.interpolate(values, scale_factor=STEP, mode="bilinear", align_corners=False)
     edge = (BLOCK - STEP) // 2  # of the photo, outside the middles of the outermost blocks
     return functional.pad(inside, (edge,) * 4, mode="replicate")

@@ -20,10 +20,13 @@ ALONG_REACH = 4
 def continued(image: Tensor, reach: int) -> Tensor:
     """An image [.., y, x] with what may lie beyond it, as far as `reach` pixels on each side.
 
+    image: [..., y, x].
+
     That is its mirror image turned about the border's value, so that the slope goes on. The light that
     something beyond the border spreads into the picture rises towards it: folded back it looks like a line on
     the border. The border's value is a mean along the border: the noise of one pixel would go on for `reach`
     pixels, and a sharp image would show it as a comb.
+
     """
     if reach == 0:
         return image

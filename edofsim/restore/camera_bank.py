@@ -213,7 +213,10 @@ class CameraBank(FilterBank):
 
 def brightening(photo: Tensor) -> int:
     """The largest power of 2 that leaves a photo [3, y, x] at `BRIGHTENED` or below, single pixels apart; 1
-    where it is less than `LEAST_BRIGHTENED`."""
+    where it is less than `LEAST_BRIGHTENED`.
+
+    photo: [3, y, x], full scale 1.
+    """
     brightest = float(functional.avg_pool2d(photo[None], 3, 1, 1).max())
     factor = 1
     while 2 * factor * brightest <= BRIGHTENED and factor < MOST_BRIGHTENED:

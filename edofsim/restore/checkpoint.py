@@ -200,7 +200,10 @@ def _glare_in_training(card: Json) -> tuple[float, ...] | None:
 
 def without_denormals(values: Tensor) -> Tensor:
     """The values, with 0 in place of those too small for a normal number: weight decay leaves such weights in
-    channels that died, and processors multiply them a hundred times slower."""
+    channels that died, and processors multiply them a hundred times slower.
+
+    values: any shape [...].
+    """
     if not values.is_floating_point():
         return values
     return values.masked_fill(values.abs() < torch.finfo(values.dtype).tiny, 0)
@@ -305,7 +308,12 @@ def _leaves(value: object, name: str) -> Iterator[tuple[str, object]]:
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Tensor], metadata: Mapping[str, str]) -> None:
-    """Write a safetensors file. Raises what `core.files.whole` raises."""
+    """Write a safetensors file.
+
+    arrays: of any shape [...], by name.
+
+    Raises what `core.files.whole` raises.
+    """
     data = save({name: value.detach().cpu().contiguous() for name, value in arrays.items()}, dict(metadata))
     write_bytes(path, data)
 

@@ -83,7 +83,7 @@ def restoring(
     """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`.
 
     wavelengths: [band].
-    inverse_depth: of all that the photo may show.
+    inverse_depth: any shape [...], 1/m: of all that the photo may show.
     """
     ends = torch.stack(inverse_depth.double().cpu().aminmax())
     return lambda photo, truncated: restore(

@@ -40,6 +40,9 @@ def conditioned_on(
 ) -> Restorer:
     """The checkpoint's network for photos that `camera` takes of bands `wavelengths` [band], metres.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+
     A network for any camera is set for this one: its PSFs between the least and the largest of inverse_depths
     [depth] in 1/m, by the mask as it is made, and its read noise.
 
@@ -47,6 +50,7 @@ def conditioned_on(
     sensor whose colours are a wavelength each, come back as they are. The mask is the checkpoint's as
     designed, with the mean error of its training, whatever the camera's own fabrication. Raises InputError
     where PSFs or response cannot be computed.
+
     """
     network = checkpoint.network
     if network.any_camera:

@@ -89,8 +89,11 @@ class DCnn(DepthConditioned):
         self.set_distances(psf)
 
     def likely(self, photo: Tensor) -> Tensor | None:
-        """How likely each part of the depth range is at each pixel of a photo [batch, 3, y, x], [batch,
-        distances, y, x]; None where it asks for none."""
+        """How likely each part of the depth range is at each pixel of a photo [batch, 3, y, x],
+        [batch, distances, y, x]; None where it asks for none.
+
+        photo: [batch, 3, y, x].
+        """
         if not self.distances:
             return None
         with torch.no_grad(), torch.autocast(photo.device.type, enabled=False):
@@ -136,12 +139,18 @@ class DCnn(DepthConditioned):
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, any size, to the sharp image of the same shape in [0, 1].
 
-        In use a photo is continued beyond its border (see `borders`); in training black lies there."""
+        photo: [batch, 3, y, x], full scale 1.
+
+        In use a photo is continued beyond its border (see `borders`); in training black lies there.
+        """
         sharp = self._sharp(photo, self.likely(photo)) if self.training else self.unclamped(photo)
         return sharp.clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
-        """As in use, without the clamp."""
+        """As in use, without the clamp.
+
+        photo: [batch, 3, y, x], full scale 1.
+        """
         reach = self.reach + REFINED
         beyond, likely = continued(photo, reach), self.likely(photo)
         if not any(layer.training for layer in self.residual if isinstance(layer, nn.BatchNorm2d)):

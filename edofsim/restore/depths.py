@@ -20,8 +20,11 @@ def closer_about_focus(camera: Camera, inverse_depths: Tensor) -> Tensor:
     """Inverse depths [depth] in 1/m, evenly spaced and ascending, moved towards the focus of a lens with a
     large blur: there few pixels of it make all the difference, far from it nothing can be distinguished.
 
+    inverse_depths: [depth], 1/m, ascending.
+
     Of a lens with a small blur they stay. Otherwise they are even in asinh(d / b), d the diameter of the
     geometric blur and b as wide as keeps steps about the focus at `FINEST_PX`.
+
     """
     focus = 1 / float(focus_distance(camera, GREEN))
     per_dioptre = blur_per_dioptre(camera)

@@ -62,7 +62,8 @@ class DepthConditioned(Restorer):
         """How likely each distance is at each pixel of a photo [batch, 3, y, x], far ones first,
         [batch, depth, y, x].
 
-        belief: how much a block's own likelihood counts, and the mean of its neighbours'.
+        photo: [batch, 3, y, x].
+        belief: scalars []: how much a block's own likelihood counts, and the mean of its neighbours'.
         """
         rows, columns = photo.shape[-2:]
         sizes = [max(BLOCK, -(-n // STEP) * STEP) for n in (rows, columns)]

@@ -154,15 +154,21 @@ class FilterBank(DepthConditioned):
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training.
 
+        photo: [batch, 3, y, x], full scale 1.
+
         In use a photo is continued beyond its border (see `borders`); in training its outermost `border`
         pixels, which filters cannot know, should not be judged.
+
         """
         if self.training:
             return self._restored(self._with_dcnn(photo, 0))
         return self.unclamped(photo).clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
-        """As in use, without the clamp."""
+        """As in use, without the clamp.
+
+        photo: [batch, 3, y, x], full scale 1.
+        """
         # as many pixels as keep the places of the likelihood where they are
         reach = STEP * -(-(self.support // 2) // STEP)
         sharp = self._restored(self._with_dcnn(photo, reach))
@@ -194,7 +200,10 @@ class FilterBank(DepthConditioned):
     def filtered(self, photo: Tensor) -> Tensor:
         """The photo through every filter, [batch, group, 3, y, x]; its border pixels continue it.
 
-        Overlap-save, in tiles whose transforms stay in a processor's cache."""
+        photo: [batch, 3, y, x].
+
+        Overlap-save, in tiles whose transforms stay in a processor's cache.
+        """
         reach, tile = self.support // 2, self._tile
         step = tile - self.support + 1
         rows, columns = photo.shape[-2:]
@@ -221,7 +230,10 @@ class FilterBank(DepthConditioned):
         return self._transferred[1]
 
     def weights(self, photo: Tensor) -> Tensor:
-        """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1."""
+        """How much each restoration counts at each pixel, [batch, group, y, x]; they add up to 1.
+
+        photo: [batch, channel, y, x].
+        """
         first, second = self.belief.exp()
         depths = self.depth_probability(photo, (first, second))
         return depths.unflatten(1, (self.groups, -1)).sum(2)
@@ -229,7 +241,10 @@ class FilterBank(DepthConditioned):
 
 def compressed(image: Tensor) -> Tensor:
     """Values far beyond the range from 0 to 1 by their logarithm, so that a network takes them; others as
-    they are."""
+    they are.
+
+    image: any shape [...].
+    """
     within = image.clamp(-BEYOND, 1 + BEYOND)
     excess = image - within
     return within + excess.sign() * excess.abs().log1p()

@@ -67,16 +67,24 @@ def _not_negative(image: Tensor) -> Tensor:
 def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
     """A photo [.., 3, y, x] without its glare: `glare` [3] is the part of the light that is spread evenly.
 
+    photo: [..., 3, y, x].
+    glare: [3], or [..., 3] of several photos.
+
     Of several photos `glare` is [.., 3]. What is spread is the mean of the world; beyond the frame that goes
     on as its border does.
+
     """
     part = glare.to(photo)[..., None, None]
     return (photo - part * _mean_of_world(photo)) / (1 - part)
 
 
 def with_other_glare(photo: Tensor, glare: Tensor, wanted: Tensor) -> Tensor:
-    """The same photo as it would be if the part `wanted` of the light were spread, in place of `glare`.
-    What is beyond full scale counts as full scale in that: a lamp would outshine all the rest."""
+    """The same photo as it would be if the part `wanted` of the light were spread, in place of `glare`. What
+    is beyond full scale counts as full scale in that: a lamp would outshine all the rest.
+
+    photo: [..., 3, y, x].
+    glare, wanted: [3], part of the light.
+    """
     light = without_glare(photo, glare)
     mean = _mean_of_world(light.clamp_max(1))
     return mean + (1 - wanted.to(photo))[..., None, None] * (light - mean)
@@ -97,6 +105,7 @@ def without_truncated(psf: Tensor, noise: float, shares: Tensor | None = None) -
     """PSFs [depth, 3, y, x] and the noise of photos without what in the mean over the depths leaves their
     window: what comes back evenly over a photo leaves the rest less contrast.
 
+    psf: [depth, 3, y, x].
     shares: [depth], how much each counts in the mean, None for all alike.
     """
     kept = psf.sum((-1, -2))
@@ -105,7 +114,10 @@ def without_truncated(psf: Tensor, noise: float, shares: Tensor | None = None) -
 
 
 def smooth(cells: Tensor, deviation_px: float) -> Tensor:
-    """Cells [.., y, x] of CELL pixels through a Gaussian; where it leaves the image, its rest counts."""
+    """Cells [.., y, x] of CELL pixels through a Gaussian; where it leaves the image, its rest counts.
+
+    cells: [..., y, x].
+    """
     down, across = (_gaussian(n, deviation_px / CELL).to(cells) for n in cells.shape[-2:])
     return down @ cells @ across.mT
 

@@ -35,12 +35,18 @@ class LocalUNet(Restorer):
 
     def forward(self, photo: Tensor) -> Tensor:
         """Photo [batch, 3, y, x], full scale 1, to the sharp image. Clamped to [0, 1] except in training,
-        where a clamp would stop the gradient of the pixels that need it most."""
+        where a clamp would stop the gradient of the pixels that need it most.
+
+        photo: [batch, 3, y, x], full scale 1.
+        """
         sharp = self.unclamped(photo)
         return sharp if self.training else sharp.clamp(0, 1)
 
     def unclamped(self, photo: Tensor) -> Tensor:
-        """The same without the clamp."""
+        """The same without the clamp.
+
+        photo: [batch, 3, y, x], full scale 1.
+        """
         return photo + self.trunk(photo).to(photo.dtype)
 
 

@@ -48,6 +48,7 @@ def apply_network(
 
     Its lowest spatial frequencies are the photo's, see `light`.
 
+    image: [3, y, x], full scale 1.
     glare: [3], the part of the light that is spread evenly over the photo, as the camera's mask is known to
         be made; None for none. A network for any camera is given the photo without it, another with as much
         as in its training, where that is known.
@@ -58,6 +59,7 @@ def apply_network(
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
     photo. Computed on the image's device in the precision of the network's weights. Raises InputError for a
     photo that is not [3, y, x] or not finite.
+
     """
     if image.ndim != 3 or image.shape[0] != 3:
         raise InputError(f"the network restores photos of 3 channels [3, y, x], not {list(image.shape)}")

@@ -19,17 +19,23 @@ COLOUR_CORRELATION = ((1.0, 0.985, 0.972), (0.985, 1.0, 0.985), (0.972, 0.985, 1
 
 def power_spectrum(size: int, like: Tensor) -> Tensor:
     """Power spectrum of photographs on the half plane of frequencies, [y, x // 2 + 1], for a transform whose
-    inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency."""
+    inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency.
+
+    like: any shape [...]: whose type and device the spectrum has.
+    """
     fy = torch.fft.fftfreq(size, device=like.device)[:, None]
     fx = torch.fft.rfftfreq(size, device=like.device)[None, :]
     return (POWER * (fy.square() + fx.square() + COARSEST_PX**-2) ** (-FALL / 2)).to(like.dtype)
 
 
 def transfer_functions(psf: Tensor, size: int) -> Tensor:
-    """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as
-    the PSFs have, [depth, channel, size, size // 2 + 1].
+    """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as the
+    PSFs have, [depth, channel, size, size // 2 + 1].
+
+    psf: [depth, channel, y, x].
 
     Light beyond the PSFs' window is veiling glare, the same all over a photo: its mean passes whole.
+
     """
     window = psf.shape[-1]
     padded = functional.pad(psf, (0, size - window, 0, size - window))

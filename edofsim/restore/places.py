@@ -36,7 +36,11 @@ RESTORED_DB = 40.0
 
 
 def step_of(camera: Camera, frame: Frame, wavelengths: Tensor, inverse_depths: Tensor) -> int:
-    """Pixels between places with filters of their own."""
+    """Pixels between places with filters of their own.
+
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    """
     low, high = (float(end) for end in inverse_depths.aminmax())
     return step_for(camera, frame, wavelengths, (low, high), RESTORED_DB)
 
@@ -50,8 +54,12 @@ def restored_by_place(
 ) -> tuple[Tensor, Method]:
     """A photo [channel, y, x] restored place by place, and what restored it.
 
+    image: [channel, y, x].
+    restore: takes and gives images [channel, y, x].
+
     Each place is restored from its part of the photo and half a window more on each side, by the camera that
     looks there. The photo is brought to the light of the axis first.
+
     """
     beyond = camera.recipe.psf.window_px // 2
     even = image / light_of(camera, frame, step).to(image)

@@ -40,7 +40,10 @@ def restore(
         [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
         conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore,
         Wiener deconvolution does, and `Method.reason` says why.
-    psfs: `channel_psfs` at the inverse depths, which are nodes then; None where they are still to be made.
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    psfs: [depth, channel, y, x], known ones in place of the camera's; `channel_psfs` at the inverse depths,
+        which are nodes then; None where they are still to be made.
     glare: [channel], the part of the light that is spread evenly over the photo besides what the camera's own
         PSFs do not have: by a mask that was made otherwise.
     truncated: [channel], the part that leaves the windows of the PSFs, where that is known
@@ -127,8 +130,11 @@ def for_any_camera(
     """What a network for any camera that was set for this one makes of a photo [channel, y, x], with its
     share of Wiener deconvolution, in [0, 1].
 
-    psf, noise, shares: of `deconvolved`.
+    image: [channel, y, x].
+    psf: [depth, channel, y, x], of `deconvolved`.
+    noise: of `deconvolved`.
     glare: [channel], all that is spread evenly over the photo.
+    shares: [depth], of `deconvolved`; None for all alike.
     """
     light = without_glare(image, glare)
     linear = deconvolved(light, psf, noise, shares)
@@ -138,7 +144,9 @@ def for_any_camera(
 def deconvolved(photo: Tensor, psf: Tensor, noise: float, shares: Tensor | None = None) -> Tensor:
     """Wiener deconvolution of photos [.., channel, y, x] without glare by PSFs [depth, channel, y, x].
 
+    photo: [..., channel, y, x].
+    psf: [depth, channel, y, x].
     noise: standard deviation before the glare was taken off.
-    shares: of `wiener`.
+    shares: [depth], of `wiener`; None for all alike, of `wiener`. .
     """
     return wiener(photo, *without_truncated(psf, noise, shares), shares=shares)

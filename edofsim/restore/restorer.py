@@ -60,7 +60,10 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def set_psfs(self, psf: Tensor) -> None:
-        """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint."""
+        """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint.
+
+        psf: [depth, 3, y, x].
+        """
         raise NotImplementedError
 
     def psf_state(self) -> object:
@@ -75,7 +78,10 @@ class Restorer(nn.Module):
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
         """Tell it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its
-        noise relative to full scale, where `any_camera`."""
+        noise relative to full scale, where `any_camera`.
+
+        psf: [depth, 3, y, x].
+        """
         raise NotImplementedError
 
     def linear_share(self) -> float:
@@ -85,7 +91,10 @@ class Restorer(nn.Module):
 
     def brightened_for(self, photo: Tensor) -> tuple[Restorer, float]:
         """What restores a photo [3, y, x] of so little light, given the same camera, and the factor by which
-        the photo is brightened for it; what it restores is darkened by as much."""
+        the photo is brightened for it; what it restores is darkened by as much.
+
+        photo: [3, y, x], full scale 1.
+        """
         return self, 1.0
 
     @classmethod
@@ -105,14 +114,24 @@ class Restorer(nn.Module):
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may
-        still be moved (see `light`)."""
+        still be moved (see `light`).
+
+        photo: [batch, 3, y, x], full scale 1.
+        """
         return self(photo)
 
     def restored_with(self, photo: Tensor, psf: Tensor) -> Tensor:
-        """The sharp image by PSFs [depth, 3, y, x] that gradients go through, where `psfs` is "designed"."""
+        """The sharp image by PSFs [depth, 3, y, x] that gradients go through, where `psfs` is "designed".
+
+        photo: [batch, 3, y, x], full scale 1.
+        psf: [depth, 3, y, x].
+        """
         raise NotImplementedError
 
     def linear_error(self, psf: Tensor, filters: int) -> Tensor:
         """Mean square error, [depth, 3], that the linear restoration most like this network leaves with so
-        many filters of photos with PSFs [depth, 3, y, x]: what a mask is designed by (see `linear`)."""
+        many filters of photos with PSFs [depth, 3, y, x]: what a mask is designed by (see `linear`).
+
+        psf: [depth, 3, y, x].
+        """
         return local_error(psf, groups=filters)

@@ -78,7 +78,10 @@ error of the image."""
 
 def within_scale(image: Tensor) -> Tensor:
     """What full scale 1 can hold of an image. A saturated highlight may be many times as bright: it would
-    decide a score alone, by how it is clipped and not by how anything is restored."""
+    decide a score alone, by how it is clipped and not by how anything is restored.
+
+    image: any shape [...], full scale 1.
+    """
     return image.clamp(0, 1)
 
 
@@ -105,7 +108,11 @@ def psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> float:
 
 
 def image_psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None, noise: TruthNoise = "none") -> float:
-    """PSNR in dB of a photo or a restored image against the truth, both within full scale 1; see `psnr`."""
+    """PSNR in dB of a photo or a restored image against the truth, both within full scale 1; see `psnr`.
+
+    image, truth: [channel, y, x].
+    mask: [y, x], bool; None for all pixels.
+    """
     return level_and_error(image, truth, noise, mask)[0]
 
 
@@ -114,6 +121,7 @@ def level_and_error(
 ) -> tuple[float, float]:
     """`Score.psnr_db` and its standard error, without the time that SSIM takes.
 
+    image, truth: [channel, y, x].
     mask: bool [y, x].
     """
     _same_shape(image, truth)
@@ -135,8 +143,11 @@ def light_error(image: Tensor, truth: Tensor, mask: Tensor | None = None) -> flo
 
 
 def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
-    """Structural similarity of each pixel, mean of channels, [y, x] (Wang et al., IEEE TIP 13, 2004:
-    Gaussian window of sigma 1.5, full scale 1); None where the image is smaller than the window."""
+    """Structural similarity of each pixel, mean of channels, [y, x] (Wang et al., IEEE TIP 13, 2004: Gaussian
+    window of sigma 1.5, full scale 1); None where the image is smaller than the window.
+
+    image, truth: [channel, y, x].
+    """
     _same_shape(image, truth)
     if min(image.shape[-2:]) < SSIM_WINDOW:
         return None
@@ -146,7 +157,10 @@ def ssim_map(image: Tensor, truth: Tensor) -> Tensor | None:
 def flip_map(image: Tensor, truth: Tensor) -> Tensor | None:
     """Difference that the eye sees when the two images alternate, [y, x] from 0 to 1 (Andersson et al., Proc.
     ACM Comput. Graph. Interact. Tech. 3, 2020, at 67 pixels a degree): both within full scale and encoded as
-    sRGB. None where flip-evaluator, of the extra `benchmark`, is not installed."""
+    sRGB. None where flip-evaluator, of the extra `benchmark`, is not installed.
+
+    image, truth: [3, y, x].
+    """
     _same_shape(image, truth)
     try:
         from flip_evaluator import evaluate
@@ -161,9 +175,12 @@ def flip_map(image: Tensor, truth: Tensor) -> Tensor | None:
 def ssim_without(image: Tensor, truth: Tensor, noise: Noise) -> tuple[Tensor, Tensor] | None:
     """As `ssim_map`, with second moments that are freed of the noise, and what it wanders by (see `_errors`).
 
+    image, truth: [channel, y, x].
+
     The moments have no bias then; but SSIM, their ratio, is bent, so that what they wander by biases it. With
     the halves' noise added, and twice its moments taken off, they wander by twice as much: what that changes
     is taken off once.
+
     """
     if min(image.shape[-2:]) < SSIM_WINDOW:
         return None
@@ -201,15 +218,22 @@ def _similarity(moments: list[np.ndarray], noise: list[np.ndarray] | None = None
 
 
 def score(image: Tensor, truth: Tensor, noise: TruthNoise = "none") -> Score:
-    """PSNR and SSIM over the whole image, [channel, y, x] each."""
+    """PSNR and SSIM over the whole image, [channel, y, x] each.
+
+    image, truth: [channel, y, x].
+    """
     return score_parts(image, truth, [None], noise)[0]
 
 
 def score_parts(
     image: Tensor, truth: Tensor, parts: Sequence[Tensor | None], noise: TruthNoise = "none"
 ) -> list[Score]:
-    """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least; None: all of
-    it. Image and truth are taken within full scale 1, and their noise alike."""
+    """Scores over parts of the image, each a mask, bool [y, x], that holds a pixel at least; None: all of it.
+    Image and truth are taken within full scale 1, and their noise alike.
+
+    image, truth: [channel, y, x].
+    parts: masks [y, x], bool; None for the whole image.
+    """
     _same_shape(image, truth)
     image, truth, known = _clipped(image, truth, noise)
     errors, wander = _errors(image, truth, known)
@@ -298,7 +322,11 @@ def score_by_depth(
     edges_m: Sequence[float] = DEPTH_EDGES_M,
 ) -> tuple[Score, tuple[DepthScore, ...]]:
     """The score of the whole image, and those of the pixels in each depth range that holds any (see
-    `depth_ranges`)."""
+    `depth_ranges`).
+
+    image, truth: [channel, y, x].
+    inverse_depth: [y, x], 1/m.
+    """
     ranges = depth_ranges(inverse_depth, edges_m)
     whole, *scores = score_parts(image, truth, [None, *(mask for _, _, mask in ranges)], noise)
     parts = (DepthScore(near, far, each) for (near, far, _), each in zip(ranges, scores, strict=True))

@@ -41,6 +41,7 @@ class Truth:
         """What noise is left in an image that was restored from a photo, [channel, y, x] each; None where
         none is known.
 
+        photo, restored: [channel, y, x].
         restores: what did it.
         """
         if self.noise.image is None:
@@ -52,7 +53,9 @@ class Truth:
         """What `score_parts` and `score_by_depth` compare: an image [channel, y, x], the truth, and their
         noise.
 
-        noise: what is left of it in the image, as of `restored_noise`; of the photo, `PhotoNoise.image`.
+        image: [channel, y, x].
+        noise: [channel, y, x]: what is left of it in the image, as of `restored_noise`; of the photo,
+            `PhotoNoise.image`.
         """
         if self.noise.ideal is None or noise is None:
             return image, self.ideal, "none" if self.noise.state == "none" else "included"

@@ -32,7 +32,7 @@ def wiener(
     image: [.., channel, y, x] linear.
     psf: [channel, y, x], or [depth, channel, y, x] where the depth is one of several; light that a PSF does
         not have of 1 is veiling glare; its centre is index n // 2.
-    noise: standard deviation relative to full scale 1.
+    noise: scalar [] or [channel]: standard deviation relative to full scale.
     beyond_px: pixels that the image is continued by beyond its border, before its mirror images go on; None
         for `BEYOND_PX`.
     shares: [depth], how likely each depth is, with the sum 1, see `optics.nodes.node_shares`; None where all
@@ -47,6 +47,7 @@ def wiener(
     frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
 
     Raises InputError where channels differ or the noise is negative.
+
     """
     stack = psf if psf.ndim == 4 else psf[None]
     _check(image, stack, noise)
@@ -73,10 +74,11 @@ def wiener_by_depth(
     psfs: [depth, channel, y, x] at the nodes; see `wiener`.
     inverse_depths: of the nodes, [depth], 1/m, ascending, see `optics.nodes.nodes_between`.
     depth_map: inverse depth of what each pixel shows, [y, x], 1/m; beyond the nodes the nearest one counts.
-    noise: standard deviation relative to full scale 1.
+    noise: scalar [] or [channel]: standard deviation relative to full scale.
     beyond_px: see `wiener`.
 
     Returns [channel, y, x]. Raises InputError as `wiener`, and for depths that do not fit.
+
     """
     _check(image, psfs, noise)
     nodes = inverse_depths.to(image.device, torch.float64)

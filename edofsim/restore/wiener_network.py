@@ -47,6 +47,7 @@ class WienerNetwork(Restorer):
     def forward(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
         """Photo [batch, 3, y, x] to the sharp image.
 
+        photo: [batch, 3, y, x], full scale 1.
         psf: [depth, 3, window, window] in place of its own, while the mask learns. Clamped to [0, 1] except
             in training.
         """
@@ -54,7 +55,11 @@ class WienerNetwork(Restorer):
         return sharp if self.training else sharp.clamp(0, 1)
 
     def unclamped(self, photo: Tensor, psf: Tensor | None = None) -> Tensor:
-        """The same without the clamp."""
+        """The same without the clamp.
+
+        photo: [batch, 3, y, x], full scale 1.
+        psf: [depth, 3, window, window] in place of its own.
+        """
         psf = self.psf if psf is None else psf
         with torch.autocast(photo.device.type, enabled=False):
             images = [wiener(image.float(), psf, self.log_noise.exp(), fall=FALL) for image in photo]

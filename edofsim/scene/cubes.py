@@ -58,7 +58,13 @@ def stored_cube(source: CubeFile, base: Path) -> tuple[np.ndarray, np.ndarray, s
 
 def at_bands(cube: np.ndarray, nm: np.ndarray, wanted: np.ndarray, what: str) -> np.ndarray:
     """A cube [band, y, x] with bands at `nm`, ascending, interpolated linearly to the bands `wanted`.
-    Raises InputError for bands outside the cube."""
+
+    cube: [band, y, x].
+    nm: [band], nanometres, ascending.
+    wanted: [wanted], nanometres.
+
+    Raises InputError for bands outside the cube.
+    """
     if wanted.min() < nm[0] - 1e-6 or wanted.max() > nm[-1] + 1e-6:
         raise InputError(
             f"{what} goes from {nm[0]:g} to {nm[-1]:g} nm, the recipe's bands from {wanted.min():g} to "

@@ -62,7 +62,10 @@ def _between(values: np.ndarray, source: DepthMap) -> np.ndarray:
 def resized(inverse: np.ndarray, shape: tuple[int, int], source: DepthMap) -> np.ndarray:
     """A map at the size of its picture, each pixel the nearest number's.
 
+    inverse: [y, x], 1/m.
+
     Raises InputError where the sizes differ and the recipe does not ask for it, or by proportions.
+
     """
     rows, columns = inverse.shape
     if inverse.shape == shape:
@@ -105,16 +108,22 @@ def inverse_of(depths: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def usual_unit(depths: np.ndarray) -> float:
-    """Metres in one unit of what a depth map holds, where nobody says: whole numbers are millimetres."""
+    """Metres in one unit of what a depth map holds, where nobody says: whole numbers are millimetres.
+
+    depths: [y, x].
+    """
     return 0.001 if np.issubdtype(depths.dtype, np.integer) else 1.0
 
 
 def fill_holes(inverse_depth: np.ndarray, method: str, what: str) -> np.ndarray:
     """Inverse depth without NaN, same shape.
 
+    inverse_depth: [y, x], 1/m; NaN where it is not known.
+
     `background`: the farther of the nearest known pixels to the left and right, because what a stereo pair
     could not match lies mostly behind an edge; rows of holes alone take the nearest known one's. `nearest`:
     the nearest known pixel's. `refuse`: raises InputError if there is a hole.
+
     """
     holes = ~np.isfinite(inverse_depth)
     if not holes.any():

@@ -30,7 +30,10 @@ def build_lights(
 ) -> tuple[Environment | None, list[SceneObject]]:
     """The environment (at most one) and the lamps of a recipe; files are relative to `base`.
 
+    wavelengths: [band], metres.
+
     Raises InputError for a second environment, an unreadable map, and a lamp that aims at itself.
+
     """
     environment: Environment | None = None
     lamps: list[SceneObject] = []
@@ -52,14 +55,20 @@ def build_lights(
 
 
 def constant_environment(light: EnvironmentLight, wavelengths: np.ndarray) -> Environment:
-    """The same radiance from everywhere."""
+    """The same radiance from everywhere.
+
+    wavelengths: [band], metres.
+    """
     spectrum = light.radiance * spectra.illuminant(light.illuminant, wavelengths)
     return Environment(BandTexture(spectrum[None].astype(np.float32)))
 
 
 def sky(light: SkyLight, wavelengths: np.ndarray) -> Environment:
     """A clear sky with haze: the horizon's light fades into the zenith's with height, and what the ground
-    sends back fills the lower half. Three spectra, so that it is one picture of three coefficients."""
+    sends back fills the lower half. Three spectra, so that it is one picture of three coefficients.
+
+    wavelengths: [band], metres.
+    """
     horizon = spectra.daylight(light.horizon_cct_k, wavelengths)
     zenith = spectra.daylight(light.zenith_cct_k, wavelengths)
     ground = horizon * spectra.reflectance(light.ground_reflectance, wavelengths)
@@ -82,7 +91,11 @@ def sky(light: SkyLight, wavelengths: np.ndarray) -> Environment:
 def environment_map(light: EnvironmentMap, wavelengths: np.ndarray, base: Path) -> Environment:
     """A picture of all directions: linear sRGB over the basis of Mallett and Yuksel, seen as the illuminant
     where it is white. Negative values, which some files hold, count as 0.
-    Raises InputError for a picture that cannot be read or is not twice as wide as high."""
+
+    wavelengths: [band], metres.
+
+    Raises InputError for a picture that cannot be read or is not twice as wide as high.
+    """
     image = pictures.read_hdr(base / light.path, f"environment map {light.path!r}")
     rows, columns = image.shape[:2]
     if not 1.5 < columns / rows < 2.6:
@@ -97,13 +110,19 @@ def environment_map(light: EnvironmentMap, wavelengths: np.ndarray, base: Path) 
 
 
 def bulb(light: Bulb, wavelengths: np.ndarray, name: str) -> SceneObject:
-    """A shining ball."""
+    """A shining ball.
+
+    wavelengths: [band], metres.
+    """
     shape = solids.moved(solids.sphere(light.radius_mm * 1e-3, 48), shift=np.array(light.position_mm) * 1e-3)
     return _shining(name, shape, light.radiance * spectra.illuminant(light.illuminant, wavelengths))
 
 
 def neon_tube(light: NeonTube, wavelengths: np.ndarray, name: str) -> SceneObject:
-    """A shining tube along a curve."""
+    """A shining tube along a curve.
+
+    wavelengths: [band], metres.
+    """
     path = solids.smooth_path(np.array(light.points_mm) * 1e-3, light.closed)
     shape = solids.tube(path, light.radius_mm * 1e-3, 12, light.closed)
     filtered = spectra.illuminant(light.illuminant, wavelengths) * spectra.reflectance(
@@ -119,7 +138,11 @@ def _shining(name: str, shape: TriangleMesh, emission: np.ndarray) -> SceneObjec
 
 def area_lamp(light: AreaLamp, wavelengths: np.ndarray, name: str) -> SceneObject:
     """A rectangle that shines from its front side, towards the target; its body is black.
-    Raises InputError for a lamp that is where its target is."""
+
+    wavelengths: [band], metres.
+
+    Raises InputError for a lamp that is where its target is.
+    """
     position, target = np.array(light.position_mm) * 1e-3, np.array(light.target_mm) * 1e-3
     direction = target - position
     distance = np.linalg.norm(direction)

@@ -166,7 +166,10 @@ def _decoded(image: Image.Image, path: Path, what: str, left: dict[str, None]) -
 def painted_parts(
     mesh: TriangleMesh, paint: Paint, wavelengths: np.ndarray
 ) -> list[tuple[TriangleMesh, BandTexture]]:
-    """A mesh in pieces of one reflectance each: those of every picture, and all others."""
+    """A mesh in pieces of one reflectance each: those of every picture, and all others.
+
+    wavelengths: [band], metres.
+    """
     basis = srgb_basis(wavelengths).astype(np.float32)
     pieces = []
     for number, image in enumerate(paint.pictures):

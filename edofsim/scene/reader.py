@@ -20,7 +20,9 @@ class SceneReader(Source):
         """The scene called `name` in camera space, at `wavelengths` [band] in metres.
 
         base: the folder of the recipe.
+        wavelengths: [band], metres.
 
         Raises InputError for files that cannot be used.
+
         """
         raise NotImplementedError

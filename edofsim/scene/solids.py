@@ -22,7 +22,13 @@ def mesh(
     uv: np.ndarray | None = None,
     normals: np.ndarray | None = None,
 ) -> TriangleMesh:
-    """A TriangleMesh with its arrays in their types."""
+    """A TriangleMesh with its arrays in their types.
+
+    vertices: [vertex, 3], metres.
+    faces: [face, 3], numbers of vertices.
+    uv: [vertex, 2]; None for none.
+    normals: [vertex, 3]; None for none.
+    """
     return TriangleMesh(
         np.ascontiguousarray(vertices, np.float32),
         np.ascontiguousarray(faces, np.uint32),
@@ -45,7 +51,11 @@ def join(parts: Sequence[TriangleMesh]) -> TriangleMesh:
 def moved(part: TriangleMesh, matrix: np.ndarray | None = None, shift: ArrayLike = (0, 0, 0)) -> TriangleMesh:
     """A mesh after a linear map (float [3, 3]) and a shift in metres.
 
-    Where the map mirrors, the faces are turned, so that they still point outward."""
+    matrix: [3, 3].
+    shift: [3], metres.
+
+    Where the map mirrors, the faces are turned, so that they still point outward.
+    """
     if matrix is None:
         return TriangleMesh(part.vertices + np.asarray(shift, np.float32), part.faces, part.uv, part.normals)
     vertices = part.vertices @ np.asarray(matrix).T + np.asarray(shift)
@@ -58,20 +68,30 @@ def moved(part: TriangleMesh, matrix: np.ndarray | None = None, shift: ArrayLike
 
 
 def quad(corners: ArrayLike, uv: ArrayLike | None = None) -> TriangleMesh:
-    """A flat quadrilateral: lower left, lower right, upper right, upper left as seen from its front."""
+    """A flat quadrilateral: lower left, lower right, upper right, upper left as seen from its front.
+
+    corners: [4, 3], metres.
+    uv: [4, 2].
+    """
     square = [(0, 0), (1, 0), (1, 1), (0, 1)] if uv is None else uv
     return mesh(np.array(corners), np.array([[0, 3, 2], [0, 2, 1]]), np.array(square))
 
 
 def panel(width: float, height: float, centre: ArrayLike = (0, 0, 0)) -> TriangleMesh:
-    """A rectangle that faces the camera."""
+    """A rectangle that faces the camera.
+
+    centre: [3], metres.
+    """
     x, y = width / 2, height / 2
     corners = np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]) + np.asarray(centre)
     return quad(corners)
 
 
 def box(size: ArrayLike, centre: ArrayLike = (0, 0, 0)) -> TriangleMesh:
-    """A block of `size` (x, y, z) with each side's texture coordinates from 0 to 1."""
+    """A block of `size` (x, y, z) with each side's texture coordinates from 0 to 1.
+
+    size, centre: [3], metres.
+    """
     x, y, z = np.asarray(size) / 2
     sides = [
         [(-x, -y, -z), (x, -y, -z), (x, y, -z), (-x, y, -z)],  # front
@@ -92,7 +112,11 @@ def grid_faces(rows: int, columns: int) -> np.ndarray:
 
 
 def without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The faces that have an area."""
+    """The faces that have an area.
+
+    vertices: [vertex, 3], metres.
+    faces: [face, 3], numbers of vertices.
+    """
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     twice_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     size = np.ptp(vertices, axis=0).max()
@@ -102,8 +126,8 @@ def without_degenerate(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def lathe(profile: ArrayLike, segments: int = 64, smooth: bool = True) -> TriangleMesh:
     """A profile turned about the y axis.
 
-    profile: (radius, y) from the bottom up along the outside; a hollow body goes on down its inside. With
-        `smooth`, normals are smooth within runs of the profile that bend by less than 40 degrees.
+    profile: [point, 2]: (radius, y) from the bottom up along the outside; a hollow body goes on down its
+        inside.
     """
     points = np.asarray(profile, float)
     runs = _smooth_runs(points) if smooth else [points[i : i + 2] for i in range(len(points) - 1)]
@@ -199,8 +223,11 @@ def flat_shaded(part: TriangleMesh) -> TriangleMesh:
 def smooth_path(points: np.ndarray, closed: bool = False) -> np.ndarray:
     """Points on the cubic spline through `points`, float [point, 3]; two points give a straight line.
 
+    points: [point, 3], metres.
+
     The knots are spaced by the root of the chords (centripetal), which keeps close points free of loops.
     Raises InputError where two points that follow each other are the same.
+
     """
     if closed:
         points = np.concatenate([points, points[:1]])
@@ -241,7 +268,10 @@ def _cubic_spline(knots: np.ndarray, points: np.ndarray, at: np.ndarray, closed:
 def tube(points: np.ndarray, radius: float, sides: int = 12, closed: bool = False) -> TriangleMesh:
     """A round tube along a polyline, float [point, 3]; ends are capped unless `closed`.
 
+    points: [point, 3], metres.
+
     The rings are carried along without twist (double reflection of Wang et al., TOG 2008).
+
     """
     points = np.asarray(points, float)
     if closed:
@@ -300,7 +330,11 @@ def signed_volume(part: TriangleMesh) -> float:
 
 
 def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Vertex normals as the means of their faces' normals, weighted by area, float64 [vertex, 3]."""
+    """Vertex normals as the means of their faces' normals, weighted by area, float64 [vertex, 3].
+
+    vertices: [vertex, 3], metres.
+    faces: [face, 3], numbers of vertices.
+    """
     a, b, c = (np.asarray(vertices, float)[faces[:, i]] for i in range(3))
     normals = np.zeros((len(vertices), 3))
     for corner in range(3):
@@ -312,7 +346,10 @@ def smooth_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def loft(sections: np.ndarray) -> TriangleMesh:
     """A body through closed cross-sections, float [section, point, 3], ordered along +x; flat at both ends.
 
+    sections: [section, point, 3], metres, ordered along +x.
+
     The points of a section run counter-clockwise seen with z to the right and y up.
+
     """
     count, points, _ = sections.shape
     index = np.arange(count * points).reshape(count, points)

@@ -100,6 +100,7 @@ def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
     wavelengths: [band] m.
 
     Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
+
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -116,7 +117,10 @@ def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
 def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
     """The three reflectances of Mallett and Yuksel (EGSR 2019), float64 [3, band], for linear sRGB.
 
+    wavelengths: [band], metres.
+
     They sum to 1 at every wavelength, so that white is white and no reflectance exceeds 1.
+
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -133,8 +137,13 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
 
 def upsampled(linear: np.ndarray, wavelengths: np.ndarray, light: str = "D65") -> np.ndarray:
     """Linear sRGB [y, x, 3] as light [band, y, x], float32: the colours' smooth reflectances (see
-    `srgb_basis`) under an illuminant. Raises InputError for an unknown illuminant, and for wavelengths beyond
-    the data."""
+    `srgb_basis`) under an illuminant.
+
+    linear: [y, x, 3], linear sRGB.
+    wavelengths: [band], metres.
+
+    Raises InputError for an unknown illuminant, and for wavelengths beyond the data.
+    """
     basis = srgb_basis(wavelengths) * illuminant(light, wavelengths)
     return np.ascontiguousarray(np.moveaxis(linear @ basis, -1, 0), np.float32)
 
@@ -142,7 +151,10 @@ def upsampled(linear: np.ndarray, wavelengths: np.ndarray, light: str = "D65") -
 def srgb_weights(wavelengths: np.ndarray) -> np.ndarray:
     """What turns light at `wavelengths` into linear sRGB as the eye sees it, float64 [3, band].
 
+    wavelengths: [band], metres.
+
     By the observer of CIE 1931; the illuminant D65 comes out white, (1, 1, 1), however few the bands are.
+
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -172,9 +184,11 @@ def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
     """A reflectance at `wavelengths` ([band], m), float64 [band] in [0, 1].
 
     value: a number, `#rrggbb`, or the name of a measured surface.
+    wavelengths: [band], metres.
 
     Raises InputError for an unknown name (with the nearest ones) and for wavelengths further than 60 nm
     beyond the measured data.
+
     """
     if isinstance(value, int | float):
         return np.full(len(wavelengths), float(value))
@@ -214,8 +228,11 @@ def _luminance_normalised(table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
     """Relative spectrum of an illuminant or light source of colour-science, float64 [band].
 
+    wavelengths: [band], metres.
+
     Scaled so that its luminance is that of the constant spectrum 1. No value is invented outside the
     data: raises InputError there, and for unknown names (with the nearest ones).
+
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -238,7 +255,11 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
 def daylight(cct_k: float, wavelengths: np.ndarray) -> np.ndarray:
     """CIE daylight of a correlated colour temperature (4000 to 25000 K), scaled as `illuminant`.
-    Raises InputError for temperatures outside the definition of the CIE."""
+
+    wavelengths: [band], metres.
+
+    Raises InputError for temperatures outside the definition of the CIE.
+    """
 
     def make() -> dict[str, np.ndarray]:
         from colour import sd_CIE_illuminant_D_series
@@ -265,8 +286,11 @@ def _optical_constant(path: Path, wavelengths: np.ndarray, what: str) -> np.ndar
 def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
     """Reflectance of a bare metal at normal incidence, ((n-1)^2 + k^2) / ((n+1)^2 + k^2), float64 [band].
 
+    wavelengths: [band], metres.
+
     n and k are the measured tables that ship with Mitsuba. Raises InputError for unknown metals and for
     wavelengths outside the tables.
+
     """
     if name.lower() not in _METALS:
         raise _unknown("metal", name, list(_METALS))
@@ -275,7 +299,11 @@ def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
 def metal_by_symbol(stem: str, wavelengths: np.ndarray) -> np.ndarray:
     """As `metal`, for the name of one of Mitsuba's tables (`Au`, `Cu_palik`).
-    Raises InputError for an unknown table."""
+
+    wavelengths: [band], metres.
+
+    Raises InputError for an unknown table.
+    """
     package = importlib.util.find_spec("mitsuba")  # finds the folder without importing the package
     if package is None or package.origin is None:
         raise InputError("the optical constants of metals come with Mitsuba, which is not installed")
@@ -292,7 +320,10 @@ def metal_by_symbol(stem: str, wavelengths: np.ndarray) -> np.ndarray:
 def refractive_index(glass: str, wavelengths: np.ndarray) -> np.ndarray:
     """Refractive index of one of `core.glasses`, float64 [band].
 
+    wavelengths: [band], metres.
+
     Raises InputError for an unknown glass and for wavelengths outside its fit.
+
     """
     by_lower = {name.lower(): known for name, known in GLASSES.items()}
     if glass.lower() not in by_lower:

@@ -53,8 +53,12 @@ def _glass(surface: GlassSurface, wavelengths: np.ndarray) -> Surface:
 def build_surface(
     surface: AnySurface, wavelengths: np.ndarray, base: Path, rng: np.random.Generator, what: str
 ) -> Surface:
-    """A recipe's surface at `wavelengths` ([band], m). Raises InputError, naming `what`, for what cannot be
-    read."""
+    """A recipe's surface at `wavelengths` ([band], m).
+
+    wavelengths: [band], metres.
+
+    Raises InputError, naming `what`, for what cannot be read.
+    """
     if isinstance(surface, MetalSurface):
         carrier = BandTexture(spectra.metal(surface.metal, wavelengths)[None].astype(np.float32))
         # material = none: Fresnel's factor is 1, the whole reflectance is the carrier's

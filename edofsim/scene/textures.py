@@ -36,12 +36,19 @@ PHOTOGRAPHS = (
 
 
 def flat(value: float | str, wavelengths: np.ndarray) -> BandTexture:
-    """The same reflectance everywhere; see `spectra.reflectance`."""
+    """The same reflectance everywhere; see `spectra.reflectance`.
+
+    wavelengths: [band], metres.
+    """
     return BandTexture(reflectance(value, wavelengths)[None].astype(np.float32))
 
 
 def from_srgb(image: np.ndarray, wavelengths: np.ndarray) -> BandTexture:
-    """An sRGB picture, uint8/uint16 or float in [0, 1], [y, x], [y, x, 3] or [y, x, 4]."""
+    """An sRGB picture, uint8/uint16 or float in [0, 1], [y, x], [y, x, 3] or [y, x, 4].
+
+    image: [y, x], [y, x, 3] or [y, x, 4], uint8, uint16, or float in [0, 1].
+    wavelengths: [band], metres.
+    """
     return BandTexture(
         srgb_basis(wavelengths).astype(np.float32), srgb_decode(unit_rgb(image)).astype(np.float32)
     )
@@ -51,6 +58,7 @@ def mixture(weight: np.ndarray, first: np.ndarray, second: np.ndarray) -> BandTe
     """Two spectra mixed by an image: (1 - weight) first + weight second.
 
     weight: [y, x] in [0, 1].
+    first, second: [band].
     """
     image = np.stack([1 - weight, weight], axis=-1)
     return BandTexture(np.stack([first, second]).astype(np.float32), image.astype(np.float32))
@@ -112,7 +120,10 @@ def build_texture(
 ) -> BandTexture:
     """A recipe's texture as coefficients over spectra. `what` names the object in errors.
 
+    wavelengths: [band], metres.
+
     Files are relative to `base`. Raises InputError for what cannot be read.
+
     """
     if isinstance(texture, PhotoTexture):
         return from_srgb(_cropped(photo(texture.name), texture.crop), wavelengths)

@@ -63,10 +63,12 @@ def unit_of(words: str | None) -> str | None:
 def in_nm(values: np.ndarray, unit: str | None, what: str) -> tuple[np.ndarray, str]:
     """Wavelengths in nm, and the unit that they were in.
 
+    values: [band].
     unit: None where nobody says; then numbers from 100 to 2600 are nm, from 0.1 to 100 micrometres, and below
         0.001 metres.
 
     Raises InputError for others, which asks.
+
     """
     values = np.asarray(values, float)
     if values.size == 0 or not np.isfinite(values).all() or not (values > 0).all():
@@ -91,9 +93,11 @@ def chosen_nm(
 ) -> tuple[np.ndarray, str]:
     """Wavelengths of `count` bands in nm, in the file's order, and a phrase that says where they come from.
 
-    found, unit: what the file says.
+    found: [band], what the file says; None where it says nothing.
+    unit: what the file says.
 
     Raises InputError where nobody says, and for two bands of one wavelength.
+
     """
     stored, taken = None, ""
     if found is not None and len(found) == count:

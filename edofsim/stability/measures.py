@@ -14,7 +14,10 @@ NAN = float("nan")
 
 def floor_of(truth: Tensor) -> float:
     """The sensor's noise in an image exposed for its median, not for the lamps in it: smaller values are
-    reported from each other by no sensor."""
+    reported from each other by no sensor.
+
+    truth: [channel, y, x].
+    """
     return float(truth.abs().median()) * READ_NOISE / MIDDLE_GREY
 
 
@@ -29,17 +32,29 @@ def _finite(*images: Tensor) -> bool:
 
 
 def worst(image: Tensor, truth: Tensor) -> float:
-    """The largest difference, relative to the local value; NaN where anything is not finite."""
+    """The largest difference, relative to the local value; NaN where anything is not finite.
+
+    image: any shape [...].
+    truth: the same shape [...].
+    """
     return float(_local(image, truth).max()) if _finite(image, truth) else NAN
 
 
 def typical(image: Tensor, truth: Tensor) -> float:
-    """Root mean square of the differences, each relative to the local value; NaN likewise."""
+    """Root mean square of the differences, each relative to the local value; NaN likewise.
+
+    image: any shape [...].
+    truth: the same shape [...].
+    """
     return float(_local(image, truth).square().mean().sqrt()) if _finite(image, truth) else NAN
 
 
 def distance(image: Tensor, truth: Tensor) -> float:
-    """Largest difference relative to the largest value, for what has no sensor: PSFs, gradients, losses."""
+    """Largest difference relative to the largest value, for what has no sensor: PSFs, gradients, losses.
+
+    image: any shape [...].
+    truth: the same shape [...].
+    """
     if not _finite(image, truth):
         return NAN
     scale = float(truth.abs().max())

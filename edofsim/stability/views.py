@@ -99,7 +99,10 @@ def uniform(*shape: int, seed: int = 0) -> Tensor:
 
 def layered_view(front: Tensor, near: float, far: float, behind: Tensor | float = 0.0) -> View:
     """A front surface of coverage `front` [y, x] at inverse depth `near` over a background at `far`, of which
-    the part `behind` of the covered is rendered too, as hidden."""
+    the part `behind` of the covered is rendered too, as hidden.
+
+    front, behind: [y, x], coverage.
+    """
     base = flat(far)
     shape = base.padded_shape
     front, behind = front.expand(shape).reshape(-1), torch.as_tensor(behind).expand(shape).reshape(-1)
@@ -126,7 +129,10 @@ def layered_view(front: Tensor, near: float, far: float, behind: Tensor | float 
 
 
 def across(values: Tensor) -> Tensor:
-    """Values [x] of the padded frame for each of its rows."""
+    """Values [x] of the padded frame for each of its rows.
+
+    values: [x].
+    """
     return values.expand(PADDED)
 
 

@@ -93,7 +93,10 @@ def disc_before_wall(camera: Camera, known: bool) -> View:
 
 
 def white(camera: Camera, inverse_depth: Tensor) -> View:
-    """White light of one wavelength from inverse depths [y, x] of the frame with its margin."""
+    """White light of one wavelength from inverse depths [y, x] of the frame with its margin.
+
+    inverse_depth: [y, x], 1/m.
+    """
     return View.flat(
         torch.ones(len(NANOMETRES), *inverse_depth.shape),
         inverse_depth.float(),

@@ -115,39 +115,3 @@ def test_subjects_of_commits_fit_a_line():
         pytest.skip("not a checkout of git")
     long = [line for line in log.stdout.splitlines() if len(line.split(" ", 1)[1]) > 72]
     assert not long, f"subjects of more than 72 characters: {long}"
-
-
-def names_in(node: ast.AST) -> set[str]:
-    found = (each for each in ast.walk(node) if isinstance(each, ast.Name | ast.Attribute))
-    return {each.id if isinstance(each, ast.Name) else each.attr for each in found}
-
-
-def public_functions() -> list[tuple[ast.FunctionDef, str]]:
-    """Public functions and methods of the package, but commands, whose docstrings are help texts."""
-    found: list[tuple[ast.FunctionDef, str]] = []
-    for path in sorted((ROOT / "edofsim").rglob("*.py")):
-        if "cli" in path.parts:
-            continue
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        kinds = [node for node in tree.body if isinstance(node, ast.ClassDef) and node.name[0] != "_"]
-        for node in (*tree.body, *(each for kind in kinds for each in kind.body)):
-            if isinstance(node, ast.FunctionDef) and node.name[0] != "_":
-                found.append((node, ast.get_docstring(node) or ""))
-    return found
-
-
-def test_docstrings_state_shapes_and_errors():
-    """Shares that may grow and not shrink: array functions with shapes, raising functions that say so."""
-    arrays, raising = [], []
-    for node, text in public_functions():
-        hints = [each.annotation for each in (*node.args.args, *node.args.kwonlyargs) if each.annotation]
-        if any(
-            names_in(hint) & {"Tensor", "ndarray"}
-            for hint in (*hints, *([node.returns] if node.returns else []))
-        ):
-            arrays.append(bool(re.search(r"\[[^\]]+\]", text)))
-        thrown = [each.exc for each in ast.walk(node) if isinstance(each, ast.Raise) and each.exc]
-        if any("InputError" in names_in(each) for each in thrown):
-            raising.append("raise" in text.lower())
-    assert sum(arrays) / len(arrays) > 0.64, (sum(arrays), len(arrays))
-    assert sum(raising) / len(raising) > 0.9, (sum(raising), len(raising))

@@ -80,7 +80,8 @@ def tables(folder: Path) -> table.Result:
     found = rows([RANDOM, *fixed], folder)
     db = (30.0, 29.0, 31.0)
     chart = tuple(
-        replace(row, channels_db=db, told_db=(30.0, *db)) for row in rows(fixed, folder, ("USAF-1951",))
+        replace(row, channels_db=db, known_depth_db=(30.0, *db))
+        for row in rows(fixed, folder, ("USAF-1951",))
     )
     trainings = dict.fromkeys(SYSTEMS, Training(1000, 0, None))
     figures = averages(found) | table.chart_figures(chart)

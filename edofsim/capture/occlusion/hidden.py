@@ -113,7 +113,10 @@ class Framed(Protocol):
 
 
 def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
-    """`tiles_near`, or none where they cost more than all of the frame in one go."""
+    """`tiles_near`, or none where they cost more than all of the frame in one go.
+
+    edges: [y, x], bool: pixels of the padded frame on depth edges.
+    """
     tiles = tiles_near(edges, view, reach)
     pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
     return tiles if pixels < transform_pixels(view.height, view.width, reach) else []
@@ -122,7 +125,7 @@ def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
 def tiles_near(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
     """Tiles of the frame that a blur carries light into across an edge.
 
-    edges: pixels of the padded frame.
+    edges: [y, x], bool: pixels of the padded frame on depth edges.
     """
     columns = view.padded_shape[1]
     y, x = edges // columns - view.margin, edges % columns - view.margin
@@ -158,7 +161,10 @@ def composite(view: View, blurring: Blurring, cut: list[float]) -> Tensor:
 
 
 def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
-    """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x]."""
+    """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x].
+
+    slabs: light and coverage, [channel, y, x] each.
+    """
     far_to_near = iter(slabs)
     image, blocked = next(far_to_near)
     coverage = blocked.clamp(0, 1)

@@ -113,7 +113,10 @@ class Place:
     beside: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def image(self, spectra: Tensor) -> Tensor:
-        """[channel, ky, kx] to [channel, y, x] of the place."""
+        """[channel, ky, kx] to [channel, y, x] of the place.
+
+        spectra: [channel, ky, kx].
+        """
         if not self.rows or not self.columns:
             return pad(spectra.real.new_zeros(len(spectra), self.rows, self.columns), self.beside)
         rows, columns = self.grid.transform
@@ -177,7 +180,10 @@ as PSFs of white light that each sum to 1."""
 
 def spectra_of(part: PsfField, pupil: PsfField, response: Tensor) -> Spectra:
     """Those of a part of the pupil. Those asked for last are kept: all at once would be more memory than
-    stays near a processor."""
+    stays near a processor.
+
+    response: [channel, band].
+    """
     left = torch.zeros(()) if part is pupil else has_left(part)
     known: dict[tuple[int, Grid], tuple[Tensor, Tensor]] = {}
 

@@ -47,10 +47,11 @@ __all__ = ["SensorEffect", "Signal", "automatic_exposure", "noise_deviation", "r
 def automatic_exposure(ideal: Tensor, *, noisy: bool = False) -> float:
     """Factor from radiance to full scale for an ideal image [..., y, x]; 1 where the image is black.
 
+    ideal: [..., y, x], linear.
     noisy: the image has noise of its own, as a view's that is rendered (`View.noise`). Noise would raise the
-    percentile, by 8 % of the exposure at 16 samples a pixel, so it is taken of means over 4 x 4 pixels.
-    Smaller where a photo of so little light, or a highlight so bright, would not fit into the image's
-    precision.
+        percentile, by 8 % of the exposure at 16 samples a pixel, so it is taken of means over 4 x 4 pixels.
+        Smaller where a photo of so little light, or a highlight so bright, would not fit into the image's
+        precision.
     """
     values = ideal.detach()
     if noisy:
@@ -87,8 +88,11 @@ def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[Se
 
 
 def noise_deviation(camera: Camera, light: Tensor | None = None) -> float:
-    """Standard deviation of all noise of the camera's sensor, root mean square over exposed light, such as
-    a photo or its levels; without it, of middle grey."""
+    """Standard deviation of all noise of the camera's sensor, root mean square over exposed light, such as a
+    photo or its levels; without it, of middle grey.
+
+    light: any shape [...], exposed, full scale 1.
+    """
     level = torch.tensor(MIDDLE_GREY) if light is None else light
     variances = [effect.variance(level.double()).mean() for effect in sensor_effects(camera)]
     return math.sqrt(sum(float(variance) for variance in variances))
@@ -97,7 +101,10 @@ def noise_deviation(camera: Camera, light: Tensor | None = None) -> float:
 def record(clean: Tensor, effects: Sequence[SensorEffect], seed: int) -> Tensor:
     """What the sensor makes of noise-free exposed images [..., channel, y, x]; same shape.
 
+    clean: [..., channel, y, x], exposed, without noise.
+
     The same seed gives the same noise on every device.
+
     """
     generator = torch.Generator().manual_seed(seed)
     signal = Signal(clean)

@@ -39,5 +39,8 @@ class SensorEffect(KindModel):
         raise NotImplementedError
 
     def variance(self, light: torch.Tensor) -> torch.Tensor:
-        """Of the noise that the effect adds to exposed light, in its shape; 0 where it adds none."""
+        """Of the noise that the effect adds to exposed light, in its shape; 0 where it adds none.
+
+        light: any shape [...], exposed, full scale 1.
+        """
         return torch.zeros_like(light)

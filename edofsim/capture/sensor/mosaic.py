@@ -26,7 +26,12 @@ class Mosaic(SensorEffect):
 
 
 def mosaic(image: Tensor, pattern: str) -> Tensor:
-    """1 where a pixel sees a channel, else 0: [3, y, x]. Raises InputError for other than three channels."""
+    """1 where a pixel sees a channel, else 0: [3, y, x].
+
+    image: [..., 3, y, x].
+
+    Raises InputError for other than three channels.
+    """
     channels, rows, columns = image.shape[-3:]
     if channels != 3:
         raise InputError(f"a Bayer mosaic needs 3 channels, not {channels}: turn it off for this response")

@@ -53,7 +53,10 @@ class AchromatLens(Lens):
 
     def focal_length(self, wavelengths: Tensor | float) -> Tensor:
         """That at 587.6 nm, and how far the focus lies behind the one there: the sensor sees the focus move,
-        not the plane that focal lengths are counted from."""
+        not the plane that focal lengths are counted from.
+
+        wavelengths: any shape [...], metres.
+        """
         at = torch.as_tensor(wavelengths, dtype=torch.float64)
         moved = [self._focus(float(each))[1] - self._focus(D_LINE)[1] for each in at.flatten()]
         return torch.tensor(moved, dtype=torch.float64).reshape(at.shape) + self.focal_length_mm * 1e-3

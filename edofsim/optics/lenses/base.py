@@ -56,20 +56,32 @@ class Lens(KindModel):
         raise NotImplementedError
 
     def focal_length(self, wavelengths: Tensor | float) -> Tensor:
-        """Float64, same shape as `wavelengths`."""
+        """Float64, same shape as `wavelengths`.
+
+        wavelengths: any shape [...], metres.
+        """
         raise NotImplementedError
 
     def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
         """Phase [rad] beyond that of the parabola at squared distances from the axis, float64, same shape;
-        positive where light takes longer."""
+        positive where light takes longer.
+
+        radius_squared: any shape [...], m^2.
+        """
         raise NotImplementedError
 
     def phases(self, radius_squared: Tensor) -> Callable[[float], Tensor]:
-        """`phase` on one grid for many wavelengths; what does not depend on these may be computed once."""
+        """`phase` on one grid for many wavelengths; what does not depend on these may be computed once.
+
+        radius_squared: any shape [...], m^2.
+        """
         return lambda wavelength: self.phase(radius_squared, wavelength)
 
     def slope(self, radii: Tensor, wavelength: float) -> Tensor:
-        """Slope of the phase along the radius [rad/m] at `radii`, float64."""
+        """Slope of the phase along the radius [rad/m] at `radii`, float64.
+
+        radii: any shape [...], metres.
+        """
         step = self.aperture_radius * 1e-4
         after, before = (self.phase((radii + turn * step).square(), wavelength) for turn in (1, -1))
         return (after - before) / (2 * step)
@@ -89,17 +101,29 @@ class Lens(KindModel):
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
         """Phase [rad] that is added to `phase` for light from `field`, at places [m] of the pupil seen from
         the sensor towards the scene, float64; right [1, n] and up [n, 1] broadcast. Positive where light
-        takes longer."""
+        takes longer.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
         return torch.zeros(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
 
     def bend(self, right: Tensor, up: Tensor, field: Field) -> Bend | None:
         """What the depth of a point adds to the parabola of defocus and to `field_phase`, at places as there;
-        None where it adds nothing."""
+        None where it adds nothing.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
         return None
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         """Fraction of the light from `field` that the lens lets through there, 0 to 1, shaped likewise: grey
-        where an edge crosses a cell."""
+        where an edge crosses a cell.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
         return torch.ones(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
 
     @property
@@ -111,7 +135,11 @@ class Lens(KindModel):
         self, field: Field, wavelengths: Tensor, inverse_depths: Tensor, pixel: float, window: int
     ) -> Tensor:
         """Of a `measured` lens: PSFs [depth, band, y, x] from `field` at wavelengths [m] and inverse depths
-        [1/m], on a window of pixels [m] with the chief ray's at n // 2; fractions of the light, upright."""
+        [1/m], on a window of pixels [m] with the chief ray's at n // 2; fractions of the light, upright.
+
+        wavelengths: [band], metres.
+        inverse_depths: [depth], 1/m.
+        """
         raise NotImplementedError
 
     def in_folder(self, base: Path) -> Lens:

@@ -71,7 +71,10 @@ class PrescriptionLens(Lens):
 
     def focal_length(self, wavelengths: Tensor | float) -> Tensor:
         """That of the thin lens with the same focus, and the same size and blur of what lies near the axis,
-        for points before the entrance pupil."""
+        for points before the entrance pupil.
+
+        wavelengths: any shape [...], metres.
+        """
         held = _held(self)
         at = torch.as_tensor(wavelengths, dtype=torch.float64)
         near = 1 / held.distance + 1 / held.scale
@@ -108,7 +111,11 @@ class PrescriptionLens(Lens):
 
     def bend(self, right: Tensor, up: Tensor, field: Field) -> Bend:
         """By rays of the reference wavelength from two more distances, `DEPTHS`: the path grows with the
-        inverse distance, and a little with its square."""
+        inverse distance, and a little with its square.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
         held, tangent, squared = _held(self), math.hypot(*field), right.square() + up.square()
         focus, turn = 1 / held.distance, math.atan2(field[1], field[0])
         near, far = (each / held.first.focal for each in DEPTHS)
@@ -127,7 +134,11 @@ class PrescriptionLens(Lens):
 
     def field_open(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
         """Of the light within the disc of the aperture, on the axis as well: cells that its edge crosses
-        count as whole."""
+        count as whole.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
         wave = _wave(self, math.hypot(*field), self.traced_at_nm * 1e-9)
         share = opening(wave, right / MM, up / MM, math.atan2(field[1], field[0]))
         if right.numel() < 3:
@@ -151,8 +162,12 @@ class PrescriptionLens(Lens):
 
     def landing(self, tangents: Tensor) -> Tensor:
         """Where chief rays of tangents [field], not negative, land: the tangents that a lens without
-        distortion images there, at the wavelength `traced_at_nm`. Raises InputError where there is no such
-        ray."""
+        distortion images there, at the wavelength `traced_at_nm`.
+
+        tangents: [field], not negative.
+
+        Raises InputError where there is no such ray.
+        """
         held = _held(self)
         return landings(held, tangents.double()) / held.scale
 

@@ -78,7 +78,11 @@ class SmoothMask(PhaseMask):
     """A transparent mask whose phase has a formula."""
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:
-        """Phase [rad] at the design wavelength at (u, v), which broadcast, float64."""
+        """Phase [rad] at the design wavelength at (u, v), which broadcast, float64.
+
+        u: to the right, in pupil radii; broadcasts with v, such as [1, n].
+        v: up, in pupil radii, such as [n, 1].
+        """
         raise NotImplementedError
 
     def phase(self, grid: PupilGrid) -> Tensor:

@@ -15,7 +15,11 @@ class BasisMask(SmoothMask):
     """A transparent mask whose phase is a sum of shapes, each with a coefficient that can learn."""
 
     def shapes(self, u: Tensor, v: Tensor) -> Iterator[tuple[float, Tensor]]:
-        """(coefficient [rad], phase at (u, v) for a coefficient of one radian) of each shape, float64."""
+        """(coefficient [rad], phase at (u, v) for a coefficient of one radian) of each shape, float64.
+
+        u: to the right, in pupil radii; broadcasts with v, such as [1, n].
+        v: up, in pupil radii, such as [n, 1].
+        """
         raise NotImplementedError
 
     def wavefront(self, u: Tensor, v: Tensor) -> Tensor:

@@ -71,10 +71,13 @@ def psfs_between(
     Between places, inverse depths and wavelengths they are mixed linearly; a sample's light is spread evenly
     over it.
 
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
     hold: axes, of "field", "depth", "wavelength", along which the outermost PSFs stand for what lies beyond
         them.
 
     Raises InputError outside of what was measured.
+
     """
     shares, turn = bank.shares(field, hold)
     by_depth = _hats("depth", bank.inverse_depths, inverse_depths.tolist(), hold)

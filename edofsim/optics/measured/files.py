@@ -372,7 +372,10 @@ def write_bank(
     light: Sequence[float],
 ) -> Path:
     """Write upright PSFs [field, depth, band, y, x], fractions of light about the pixel n // 2, as .exr or
-    .npz with all that `read_bank` asks for. Returns the path; raises InputError for another ending."""
+    .npz with all that `read_bank` asks for. Returns the path; raises InputError for another ending.
+
+    values: [field, depth, band, y, x], upright.
+    """
     about = {
         "fields_deg": list(fields_deg),
         "inverse_depths_per_m": list(inverse_depths),

@@ -86,10 +86,13 @@ def launch(
 ) -> tuple[tuple[Tensor, Tensor, Tensor], tuple[Tensor, Tensor, Tensor], Tensor]:
     """Rays through places (x, y) of a plane, each [batch, ray], from a point of the field.
 
-    plane: from the first vertex, where the chief ray crosses the axis.
-    vergence: one over the distance of the point from there along the axis.
+    plane: from the first vertex, where the chief ray crosses the axis: [batch, ray] or what broadcasts.
+    tangent: [batch, ray] or what broadcasts, of the place in the field.
+    vergence: one over the distance of the point from there along the axis: [batch, ray] or what broadcasts.
+    x, y: [batch, ray], millimetres.
 
     Returns places, directions, and how much longer the way there is than the chief ray's.
+
     """
     secant = torch.sqrt(1 + tangent.square())
     sine, cosine, slant = -tangent / secant, 1 / secant, vergence / secant
@@ -103,7 +106,10 @@ def launch(
 def chief_planes(held: Focused, tangents: Tensor) -> Tensor:
     """Where chief rays of tangents [field], not negative, cross the axis in front, from the first vertex.
 
+    tangents: [field].
+
     They go through the centre of the stop at the reference wavelength. Raises InputError where there is none.
+
     """
     lens = held.lens
     if lens.stop == 0:
@@ -180,7 +186,11 @@ def axial(
 ) -> tuple[Rays, Tensor]:
     """Rays at heights [batch, ray] of the entrance pupil from the point on the axis at a distance before it,
     None for that in focus, on the sensor's plane, and their paths from a sphere about that point to the
-    sensor's plane."""
+    sensor's plane.
+
+    index: [batch, 1, surface + 1].
+    heights: [batch, ray], millimetres.
+    """
     vergence = torch.tensor(1 / (held.distance if distance is None else distance), dtype=torch.float64)
     zero = torch.zeros((), dtype=torch.float64)
     start, direction, longer = launch(zero + held.first.entrance, zero, vergence, 0 * heights, heights)
@@ -208,7 +218,10 @@ def _rim(held: Focused, index: Tensor) -> float:
 def on_sphere(held: Focused, rays: Rays, centre: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Where rays [batch, ray] on the sensor's plane came through the sphere about a place (0, centre [batch])
     there, which goes through the middle of the exit pupil: (across, up), its offsets over the radius; and the
-    way from there to the plane less the radius."""
+    way from there to the plane less the radius.
+
+    centre: [batch], millimetres.
+    """
     radius = torch.sqrt(held.sphere**2 + centre.square())[..., None]
     y = rays.y - centre[..., None]
     foot, squared = rays.x * rays.right + y * rays.up, rays.x.square() + y.square()

@@ -201,7 +201,10 @@ def exact(seen: Pupil, wavelength: float, wave: Wave, errors: Errors) -> tuple[T
 
 
 def fitted(a: Tensor, b: Tensor, weight: Tensor, values: Tensor) -> Change:
-    """Polynomials nearest to values at places on both sides, all [2, ray]."""
+    """Polynomials nearest to values at places on both sides, all [2, ray].
+
+    a, b, weight, values: [2, ray].
+    """
     terms = basis(a, b) * weight[..., None]
     both = torch.cat([terms, terms * a[..., None]], -1).flatten(0, 1)
     found = torch.linalg.lstsq(both, (values * weight).flatten()[:, None], driver="gelsy").solution

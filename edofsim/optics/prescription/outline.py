@@ -20,6 +20,7 @@ def quantities_at(
     """What polynomials of a wave's disc say at places [mm] of the pupil, [quantity, ...], and which of these
     they hold for.
 
+    even, odd: [term, quantity].
     right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn). On a grid, right
         [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond, they stay as
         they are at the edge.
@@ -35,7 +36,11 @@ def quantities_at(
 
 
 def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
-    """Path [mm] beyond the chief ray's at places [mm]; beyond the disc, within what it is in there."""
+    """Path [mm] beyond the chief ray's at places [mm]; beyond the disc, within what it is in there.
+
+    right: [1, n] or point by point [...], mm.
+    up: [m, 1] or point by point [...], mm.
+    """
     found, holds = quantities_at(wave, wave.even[:, :1], wave.odd[:, :0], right, up, turn)
     path = found[0]
     if not bool(holds.any()):
@@ -45,7 +50,11 @@ def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
 
 def opening(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
     """Fraction of each cell of a grid that stop and rims let light through, 0 to 1, by how far away each edge
-    is; between single places, 0 or 1."""
+    is; between single places, 0 or 1.
+
+    right: [1, n] or point by point [...], mm.
+    up: [m, 1] or point by point [...], mm.
+    """
     found, holds = quantities_at(wave, wave.even[:, 1:], wave.odd, right, up, turn)
     share = holds.to(torch.float64)
     for edge in (torch.hypot(found[0], found[-1]), *found[1:-1].clamp_min(0).sqrt()):
@@ -76,5 +85,9 @@ def light(wave: Wave, radius: float = math.inf) -> float:
 
 
 def disc(right: Tensor, up: Tensor, radius: float, cell: float) -> Tensor:
-    """Fraction of each cell that a disc covers, by how far away its edge is."""
+    """Fraction of each cell that a disc covers, by how far away its edge is.
+
+    right: [1, n] or point by point [...], mm.
+    up: [m, 1] or point by point [...], mm.
+    """
     return (0.5 + (radius - torch.hypot(right, up)) / cell).clamp(0, 1)

@@ -16,7 +16,10 @@ NODES = DEGREE + 2
 
 
 def chebyshev(x: Tensor, count: int) -> Tensor:
-    """T_0 to T_(count - 1), [..., count]."""
+    """T_0 to T_(count - 1), [..., count].
+
+    x: any shape [...], from -1 to 1.
+    """
     found = [torch.ones_like(x), x]
     for _ in range(2, count):
         found.append(2 * x * found[-1] - found[-2])
@@ -24,7 +27,11 @@ def chebyshev(x: Tensor, count: int) -> Tensor:
 
 
 def basis(a: Tensor, b: Tensor) -> Tensor:
-    """Each term at places, [..., term]."""
+    """Each term at places, [..., term].
+
+    a: any shape [...], along.
+    b: any shape [...], across.
+    """
     across, along = chebyshev(a, DEGREE + 1), chebyshev(b, DEGREE + 1)
     return torch.stack([across[..., i] * along[..., j] for i, j in TERMS], -1)
 
@@ -32,6 +39,10 @@ def basis(a: Tensor, b: Tensor) -> Tensor:
 def fit(a: Tensor, b: Tensor, weight: Tensor, values: Tensor, odd: bool = False) -> Tensor:
     """Coefficients [batch, term, quantity] of the polynomials nearest to values [batch, place, quantity].
 
+    a: [batch, place], along.
+    b: [batch, place], across.
+    weight: [batch, place].
+    values: [batch, place, quantity].
     odd: times a. Where places do not fix them, the smallest.
     """
     terms = basis(a, b) * weight[..., None]
@@ -42,7 +53,12 @@ def fit(a: Tensor, b: Tensor, weight: Tensor, values: Tensor, odd: bool = False)
 
 def values_at(even: Tensor, odd: Tensor, a: Tensor, b: Tensor) -> Tensor:
     """Quantities [quantity, ...] at places: the odd ones, of coefficients [term, quantity], after the even
-    ones."""
+    ones.
+
+    even, odd: [term, quantity].
+    a: any shape [...], along.
+    b: any shape [...], across.
+    """
     terms = basis(a, b)
     return torch.cat([terms @ even, (terms @ odd) * a[..., None]], -1).movedim(-1, 0)
 
@@ -51,7 +67,12 @@ def values_on(even: Tensor, odd: Tensor, right: Tensor, up: Tensor, turn: float)
     """Quantities [quantity, up, right] on a grid, in units of the disc, whose frame is turned against the
     polynomials': their second variable runs along (cos turn, sin turn) of it.
 
+    even, odd: [term, quantity].
+    right: [right], in units of the disc.
+    up: [up], in units of the disc.
+
     Exact: a polynomial of the total degree is one in the other frame, too.
+
     """
     box = float(torch.cat([right, up]).abs().max()) or 1.0
     nodes = torch.cos(math.pi * (torch.arange(NODES, dtype=torch.float64) + 0.5) / NODES)

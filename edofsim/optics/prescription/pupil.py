@@ -51,7 +51,11 @@ class Pupil:
     ) -> tuple[Rays, Tensor, Tensor, Tensor]:
         """Rays at places [batch, ray] of the plane: on the sensor's plane, with their paths, squares of their
         distances from the axis at stop and rims over the radii [rim, batch, ray], and places in the stop over
-        its radius [2, batch, ray]. hits: as of `trace`."""
+        its radius [2, batch, ray]. hits: as of `trace`.
+
+        index: [batch, 1, surface + 1].
+        x, y: [batch, ray], mm.
+        """
         lens = self.held.lens
         start, direction, longer = launch(self.plane, self.tangent, self.vergence, x, y)
         rays = trace(lens, index, start, direction, (lens.stop, *self.rims), hits=hits)
@@ -69,7 +73,10 @@ def chief_of(held: Focused, tangents: Tensor, distance: float | None = None) -> 
     """The pupil from places of tangents [field], not negative, as wide as seen from the axis; distance [mm]
     of the points before the entrance pupil, along the axis, None for what is in focus.
 
+    tangents: [field], not negative.
+
     Raises InputError where no chief ray gets through.
+
     """
     away = held.distance if distance is None else distance
     plane = chief_planes(held, tangents)[:, None]
@@ -84,7 +91,11 @@ def chief_of(held: Focused, tangents: Tensor, distance: float | None = None) -> 
 
 def slant_at_stop(held: Focused, tangents: Tensor) -> Tensor:
     """Sines [field], in air, of the angles with the axis at which chief rays of tangents meet the stop.
-    Raises InputError as `chief_of`."""
+
+    tangents: [field].
+
+    Raises InputError as `chief_of`.
+    """
     seen, index = chief_of(held, tangents), reference(held)
     zero = torch.zeros_like(seen.plane)
     start, direction, _ = launch(seen.plane, seen.tangent, seen.vergence, zero, zero)
@@ -98,7 +109,10 @@ def reference(held: Focused) -> Tensor:
 
 
 def refuse_lost(held: Focused, lost: Tensor, tangents: Tensor) -> None:
-    """Raise InputError where a chief ray [field] is lost."""
+    """Raise InputError where a chief ray [field] is lost.
+
+    lost, tangents: [field].
+    """
     if bool((lost > 0).any()):
         raise InputError(
             f"rays from {_degrees(tangents[lost > 0][0])} degrees off the axis through the centre of the stop"
@@ -112,7 +126,12 @@ def _degrees(tangent: Tensor) -> str:
 
 @torch.no_grad()
 def pupil(held: Focused, tangents: Tensor, distance: float | None = None) -> Pupil:
-    """As `chief_of`, and where light gets through. Raises InputError where none does."""
+    """As `chief_of`, and where light gets through.
+
+    tangents: [field], not negative.
+
+    Raises InputError where none does.
+    """
     whole, index = chief_of(held, tangents, distance), reference(held)
     side = LOOK // 2
     y, x = torch.meshgrid(

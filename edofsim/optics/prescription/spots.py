@@ -42,10 +42,12 @@ def spots(
 ) -> list[Spot]:
     """Spots at wavelengths [m], [wavelength], of a point `tangent` above the axis.
 
+    wavelengths: [wavelength], metres.
     distance: of the point before the entrance pupil, along the axis, may be infinite.
     moved: how far behind `held.sensor` the sensor is. Rays stand for equal areas of the entrance pupil.
 
     Raises InputError where no light gets through, or a wavelength is outside the data of a glass.
+
     """
     seen = pupil(held, torch.tensor([tangent], dtype=torch.float64), distance)
     steps = torch.linspace(-1, 1, ACROSS, dtype=torch.float64)
@@ -64,7 +66,10 @@ def spots(
 @torch.no_grad()
 def foci(held: Focused, tangents: Tensor, wavelength: float, distance: float) -> tuple[Tensor, Tensor]:
     """(tangential, sagittal): how far behind `held.sensor`, along the axis, rays next to the chief ray meet
-    it, in the plane of the field and across it, [field], at a wavelength [m]."""
+    it, in the plane of the field and across it, [field], at a wavelength [m].
+
+    tangents: [field].
+    """
     seen = chief_of(held, tangents, distance)
     index = held.lens.index(torch.tensor([wavelength], dtype=torch.float64))[:, None]
     step, count = BESIDE * held.entrance_radius, len(tangents)
@@ -82,7 +87,11 @@ def heights(
     held: Focused, tangents: Tensor, wavelengths: Tensor, distance: float, moved: float = 0.0
 ) -> Tensor:
     """How far from the axis rays land that go through the stop's centre at the reference wavelength,
-    [field, wavelength]: their differences are lateral colour."""
+    [field, wavelength]: their differences are lateral colour.
+
+    tangents: [field].
+    wavelengths: [wavelength], metres.
+    """
     seen = chief_of(held, tangents, distance)
     indices = held.lens.index(wavelengths)[:, None, None]
     return torch.cat([-_chief(seen, index).to_plane(moved).y for index in indices], -1)

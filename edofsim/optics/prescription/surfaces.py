@@ -138,7 +138,11 @@ class Stack:
 
     def index(self, wavelengths: Tensor) -> Tensor:
         """Indices [wavelength, surface + 1] at wavelengths [m] before, between and behind the surfaces.
-        Raises InputError outside the data of a glass."""
+
+        wavelengths: [wavelength], metres.
+
+        Raises InputError outside the data of a glass.
+        """
         air = torch.ones_like(wavelengths)
         known = {medium: medium.index(wavelengths) for medium in set(self.media) if medium is not None}
         return torch.stack([air, *(air if medium is None else known[medium] for medium in self.media)], -1)

@@ -62,7 +62,10 @@ class Rays:
     lost: Tensor
 
     def to_plane(self, distance: Tensor | float) -> Rays:
-        """The same rays on a plane so far behind."""
+        """The same rays on a plane so far behind.
+
+        distance: scalar [] or [batch, ray], mm.
+        """
         way = distance / self.along
         return Rays(
             self.x + way * self.right,
@@ -88,12 +91,15 @@ def trace(
     """Rays from `start` (x, y, z from the first vertex), each [batch, ray], through a lens in air.
 
     index: [batch, 1, surface + 1], of the ray's wavelength.
+    start: x, y, z from the first vertex, [batch, ray] each.
+    direction: cosines along x, y, z, [batch, ray] each.
     keep: surfaces whose places are kept.
     surfaces: how many are met, None for all.
     hits: gets what happens at each.
 
     Gradients reach the start and the tensors of the lens. Places on a surface that is moved are those that it
     sees.
+
     """
     x, y, z = start
     right, up, along = direction
@@ -136,7 +142,10 @@ def trace(
 
 
 def why_lost(lens: Stack, lost: Tensor) -> str:
-    """In words, of what most of the lost rays [ray] did; surfaces count from 0, as in a recipe."""
+    """In words, of what most of the lost rays [ray] did; surfaces count from 0, as in a recipe.
+
+    lost: [ray].
+    """
     codes = lost[lost > 0] - 1
     code = int(codes.mode().values)
     return REASONS[code // len(lens)].format(code % len(lens))
@@ -159,6 +168,7 @@ def sag_and_slope(shape: Shape, squared: Tensor) -> tuple[Tensor, Tensor]:
     with the distance, over the distance.
 
     shape: its curvature, conic, even and odd aspheres.
+    squared: any shape [...], mm^2.
     """
     c, k, even, odd = shape
     root = torch.sqrt((1 - squared * ((1 + k) * c * c)).clamp_min(TINY))

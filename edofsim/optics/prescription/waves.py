@@ -83,7 +83,10 @@ class Sample:
 def sample(seen: Pupil, wavelengths: Tensor, hits: list[Hit] | None = None) -> Sample:
     """Rays in rings from places in the field at wavelengths [m], as of `waves`; hits: as of `trace`.
 
+    wavelengths: [field] or, of one place, [wavelength], metres.
+
     Raises InputError outside the data of a glass.
+
     """
     held = seen.held
     index = held.lens.index(wavelengths)[:, None, :]
@@ -117,7 +120,10 @@ def starts(seen: Pupil, count: int) -> tuple[Tensor, Tensor]:
 def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     """Waves of places in the field at wavelengths [m], [field], or of one place at several.
 
+    wavelengths: [field] or, of one place, [wavelength], metres.
+
     Raises InputError outside the data of a glass.
+
     """
     rays = sample(seen, wavelengths)
     a, b, inside, used, size = rays.a, rays.b, rays.inside, rays.used, rays.half
@@ -145,13 +151,23 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
 
 def landings(held: Focused, tangents: Tensor) -> Tensor:
     """How far from the axis [mm] chief rays of tangents [field] land on the sensor, at the reference
-    wavelength. Raises InputError where there is no such ray."""
+    wavelength.
+
+    tangents: [field].
+
+    Raises InputError where there is no such ray.
+    """
     return -chief_of(held, tangents).landing[:, 0]
 
 
 def tangents_of(held: Focused, heights: Tensor) -> Tensor:
     """Tangents [field] of the chief rays that land at heights [mm] from the axis, above 0: what `landings` is
-    the inverse of. Raises InputError where there are none."""
+    the inverse of.
+
+    heights: [field], mm, above 0.
+
+    Raises InputError where there are none.
+    """
     tangents = heights / held.scale
     for _ in range(30):
         step = 1e-6 * tangents

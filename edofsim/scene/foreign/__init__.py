@@ -150,7 +150,10 @@ def _to_camera(root: Node, units_m: float) -> np.ndarray:
 
 def camera_space(pose: np.ndarray, sensor: str, units_m: float) -> np.ndarray:
     """World to camera space in metres, float64 [4, 4], of a sensor of that type. Mitsuba's has x to the left:
-    it is mirrored. One that is no pinhole or thin lens is seen as a pinhole at its place."""
+    it is mirrored. One that is no pinhole or thin lens is seen as a pinhole at its place.
+
+    pose: [4, 4], world to camera.
+    """
     if sensor not in PINHOLES:
         pose = pose.copy()  # its scale is how much it sees
         pose[:3, :3] /= np.linalg.norm(pose[:3, :3], axis=0)

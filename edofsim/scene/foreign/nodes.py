@@ -115,6 +115,7 @@ def snake(name: str) -> str:
 
 
 def numbers_of(text: str, where: str) -> list[float]:
+    """The numbers of an attribute. Raises InputError for anything else, naming `where`."""
     try:
         numbers = [float(part) for part in re.split(r"[\s,]+", text.strip()) if part]
     except ValueError:
@@ -126,7 +127,12 @@ def numbers_of(text: str, where: str) -> list[float]:
 
 def rotation_about(axis: np.ndarray, angle: float, where: str) -> np.ndarray:
     """Rotation by `angle` (radians) about `axis`, float64 [3, 3] (Rodrigues). An axis that is not of length 1
-    scales and shears, as it does in Mitsuba. Raises InputError for an axis of length 0."""
+    scales and shears, as it does in Mitsuba.
+
+    axis: [3].
+
+    Raises InputError for an axis of length 0.
+    """
     if not np.linalg.norm(axis) > 0:
         raise InputError(f"{where}: a rotation needs an axis")
     x, y, z = axis
@@ -136,7 +142,11 @@ def rotation_about(axis: np.ndarray, angle: float, where: str) -> np.ndarray:
 
 def look_at(origin: np.ndarray, target: np.ndarray, up: np.ndarray, where: str) -> np.ndarray:
     """Mitsuba's frame of a sensor: columns left, up, forward and the origin, float64 [4, 4].
-    Raises InputError for points that fix no direction."""
+
+    origin, target, up: [3].
+
+    Raises InputError for points that fix no direction.
+    """
     forward = target - origin
     left = np.cross(up, forward)
     if not (np.linalg.norm(forward) > 0 and np.linalg.norm(left) > 0):
@@ -161,6 +171,7 @@ def square(numbers: list[float], where: str) -> np.ndarray:
 
 
 def rgb(text: str, where: str) -> Colour:
+    """A colour of one or three numbers or `#rrggbb`. Raises InputError for anything else, naming `where`."""
     if text.strip().startswith("#"):
         from ..spectra import hex_to_linear
 
@@ -174,6 +185,7 @@ def rgb(text: str, where: str) -> Colour:
 
 
 def spectrum_of(text: str, where: str) -> Colour:
+    """A spectrum: one number, or pairs `nm:value`. Raises InputError for anything else."""
     if ":" not in text:
         numbers = numbers_of(text, where)
         if len(numbers) == 1:
