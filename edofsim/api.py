@@ -324,6 +324,6 @@ def _image(photo: object) -> Tensor:
 
 def _checkpoint(camera: Camera, network: str | Path | None) -> Checkpoint | None:
     """What restores photos of a camera, see `restored`; None for Wiener deconvolution."""
-    if network is None and camera.height_map is not None:
+    if network is None and camera.mask_given:
         return any_camera_network()  # the recipe's own knows the recipe's mask
     return choose_network(network, Loaded(camera.recipe, camera.base / "camera.toml", ""))[0]

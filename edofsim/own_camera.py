@@ -42,6 +42,7 @@ def camera(
     mask: Mapping[str, object] | None = None,
     name: str | None = None,
     height: Tensor | np.ndarray | None = None,
+    amplitude: Tensor | np.ndarray | None = None,
     pitch: float | None = None,
     material: str | None = None,
     network: str | Path | None = None,
@@ -62,6 +63,8 @@ def camera(
         to the working folder.
     name: of the camera, in tables and reports.
     height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
+    amplitude: what the mask also lets through of a wave, [n, n] from 0 to 1, by samples that just cover the
+        pupil; gradients reach a tensor.
     pitch: of the height map's samples [m]; None where they just cover the pupil.
     material: of the height map; None for the photoresist S1813.
     network: checkpoint whose mask the camera has.
@@ -74,6 +77,7 @@ def camera(
         recipe, base = loaded.recipe, loaded.base
     _check_lengths(focal_length=focal_length, pixel=pixel, pitch=pitch)
     _check_together((mask, height, network), (focal_length, f_number), height, (pitch, material))
+    _check_together((amplitude, network), (), (), ())
     given = recipe.model_dump(mode="json", exclude_unset=True)
     pixel_um = None if pixel is None else pixel * 1e6
     tables = _tables(given, (focus, pixel_um, read_noise, full_well, bits, bayer, window))
@@ -88,7 +92,8 @@ def camera(
     if network is not None:
         return camera_with_mask(recipe, load_checkpoint(network, recipe), base)
     made = Camera.from_recipe(recipe, base)
-    return made if given_map is None else made.with_height(given_map)
+    amplitude = None if amplitude is None else torch.as_tensor(amplitude)
+    return (made if given_map is None else made.with_height(given_map)).with_amplitude(amplitude)
 
 
 def _check_together(
@@ -96,7 +101,9 @@ def _check_together(
 ) -> None:
     """Raises InputError for arguments that exclude each other, or are given without each other."""
     if sum(each is not None for each in masks) > 1:
-        raise InputError("the mask is that of mask, of height or of network: give one of them")
+        raise InputError(
+            "the mask is that of mask or height, with an amplitude, or of network: give one of them"
+        )
     if sum(each is None for each in lens) == 1:
         raise InputError("focal_length and f_number belong together: give both, or neither")
     if height is None and any(each is not None for each in of_height):

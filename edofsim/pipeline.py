@@ -151,7 +151,7 @@ def run(
     overrule, target = checked_overrule(overrule), target or RESTORED
     checkpoint, optics = choose_network(network, camera)
     alone = optics.without_mask()
-    bare = optics.height_map is None and optics.recipe == alone.recipe
+    bare = not optics.mask_given and optics.recipe == alone.recipe
     view, plan, facts = planned_view(
         scene,
         optics,

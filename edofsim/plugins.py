@@ -7,7 +7,9 @@ Names here keep their meaning between minor versions of edofsim. Each is importe
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+from .errors import InputError
 
 if TYPE_CHECKING:
     from .capture.fidelity import Simplification
@@ -27,6 +29,21 @@ if TYPE_CHECKING:
     )
     from .restore.restorer import Restorer
     from .scene.builders import Builder, Context, Part
+
+Added = TypeVar("Added", bound=type)
+
+
+def register(thing: Added) -> Added:
+    """A decorator for a class of a script or a notebook that derives from one of these base classes, so that
+    recipes and `edofsim.camera` take its `kind` in this process. A PyTorch network needs none: `learn.fit`
+    takes it as it is. Raises InputError for what is none of them, and for a `kind` of this package."""
+    kinds = import_module(".recipe.kinds", __package__)
+    if any(one.take(thing) for one in vars(kinds).values() if isinstance(one, kinds.Registry)):
+        return thing
+    raise InputError(
+        f"{thing.__name__} derives from no base class of edofsim.plugins; see {', '.join(__dir__())}"
+    )
+
 
 _IN = {
     "capture.fidelity": "Simplification",

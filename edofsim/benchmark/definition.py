@@ -130,6 +130,7 @@ class Benchmark:
         path = self.path / "cameras" / f"{name}.safetensors"
         with safe_open(path, "pt") as file:
             recipe = CameraRecipe.model_validate_json(file.metadata()["recipe"])
-            height = file.get_tensor("height_map") if "height_map" in set(file.keys()) else None
+            names = ("height_map", "amplitude")
+            height, amplitude = (file.get_tensor(n) if n in set(file.keys()) else None for n in names)
         made = Camera.from_recipe(recipe, shipped_folder("scenes") / "cameras")
-        return made if height is None else made.with_height(height)
+        return made.with_height(height).with_amplitude(amplitude)

@@ -15,11 +15,13 @@ from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_args
+from uuid import uuid4
 
 from ..errors import InputError
 
 T = TypeVar("T")
 TRIED = "EDOFSIM_PLUGINS"
+THIS_SESSION = uuid4().hex
 
 
 def _imported(place: str) -> Any:  # pyrefly: ignore[explicit-any] - whatever stands at `module:attribute`
@@ -55,10 +57,13 @@ class Registry(Mapping[str, T], Generic[T]):
         self.base = base
         self._own = dict(own)
         self._loaded: dict[str, T] = {}
+        self._given: dict[str, T] = {}
 
     @cached_property
     def _places(self) -> dict[str, str]:
         added = {point.name: point.value for point in entry_points(group=self.group)} | self._tried()
+        for name, thing in self._given.items():
+            added[name] = f"{thing.__module__}:{getattr(thing, '__qualname__', name)}"
         return self._own | {name: value for name, value in added.items() if name not in self._own}
 
     def _tried(self) -> dict[str, str]:
@@ -75,6 +80,20 @@ class Registry(Mapping[str, T], Generic[T]):
                 if self._holds(thing) and thing is not _imported(self.base):
                     found |= {name: f"{module.strip()}:{attribute}" for name in _names(thing)}
         return found
+
+    def take(self, thing: T) -> bool:
+        """Whether this is a thing of this registry, which has it by its `kind` from now on: in this process,
+        whatever it had by that name. Raises InputError for one without a `kind`, or with one of ours."""
+        if not self._holds(thing):
+            return False
+        names = _names(thing)
+        taken = [name for name in names if name in self._own]
+        if taken or not names:
+            said = f"kind {taken[0]!r} is this package's" if taken else "it has no `kind`"
+            raise InputError(f"the {self.kind} {getattr(thing, '__name__', thing)}: {said}; give another")
+        self._given |= dict.fromkeys(names, thing)
+        self.look_again()
+        return True
 
     def _holds(self, thing: object) -> bool:
         base = _imported(self.base)
@@ -112,7 +131,7 @@ class Registry(Mapping[str, T], Generic[T]):
             if name not in self._places:
                 raise InputError(self.unknown(name))
             try:
-                found = _imported(self._places[name])
+                found = self._given[name] if name in self._given else _imported(self._places[name])
             except (Exception, SystemExit) as error:  # another package's import can end in any way
                 if name in self._own:
                     raise
@@ -148,5 +167,9 @@ class Registry(Mapping[str, T], Generic[T]):
         for a thing of this package, whose keys carry versions of their own."""
         if name not in self or name in self._own:
             return ""
+        if name in self._given and not hasattr(
+            sys.modules.get(self._places[name].partition(":")[0]), "__file__"
+        ):
+            return THIS_SESSION  # typed into a notebook: nothing tells it from what is typed later
         file = inspect.getsourcefile(import_module(self._places[name].partition(":")[0]))
         return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""

@@ -151,7 +151,7 @@ def finished(work: Work, folder: Folder, progress: Progress) -> Path | None:
 
 
 def write_camera(path: Path, camera: Camera, wavelengths: Tensor, ends: Sequence[float]) -> Path:
-    """A camera's recipe, height map and PSFs: `psfs` [depth, channel, y, x] of white points at
+    """A camera's recipe, its given mask, and PSFs: `psfs` [depth, channel, y, x] of white points at
     `inverse_depths` [depth] in 1/m that stand for the range, for a lens that varies on its axis.
 
     wavelengths: [band], metres.
@@ -160,8 +160,9 @@ def write_camera(path: Path, camera: Camera, wavelengths: Tensor, ends: Sequence
     bank = psf_bank(camera, wavelengths, depths)
     psfs = torch.einsum("cb,dbyx->dcyx", response(camera, wavelengths).to(bank.values), bank.values)
     tensors = {"psfs": psfs.float(), "inverse_depths": depths, "wavelengths": wavelengths}
-    if camera.height_map is not None:
-        tensors["height_map"] = camera.height_map.detach().double()
+    for name, given in (("height_map", camera.height_map), ("amplitude", camera.amplitude)):
+        if given is not None:
+            tensors[name] = given.detach().double()
     # one entry: safetensors writes several in a random order, and the same camera must have the same bytes
     said = {"recipe": camera.recipe.model_dump_json()}
     with whole(path) as temporary:

@@ -253,9 +253,8 @@ def _about(
     view: View, camera: Camera, device: str, clock: Callable[[], float], judge: Judge | None
 ) -> dict[str, object]:
     """What decides all measurements of a photo, for keys."""
-    digest = hashlib.sha256(camera.recipe.model_dump_json().encode())
-    height = camera.height_map
-    for tensor in (view.radiance.sum(0), view.inverse_depth, *([] if height is None else [height])):
+    digest = hashlib.sha256(camera.key().encode())
+    for tensor in (view.radiance.sum(0), view.inverse_depth):
         digest.update(tensor.detach().cpu().contiguous().numpy().tobytes())
     return {
         "machine": machine(),

@@ -149,7 +149,7 @@ def white_figures(cameras: TestCameras, kept: Kept) -> dict[str, float]:
     found: dict[str, float] = {}
     for name, make in (WHITE_CAMERAS if own is None else {own.recipe.name: lambda: own}).items():
         camera = make()
-        key = key_of(white=camera_key(camera))
+        key = key_of(white=camera.key())
         known = kept.get(key)
         if known is None:
             known = {".".join(case): 100 * off for case, off in by_every_way(camera).items()}
@@ -198,14 +198,8 @@ def scene_key(loaded: Loaded[SceneRecipe], cameras: TestCameras, device: str) ->
     """A key of everything that decides a scene's figures: the views, the cameras, and the code."""
     views = [view_key(three_bands(loaded, samples), loaded.base) for samples in (SAMPLES, LENS_SAMPLES)]
     angle = loaded.recipe.frame.pixel_angle
-    keys = [camera_key(cameras.at(name, 1.0, angle)) for name in (*cameras.names, THIN_LENS)]
+    keys = [cameras.at(name, 1.0, angle).key() for name in (*cameras.names, THIN_LENS)]
     return key_of(views=views, cameras=keys, device=device)
-
-
-def camera_key(camera: Camera) -> str:
-    """Of a camera's recipe and height map."""
-    height = b"" if camera.height_map is None else camera.height_map.cpu().numpy().tobytes()
-    return camera.recipe.model_dump_json() + hashlib.sha256(height).hexdigest()
 
 
 def of_scene(
@@ -311,7 +305,7 @@ def references(
 ) -> list[Tensor]:
     """The reference photo of each take, from the file if it holds those of this very view and crop."""
     light = hashlib.sha256(view.radiance.cpu().numpy().tobytes()).hexdigest()
-    cameras = {".".join(setting): camera_key(camera) for setting, camera in settings.items()}
+    cameras = {".".join(setting): camera.key() for setting, camera in settings.items()}
     said = key_of(view=light, where=asdict(where), cameras=cameras)
     if kept.is_file():
         with safe_open(kept, "pt") as file:

@@ -282,12 +282,13 @@ def same_photo(first: System, second: System) -> bool:
     if first.designed is not second.designed:
         return False
     one, other = first.camera, second.camera
-    if any(getattr(one, f.name) != getattr(other, f.name) for f in fields(Camera) if f.name != "height_map"):
-        return False
-    if one.height_map is None or other.height_map is None:
-        return one.height_map is other.height_map
-    same_shape = one.height_map.shape == other.height_map.shape
-    return same_shape and torch.allclose(one.height_map, other.height_map, rtol=0, atol=SAME_HEIGHT_M)
+    return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(Camera))
+
+
+def _same(one: object, other: object) -> bool:
+    if not (isinstance(one, Tensor) and isinstance(other, Tensor)):
+        return one is other or (not isinstance(one, Tensor) and one == other)
+    return one.shape == other.shape and torch.allclose(one, other, rtol=0, atol=SAME_HEIGHT_M)
 
 
 def _photo(

@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from ..core.progress import Progress
+from .doe import maps_of
 from .schedule import generator_of, rate_factor
 from .training_camera import TrainingCamera
 
@@ -60,7 +61,7 @@ def design(
             group["lr"] = RATE_RAD * rate_factor(step / steps, "cosine", 0.0, 0.01)
         generator = generator_of(seed, DESIGN, step + 1, 0)
         depths, filters = _depths(low, high, groups, generator)
-        psf = optics.with_height(mask()).psfs(depths, height_noise=height_noise)
+        psf = optics.with_mask(maps_of(mask)).psfs(depths, height_noise=height_noise)
         relative = error(psf, filters).mean(1).log().mean()
         truncated = 1 - psf.sum((-1, -2)).mean()
         optimiser.zero_grad(set_to_none=True)

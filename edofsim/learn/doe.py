@@ -3,9 +3,34 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+
+from ..errors import InputError
+
+
+class MaskMaps(NamedTuple):
+    """What a mask gives, each [n, n] or None: heights in metres, and the amplitude that passes, 0 to 1."""
+
+    height: Tensor | None = None
+    amplitude: Tensor | None = None
+
+
+def maps_of(mask: nn.Module) -> MaskMaps:
+    """The maps of a mask that learns or not. Raises InputError for what are none."""
+    given = mask()
+    if not isinstance(given, Mapping):
+        given = {"height": given}
+    if set(given) <= set(MaskMaps._fields) and all(isinstance(one, Tensor | None) for one in given.values()):
+        return MaskMaps(**given)
+    said = ", ".join(f"{name}: {type(one).__name__}" for name, one in given.items())
+    raise InputError(
+        f"the mask gives {said}: it is to give a height map [n, n] in metres, or a dict of tensors, height "
+        "and amplitude"
+    )
 
 
 class FreeHeight(nn.Module):
@@ -36,15 +61,21 @@ class FreeHeight(nn.Module):
 class FixedHeight(nn.Module):
     """A mask that does not learn.
 
-    height: [n, n] in metres.
+    height: [n, n] in metres; None for a mask without one.
+    amplitude: [n, n] from 0 to 1; None for a mask that lets all light through.
     """
 
-    def __init__(self, height: Tensor) -> None:
-        super().__init__()
-        self.register_buffer("height", height.to(torch.float32), persistent=False)
+    height: Tensor | None
+    amplitude: Tensor | None
 
-    def forward(self) -> Tensor:
-        return self.height
+    def __init__(self, height: Tensor | None, amplitude: Tensor | None = None) -> None:
+        super().__init__()
+        for name, given in (("height", height), ("amplitude", amplitude)):
+            values = None if given is None else given.to(torch.float32)
+            self.register_buffer(name, values, persistent=False)
+
+    def forward(self) -> dict[str, Tensor | None]:
+        return {"height": self.height, "amplitude": self.amplitude}
 
 
 class NoHeight(nn.Module):

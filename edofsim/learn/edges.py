@@ -15,7 +15,7 @@ from torch.nn import functional
 
 from ..capture.planes import capture_planes, surroundings
 from .system import Captured, captured
-from .training_camera import TrainingCamera
+from .training_camera import MIDDLE, TrainingCamera
 
 SHAPES = (2, 5)  # bumps of a cover across a patch with its surroundings, least and most
 
@@ -25,7 +25,7 @@ class Edges:
     """Patches with their surroundings [batch, 3, y, x], each a plane at its inverse depth [batch], ascending;
     patch i lies in front of patch i - 1, where cover [batch, 1, y, x] is 1.
 
-    psf, mean, saturates, broadband, places: see `Planes`.
+    psf, mean, saturates, broadband, places, shift: see `Planes`.
     """
 
     sharp: Tensor
@@ -36,6 +36,7 @@ class Edges:
     saturates: bool = False
     broadband: bool = False
     places: Tensor | None = None
+    shift: float = MIDDLE
 
     def photograph(self, optics: TrainingCamera) -> Captured:
         """With the light of `Planes`."""
@@ -44,11 +45,14 @@ class Edges:
         near = torch.arange(len(sharp))
         near[0], far[0] = len(sharp) - 1, 0  # the last is nearer than the first
         if optics.varies:  # both of a patch are at its place
-            psf, light = optics.of_planes(self.inverse_depths[near], self.broadband, self.places)
-            behind = optics.of_planes(self.inverse_depths[far], self.broadband, self.places)[0]
+            seen = self.broadband, self.places, self.shift
+            psf, light = optics.of_planes(self.inverse_depths[near], *seen)
+            behind = optics.of_planes(self.inverse_depths[far], *seen)[0]
             over = psf
         else:
-            psf = optics.psfs(self.inverse_depths, self.broadband) if self.psf is None else self.psf
+            psf = self.psf
+            if psf is None:
+                psf = optics.psfs(self.inverse_depths, self.broadband, shift=self.shift)
             light, over, behind = None, psf[near], psf[far]
         means = sharp.mean((-1, -2)) if self.mean is None else self.mean.to(optics.device)
         covered = cover.mean((-1, -2))

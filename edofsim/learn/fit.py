@@ -68,7 +68,8 @@ def fit(
     data: a folder of pictures; a `Dataset` of images [3, y, x], the same each time, or the one of a
         `DataLoader`; one of pairs, such as `edofsim.data.Pairs`, from which no mask learns; None for the
         photographs of scikit-image.
-    mask: gives a height map [n, n] in metres that just covers the pupil; None keeps the camera's.
+    mask: gives a height map [n, n] in metres that just covers the pupil, or a dict of `height`, `amplitude`
+        (`edofsim.camera`), or both; None keeps the camera's.
     loss: of restored and ideal images [batch, 3, y, x]; None for the paper's.
     settings: what the network's class is called with to build such a one, for the checkpoint; None for its
         attributes of the same names.
@@ -89,7 +90,7 @@ def fit(
     own = network if isinstance(network, Restorer) else OwnNetwork.around(network, settings)
     table = {
         "name": re.sub(r"[^A-Za-z0-9]+", "-", Path(out).resolve().name).strip("-")[:64] or "fit",
-        "camera": f"{camera.recipe.name} {_digest(camera)}",
+        "camera": f"{camera.recipe.name} {hashlib.sha256(camera.key().encode()).hexdigest()[:12]}",
         "seed": seed,
         "network": {"kind": own.kind, "settings": own.settings()},
         "doe": {
@@ -112,8 +113,9 @@ def fit(
         raise InputError(
             "data: these photos were taken already, and no mask can learn from them: give images"
         )
-    if mask is None and camera.height_map is not None:
-        mask = FixedHeight(camera.height_map.detach())
+    if mask is None and camera.mask_given:
+        fixed = camera.without_gradients()
+        mask = FixedHeight(fixed.height_map, fixed.amplitude)
     given = Given(camera, own, mask, loss and _checked(loss, patch_px), source)
     loaded = Loaded(recipe, camera.base / "fit.toml", "")
     return train(loaded, Path(out), resume=resume, device=device, progress=progress, given=given)
@@ -195,12 +197,6 @@ def _camera(camera: Camera | str | Path) -> Camera:
         return camera
     loaded = load_camera(camera)
     return Camera.from_recipe(loaded.recipe, loaded.base)
-
-
-def _digest(camera: Camera) -> str:
-    """What tells a camera from others of its name, for a training that goes on."""
-    height = b"" if camera.height_map is None else camera.height_map.detach().cpu().numpy().tobytes()
-    return hashlib.sha256(camera.recipe.model_dump_json().encode() + height).hexdigest()[:12]
 
 
 def _source(data: object, recipe: TrainRecipe, window: int, *, whole: bool = False) -> Source:

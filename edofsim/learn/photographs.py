@@ -19,6 +19,7 @@ from .highlights import with_highlights
 from .reader import TrainingReader, Wanted
 from .sources import Images, central_patches, draw_patches, packaged_images, read_folder, split
 from .system import Planes, Scenes
+from .training_camera import MIDDLE
 from .variation import Variation, evenly, varied
 
 VALIDATION_BATCH = 4
@@ -47,7 +48,8 @@ class Photographs(TrainingReader):
 class NaturalImages(Photographs):
     """Photographs in a folder, each as a plane at one depth: the paper's training. 8-bit values are taken
     as intensities, as the paper does. In half of the steps with saturated highlights the photo is clipped at
-    full scale. In broadband steps each colour's light is the same in all wavelengths that it sees."""
+    full scale. In broadband steps each colour's light is the same in all wavelengths that it sees, a few of
+    which are drawn anew in each step."""
 
     kind: Literal["natural"] = "natural"
     folder: str | None = None
@@ -104,7 +106,14 @@ class PlaneSource:
             sharp = with_highlights(sharp, self.saturated_highlights, generator)
             saturates = float(torch.rand((), generator=generator)) < 0.5
         broadband = self.broadband > 0 and float(torch.rand((), generator=generator)) < self.broadband
-        how = {"mean": means, "saturates": saturates, "broadband": broadband, "places": places}
+        shift = float(torch.rand((), generator=generator)) if broadband else MIDDLE
+        how = {
+            "mean": means,
+            "saturates": saturates,
+            "broadband": broadband,
+            "places": places,
+            "shift": shift,
+        }
         planes = Planes(sharp, depths, **how)
         if self.edges == 0:
             return planes

@@ -28,7 +28,7 @@ from ..restore.network import build_network, network_class
 from ..restore.own_network import OwnNetwork
 from ..restore.restorer import Restorer
 from .camera_pool import CameraPool, camera_pool
-from .doe import FixedHeight, FreeHeight, NoHeight, metres_per_radian
+from .doe import FixedHeight, FreeHeight, MaskMaps, NoHeight, maps_of, metres_per_radian
 from .reader import Source
 from .system import System
 from .training_camera import TrainingCamera
@@ -81,11 +81,11 @@ class Setup:
         """Whether the network may restore before the first step."""
         return self.recipe.network.start is not None or isinstance(self.system.network, OwnNetwork)
 
-    def height(self) -> Tensor | None:
-        """The height map as designed, without errors of fabrication: [n, n] in metres, on the CPU."""
+    def maps(self) -> MaskMaps:
+        """The mask as designed, without errors of fabrication, on the CPU."""
         with torch.no_grad():
-            height = self.system.mask()
-        return None if height is None else height.detach().cpu()
+            maps = maps_of(self.system.mask)
+        return MaskMaps(*(None if one is None else one.detach().cpu() for one in maps))
 
 
 def prepare(
@@ -106,7 +106,7 @@ def prepare(
         mask, sampling, with_mask = build_mask(recipe, camera, base)
     optics = TrainingCamera(Camera.from_recipe(with_mask, base), with_mask.psf.window_px, workers.device)
     with torch.no_grad():
-        designed = optics.with_height(mask.to(workers.device)())
+        designed = optics.with_mask(maps_of(mask.to(workers.device)))
     if given is not None and given.source is not None:
         training_data = mixed(recipe, [given.source])
     else:
@@ -115,7 +115,7 @@ def prepare(
     if optics.camera.lens.varies:
         _check_varying(recipe, camera, network)
     with torch.no_grad():
-        network, beside = _beside(recipe, camera, network, mask())
+        network, beside = _beside(recipe, camera, network, maps_of(mask).height)
     loss = None if given is None else given.loss
     loss = loss.to(workers.device) if isinstance(loss, nn.Module) else loss
     weights = LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma)
@@ -185,16 +185,16 @@ def build_mask(
     return learner, pitch, camera.model_copy(update={"mask": plain})
 
 
-def camera_of(mask: nn.Module, camera: Camera) -> tuple[nn.Module, float, CameraRecipe]:
-    """As `build_mask`, of a mask that gives height maps [n, n] in metres, whose samples just cover the pupil.
-    Raises InputError for what are no height maps."""
+def camera_of(mask: nn.Module, camera: Camera) -> tuple[nn.Module, float | None, CameraRecipe]:
+    """As `build_mask`, of a mask that gives maps [n, n] whose samples just cover the pupil. Raises InputError
+    for what are none."""
     with torch.no_grad():
-        height = mask()
-    if not isinstance(height, Tensor):
-        raise InputError(
-            f"the mask gives a {type(height).__name__}: it is to give a height map [n, n] in metres"
-        )
-    camera.with_height(height)
+        height, amplitude = maps_of(mask)
+    camera.with_height(height).with_amplitude(amplitude)
+    if height is None and amplitude is None:
+        raise InputError("the mask gives nothing: it is to give a height map [n, n] in metres")
+    if height is None:
+        return mask, None, camera.recipe
     pitch = 2 * camera.aperture_radius * (1 + 1e-12) / len(height)
     material = camera.mask.material if isinstance(camera.mask, PhaseMask) else HeightMapMask().material
     with_mask = HeightMapMask(pitch_um=pitch * 1e6, material=material)

@@ -13,7 +13,8 @@ from torch import Tensor, nn
 from ..capture.planes import capture_planes, surroundings
 from ..restore.light import keep_light
 from ..restore.restorer import Restorer
-from .training_camera import TrainingCamera
+from .doe import MaskMaps, maps_of
+from .training_camera import MIDDLE, TrainingCamera
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class Planes:
     saturates: whether the photo is clipped at full scale.
     broadband: see `Captured`.
     places: [batch, 2] in the frame, see `TrainingCamera.of_planes`.
+    shift: of the wavelengths of broadband light, likewise.
     """
 
     sharp: Tensor
@@ -89,13 +91,14 @@ class Planes:
     saturates: bool = False
     broadband: bool = False
     places: Tensor | None = None
+    shift: float = MIDDLE
 
     def photograph(self, optics: TrainingCamera) -> Captured:
         """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees."""
         sharp = self.sharp.to(optics.device)
         psf, light = self.psf, None
         if psf is None:
-            psf, light = optics.of_planes(self.inverse_depths, self.broadband, self.places)
+            psf, light = optics.of_planes(self.inverse_depths, self.broadband, self.places, self.shift)
         before, after = surroundings(optics.window)
         ideal = sharp[..., before : sharp.shape[-2] - after, before : sharp.shape[-1] - after]
         mean = None if self.mean is None else self.mean.to(optics.device)
@@ -154,8 +157,8 @@ class JudgedPhotos:
 
 
 class System(nn.Module):
-    """mask() gives a height map [n, n] in metres, or None for a mask that has none; network restores; loss is
-    that of a restored image and the ideal one, [batch, 3, y, x] each.
+    """mask() gives its maps (`doe.maps_of`); network restores; loss is that of a restored image and the ideal
+    one, [batch, 3, y, x] each.
 
     truncated_energy: weight of the light that leaves the PSFs' window.
     height_noise: standard deviation in metres, added anew to each sample of the height map in every step, for
@@ -186,16 +189,16 @@ class System(nn.Module):
 
     def forward(self, draw: Draw) -> JudgedPhotos:
         """A photo of the drawn scenes, restored and judged."""
-        height = self.mask()
+        maps = maps_of(self.mask)
         if draw.camera is None:
-            captured = self.capture(draw, height)
+            captured = self.capture(draw, maps)
             self.select_psfs(captured.broadband)
         else:
             captured = draw.scenes.photograph(draw.camera.optics)
             draw.camera.select_psfs(self.network)
         photo = with_noise(captured, draw)
         seen = photo if draw.camera is None else draw.camera.seen(self.network, photo, captured)
-        restored = self.restore(seen, height)
+        restored = self.restore(seen, maps)
         # what is shown ends at full scale, as the truth does
         restored = torch.where(captured.ideal < 1, restored, restored.clamp_max(1))
         if self.light_kept:
@@ -213,23 +216,17 @@ class System(nn.Module):
             return image
         return image[..., border:-border, border:-border]
 
-    def capture(self, draw: Draw, height: Tensor | None) -> Captured:
-        """The drawn scenes by the mask `height` [n, n] as it is made: with errors of fabrication.
-
-        height: [n, n], metres; None for a mask without one.
-        """
+    def capture(self, draw: Draw, maps: MaskMaps) -> Captured:
+        """The drawn scenes by a mask as it is made: with errors of fabrication."""
+        height = maps.height
         if height is not None and self.height_noise > 0:
-            height = height + self.height_noise * _normal(height, draw.generator)
-        return draw.scenes.photograph(self.optics.with_height(height))
+            maps = maps._replace(height=height + self.height_noise * _normal(height, draw.generator))
+        return draw.scenes.photograph(self.optics.with_mask(maps))
 
-    def restore(self, photo: Tensor, height: Tensor | None) -> Tensor:
-        """What the network sees to [batch, 3, y, x], float32.
-
-        photo: [batch, channel, y, x].
-        height: [n, n], metres; None for a mask without one.
-        """
+    def restore(self, photo: Tensor, maps: MaskMaps) -> Tensor:
+        """What the network sees, photo [batch, channel, y, x], to [batch, 3, y, x], float32."""
         if self.network.psfs == "designed":
-            return self.network.restored_with(photo, self._designed_psfs(height))
+            return self.network.restored_with(photo, self._designed_psfs(maps))
         photo = photo.contiguous(memory_format=torch.channels_last)
         restore = self.network.unclamped if self.light_kept else self.network
         with torch.autocast(photo.device.type, torch.bfloat16, enabled=self.in_bfloat16):
@@ -244,9 +241,9 @@ class System(nn.Module):
     @torch.no_grad()
     def _mean_psfs(self, broadband: bool) -> Tensor:
         depths = self.network.psf_depths(self.depth_range)
-        height = self.mask()
-        noise = 0.0 if height is None else self.height_noise
-        return self.optics.with_height(height).psfs(depths, broadband, noise)
+        maps = maps_of(self.mask)
+        noise = 0.0 if maps.height is None else self.height_noise
+        return self.optics.with_mask(maps).psfs(depths, broadband, noise)
 
     def select_psfs(self, broadband: bool) -> None:
         """Condition the network on the light that the sensor sees, where some of it is broadband. What is
@@ -266,10 +263,10 @@ class System(nn.Module):
         self.select_psfs(broadband=False)
         if self.network.psfs == "designed":
             with torch.no_grad():
-                self.network.set_psfs(self._designed_psfs(self.mask()))
+                self.network.set_psfs(self._designed_psfs(maps_of(self.mask)))
 
-    def _designed_psfs(self, height: Tensor | None) -> Tensor:
-        return self.optics.with_height(height).psfs(self.network.psf_depths(self.depth_range))
+    def _designed_psfs(self, maps: MaskMaps) -> Tensor:
+        return self.optics.with_mask(maps).psfs(self.network.psf_depths(self.depth_range))
 
 
 def with_noise(captured: Captured, draw: Draw) -> Tensor:

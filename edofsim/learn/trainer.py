@@ -192,7 +192,7 @@ def _steps(loop: _Loop, journal: Journal | None, stop: list[int], progress: Prog
             continue
         if step % every.pictures_every == 0 and journal is not None:
             rows = [[outcome.ideal[0], outcome.photo[0], outcome.restored[0]]]
-            journal.picture(step, [[image.detach() for image in row] for row in rows], setup.height())
+            journal.picture(step, [[image.detach() for image in row] for row in rows], setup.maps().height)
         if step % every.save_every == 0:
             loop.position.seconds = loop.seconds()
             _save(loop)
@@ -326,8 +326,8 @@ def save_result(setup: Setup, path: Path, position: Position, figures: Mapping[s
     if setup.beside:
         card["beside"] = list(setup.beside)
     setup.system.store_final_psfs()
-    height = setup.height()
-    return save_checkpoint(path, setup.system.network, card, height=height, sampling=setup.sampling)
+    maps, how = setup.maps(), {"sampling": setup.sampling}
+    return save_checkpoint(path, setup.system.network, card, **how, **maps._asdict())
 
 
 def _optimiser(setup: Setup) -> torch.optim.Optimizer:

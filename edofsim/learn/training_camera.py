@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..optics import PAPER_COLOURS, Camera, channel_psfs, mean_psfs, response_curves
 from ..optics.field import relative_light
 from ..optics.sampling import coarsest_pitch
+from .doe import MaskMaps
 
 WAVELENGTHS = 8
 """This many, evenly spaced, stand for all that a sensor sees."""
@@ -52,12 +53,10 @@ class TrainingCamera:
     device: torch.device
     stored: StoredPsfs | None = None
 
-    def with_height(self, height: Tensor | None) -> TrainingCamera:
-        """The same with the height map [n, n] in metres of a step; None for a mask without one.
-
-        height: [n, n], metres; None for a mask without one.
-        """
-        return replace(self, camera=self.camera.with_height(height))
+    def with_mask(self, maps: MaskMaps) -> TrainingCamera:
+        """The same with the mask of a step."""
+        camera = self.camera.with_height(maps.height).with_amplitude(maps.amplitude)
+        return replace(self, camera=camera)
 
     @property
     def varies(self) -> bool:
@@ -70,7 +69,11 @@ class TrainingCamera:
         return replace(self, camera=self.camera.seen_at((right * angle, up * angle)))
 
     def of_planes(
-        self, inverse_depths: Tensor, broadband: bool = False, places: Tensor | None = None
+        self,
+        inverse_depths: Tensor,
+        broadband: bool = False,
+        places: Tensor | None = None,
+        shift: float = MIDDLE,
     ) -> tuple[Tensor, Tensor | None]:
         """PSFs [plane, 3, window, window] of planes, each at its inverse depth [plane] and its place in the
         frame [plane, 2] (right, up, in pixels from the optical axis; None: all on it); and the light there
@@ -78,13 +81,15 @@ class TrainingCamera:
 
         inverse_depths: [plane], 1/m.
         places: [plane, 2] (right, up), pixels from the optical axis; None for the axis.
+        shift: as of `psfs`.
 
         Raises InputError as `psfs`.
         """
         if not self.varies or places is None:
-            return self.psfs(inverse_depths, broadband), None
+            return self.psfs(inverse_depths, broadband, shift=shift), None
         there = [self.seen_at(right, up) for right, up in places.tolist()]
-        psfs = [one.psfs(depth[None], broadband) for one, depth in zip(there, inverse_depths, strict=True)]
+        looks = zip(there, inverse_depths, strict=True)
+        psfs = [one.psfs(depth[None], broadband, shift=shift) for one, depth in looks]
         light = torch.tensor([relative_light(one.camera) for one in there], device=self.device)
         return torch.cat(psfs), light
 

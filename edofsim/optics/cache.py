@@ -44,9 +44,10 @@ def identity(camera: Camera) -> str:
     said = {"code": code_of_rooms("optics", "core"), "recipe": recipe, "pixel": camera.pixel}
     said |= {"lens": camera.lens.identity(), "material": camera.mask_material.formula, "field": camera.field}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
-    height = camera.height_map
-    if height is not None:
-        digest.update(str(height.dtype).encode() + height.detach().cpu().contiguous().numpy().tobytes())
+    for name, given in (("", camera.height_map), ("amplitude", camera.amplitude)):
+        if given is not None:
+            values = given.detach().cpu().contiguous().numpy().tobytes()
+            digest.update(f"{name}{given.dtype}".encode() + values)
     for file in camera.mask.files():
         if (camera.base / file).is_file():
             digest.update((camera.base / file).read_bytes())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -39,6 +40,7 @@ class Camera:
         relative to.
     height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
         (see `with_height`).
+    amplitude: [n, n], that the mask also lets through (see `with_amplitude`).
     field: where in the field it looks: its PSFs are those of points there (`at_field`).
     """
 
@@ -50,6 +52,7 @@ class Camera:
     pixel: float
     base: Path
     height_map: Tensor | None = None
+    amplitude: Tensor | None = None
     field: Field = AXIS
 
     @classmethod
@@ -123,7 +126,7 @@ class Camera:
             "aperture": f"{2e3 * self.aperture_radius:.4g} mm across",
             "sharp at 543 nm": f"{sharp:.4g} m" if 0 < sharp < math.inf else "infinity",
             "best focus at 543 nm": f"{best:.4g} m" if 0 < best < math.inf else "infinity",
-            "mask": recipe.mask.kind if self.height_map is None else "a height map given in Python",
+            "mask": "given in Python" if self.mask_given else recipe.mask.kind,
             "pixel": f"{self.pixel * 1e6:g} um, {self.pixel_angle * 1e3:.4g} mrad",
             "read noise": f"{self.read_noise:g} of full scale",
         }
@@ -150,8 +153,39 @@ class Camera:
 
         """
         if height is not None:
-            _check_height(height)
+            _check_map(height, "a height map", "metres")
+            check_thin(height, "the height map")
         return replace(self, height_map=height)
+
+    def with_amplitude(self, amplitude: Tensor | None) -> Camera:
+        """The same camera whose mask also lets through `amplitude` [n, n] of a wave, from 0 to 1, by samples
+        that just cover the pupil; gradients reach it. Its PSFs are parts of the light that is let through.
+
+        amplitude: [n, n], from 0 to 1; None for all light.
+
+        Raises InputError for a map that is not square and real, or whose values are not from 0 to 1.
+        """
+        if amplitude is not None:
+            _check_map(amplitude, "an amplitude", "0 to 1")
+            if not 0 <= float(amplitude.detach().min()) <= float(amplitude.detach().max()) <= 1:
+                raise InputError("the amplitude holds values that are not from 0 (opaque) to 1 (open)")
+        return replace(self, amplitude=amplitude)
+
+    def key(self) -> str:
+        """What tells its recipe and the mask that it was given from others."""
+        maps = (one for one in (self.height_map, self.amplitude) if one is not None)
+        given = b"".join(one.detach().cpu().numpy().tobytes() for one in maps)
+        return self.recipe.model_dump_json() + hashlib.sha256(given).hexdigest()
+
+    @property
+    def mask_given(self) -> bool:
+        """Whether a mask was given in Python, in place of the recipe's or beside it."""
+        return self.height_map is not None or self.amplitude is not None
+
+    def without_gradients(self) -> Camera:
+        """The same camera, whose mask does not learn."""
+        maps = (None if one is None else one.detach() for one in (self.height_map, self.amplitude))
+        return replace(self, **dict(zip(("height_map", "amplitude"), maps, strict=True)))
 
     def at_field(self, field: Field) -> Camera:
         """The same camera with the PSFs of points whose chief ray has the tangents (right, up) `field` with
@@ -178,16 +212,13 @@ class Camera:
         return replace(Camera.from_recipe(recipe, self.base), lens=self.lens)
 
 
-def _check_height(height: Tensor) -> None:
-    if not isinstance(height, Tensor):
-        raise InputError(f"a height map is a torch tensor [n, n] in metres, not {type(height).__name__}")
-    if height.ndim != 2 or height.shape[0] != height.shape[1] or not height.is_floating_point():
-        raise InputError(
-            f"a height map is square, [n, n], and real; got {tuple(height.shape)}, {height.dtype}"
-        )
-    if not bool(torch.isfinite(height.detach()).all()):
-        raise InputError("the height map holds values that are NaN or infinite; give metres")
-    check_thin(height, "the height map")
+def _check_map(values: Tensor, name: str, unit: str) -> None:
+    if not isinstance(values, Tensor):
+        raise InputError(f"{name} is a torch tensor [n, n] in {unit}, not {type(values).__name__}")
+    if values.ndim != 2 or values.shape[0] != values.shape[1] or not values.is_floating_point():
+        raise InputError(f"{name} is square, [n, n], and real; got {tuple(values.shape)}, {values.dtype}")
+    if not bool(torch.isfinite(values.detach()).all()):
+        raise InputError(f"{name} holds values that are NaN or infinite; give {unit}")
 
 
 def check_thin(height: Tensor, name: str) -> None:

@@ -63,8 +63,7 @@ def nodes_between(
     colours, ends = axes_of(camera, response(camera, bands) @ bands, [float(far), float(near)])
     if ends[0] == ends[1]:
         return ends[:1]
-    if camera.height_map is not None:
-        camera = camera.with_height(camera.height_map.detach())
+    camera = camera.without_gradients()
     found = torch.linspace(float(ends[0]), float(ends[1]), PARTS + 1, dtype=torch.float64).tolist()
     known = _transfers(camera, colours, found)
     parts = list(zip(found[:-1], found[1:], strict=True))

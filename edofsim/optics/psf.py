@@ -56,7 +56,7 @@ def psf_bank(
     """PSFs of a camera for wavelengths [band] in metres and inverse depths [depth] in 1/m.
 
     Akpinar et al., Eqs. `PSF`, `Q` and `defocus`, with what the lens adds to its parabola, on an oversampled
-    grid of the sensor that is summed over each pixel. Differentiable by the camera's height map.
+    grid of the sensor that is summed over each pixel. Differentiable by the camera's mask.
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
@@ -92,8 +92,8 @@ def psf_bank(
         if known is not None:
             return PsfField(known.to(device), inverse_depths, wavelengths)
     if camera.lens.measured:
-        if camera.height_map is not None:
-            raise InputError("measured PSFs hold what stood in the pupil: no height map can be added")
+        if camera.mask_given:
+            raise InputError("measured PSFs hold what stood in the pupil: no mask can be added")
         found = camera.lens.psfs(camera.field, wavelengths, inverse_depths, camera.pixel, pixels).to(dtype)
         assert key is not None  # nothing is learned of it
         bank_cache.keep(key, found, cache)
@@ -167,7 +167,7 @@ def _from_others(
 
 
 def _same_all_round(camera: Camera) -> bool:
-    clear = camera.mask.kind == "clear" and camera.height_map is None and camera.recipe.fabrication is None
+    clear = camera.mask.kind == "clear" and not camera.mask_given and camera.recipe.fabrication is None
     return camera.lens.round and clear
 
 
@@ -282,9 +282,9 @@ def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: 
 
 
 def carries_gradients(camera: Camera) -> bool:
-    """Whether gradients must reach the camera's height map: its PSFs are not to be kept then."""
-    height = camera.height_map
-    return height is not None and height.requires_grad and torch.is_grad_enabled()
+    """Whether gradients must reach the camera's mask: its PSFs are not to be kept then."""
+    maps = (camera.height_map, camera.amplitude)
+    return torch.is_grad_enabled() and any(one is not None and one.requires_grad for one in maps)
 
 
 def _pieces(depths: int, bands: int) -> list[tuple[int, slice]]:

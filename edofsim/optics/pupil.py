@@ -16,13 +16,14 @@ from torch import Tensor
 
 from ..errors import InputError
 from .camera import Camera
-from .grid import PupilGrid, disc_coverage
+from .grid import PupilGrid, disc_coverage, resample
 from .height import design_phase_to_height, surface
 from .lenses.base import Bend
 from .masks import Mask, asked, mask_amplitude
 
-TRANSMISSION_SAMPLES = 514
-"""Across the pupil, for the light that a mask lets through."""
+TRANSMISSION_GRID = PupilGrid(514, 2 / 512, 1.0)
+"""Of a pupil of radius 1, for the light that a mask lets through."""
+NO_WRAPS = 1e9  # values that no map's steps reach
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,10 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         regions = [(part, design_phase_to_height(camera, phase)) for part, phase in levels]
     if not regions:
         regions = [(amplitude, surface(camera, grid, seed))]
+    if camera.amplitude is not None:
+        own = _own_amplitude(camera.amplitude, grid)
+        regions = [(part * own, relief) for part, relief in regions]
+        light = light * own.square()
     lens = camera.lens.phases(grid.radius_squared())
     seen_from = ""
     right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
@@ -76,25 +81,36 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         def lens(wavelength: float) -> Tensor:
             return round_one(wavelength) + camera.lens.field_phase(right, up, wavelength, camera.field)
 
-    total, whole = float(light.sum()), float(disc_coverage(grid, grid.radius).sum())
+    shone = light.sum()
+    total, whole = float(shone.detach()), float(disc_coverage(grid, grid.radius).sum())
     if not total > 0:
         raise InputError(
             f"the mask ({mask.kind}) lets no light through the {grid.samples} x {grid.samples} samples of "
             f"the pupil{seen_from}; open it wider"
         )
     bend = camera.lens.bend(right, up, camera.field)
+    if shone.requires_grad:  # PSFs are parts of the light, which learns, too
+        regions = [(part * (total / shone).sqrt(), relief) for part, relief in regions]
     return Aperture(grid, lens, bend, tuple(regions), total, total / whole)
 
 
+def _own_amplitude(amplitude: Tensor, grid: PupilGrid) -> Tensor:
+    """A camera's amplitude map on a grid of its pupil, [samples, samples], float64."""
+    pitch = 2 * grid.radius / len(amplitude)
+    return resample(amplitude.double().cpu(), pitch, grid, NO_WRAPS).clamp(0, 1)
+
+
 @lru_cache(maxsize=64)
-def _transmission(mask: Mask) -> float:
-    grid = PupilGrid(TRANSMISSION_SAMPLES, 2 / (TRANSMISSION_SAMPLES - 2), 1.0)
-    return float(mask_amplitude(mask, grid)[1].sum() / disc_coverage(grid, 1.0).sum())
+def _light(mask: Mask) -> Tensor:
+    return mask_amplitude(mask, TRANSMISSION_GRID)[1]
 
 
 def transmission(camera: Camera) -> float:
     """Fraction of the light through the open aperture that the camera's mask lets through."""
-    return _transmission(camera.mask)
+    light = _light(camera.mask)
+    if camera.amplitude is not None:
+        light = light * _own_amplitude(camera.amplitude.detach(), TRANSMISSION_GRID).square()
+    return float(light.sum() / disc_coverage(TRANSMISSION_GRID, 1.0).sum())
 
 
 def pupil_function(
@@ -120,7 +136,7 @@ def pupil_function(
             phase = _reduced(lens + _fixed_phase(camera, wavelength, heights)).to(device=device, dtype=dtype)
         # not polar: its gradient divides by the amplitude, which is 0 outside the aperture
         amplitude = amplitude.to(device=device, dtype=dtype)
-        waves.append(torch.complex(torch.cos(phase).mul_(amplitude), torch.sin(phase).mul_(amplitude)))
+        waves.append(torch.complex(torch.cos(phase) * amplitude, torch.sin(phase) * amplitude))
     return reduce(torch.add, waves)
 
 

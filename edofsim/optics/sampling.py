@@ -180,9 +180,13 @@ def _automatic(
 
 
 def _designed_pitch(camera: Camera) -> float | None:
-    """Distance [m] of the samples of a height map, None where there is none."""
+    """Distance [m] of the samples of a height map or an amplitude, None where there is none."""
     mask = camera.recipe.mask
-    return given_pitch(camera) or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
+    height = given_pitch(camera) or (mask.pitch_um * 1e-6 if isinstance(mask, HeightMapMask) else None)
+    if camera.amplitude is None:
+        return height
+    own = 2 * camera.aperture_radius / len(camera.amplitude)
+    return own if height is None else min(own, height)
 
 
 def _check_made(camera: Camera, pitch: float) -> None:

@@ -2,7 +2,8 @@
 
 The file is safetensors: named arrays and text, nothing that could run. Arrays: `network.*`, and for a
 learned DOE `mask.height_m` [n, n] (seen from the sensor, row 0 at the pupil's top) with its sampling
-`mask.sampling_m`. The card is JSON in the metadata entry `card`, with the keys
+`mask.sampling_m`, and `mask.amplitude` [n, n] of one that blocks light.
+The card is JSON in the metadata entry `card`, with the keys
 
     name, format, network (kind, settings), camera (the recipe it was trained for), recipe (the training
     recipe), data (sources, counts, sha256), versions, seed, step, hours (to a tenth; older ones do not have
@@ -56,6 +57,7 @@ class Checkpoint:
 
     height: [n, n] in metres, or None where the mask is the camera recipe's own.
     sampling: its pitch in metres.
+    amplitude: [n, n], that the mask lets through; None for all.
     card: everything else (see the module).
     """
 
@@ -64,6 +66,7 @@ class Checkpoint:
     sampling: float | None
     card: Json = field(repr=False)
     path: Path | None = None
+    amplitude: Tensor | None = None
 
     @property
     def name(self) -> str:
@@ -121,11 +124,13 @@ def save_checkpoint(
     *,
     height: Tensor | None = None,
     sampling: float | None = None,
+    amplitude: Tensor | None = None,
 ) -> Path:
     """Write a checkpoint in one piece: after a crash the file is the old one or the new one.
 
     card: JSON values, keys as in the module's text (`format` and `network` are filled in here).
     height: [n, n] in metres with its sampling in metres.
+    amplitude: [n, n], that the mask lets through; None for all.
 
     Raises EdofsimError where the disk refuses, InputError for values that are not finite.
     """
@@ -133,6 +138,8 @@ def save_checkpoint(
     if height is not None:
         arrays["mask.height_m"] = height
         arrays["mask.sampling_m"] = torch.tensor(sampling, dtype=torch.float64)
+    if amplitude is not None:
+        arrays["mask.amplitude"] = amplitude
     broken = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
     if broken:
         raise InputError(f"{path}: not saved, since {broken[0]} holds values that are not finite")
@@ -184,7 +191,8 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
         raise InputError(f"{path}: its height map is not a square array with a sampling; it is damaged")
     if height is not None and network.psfs == "mean" and not network.any_camera:
         network.glare = _glare_in_training(card)
-    return Checkpoint(network.eval(), height, None if sampling is None else float(sampling), card, path)
+    pitch = None if sampling is None else float(sampling)
+    return Checkpoint(network.eval(), height, pitch, card, path, arrays.get("mask.amplitude"))
 
 
 def _glare_in_training(card: Json) -> tuple[float, ...] | None:
@@ -232,7 +240,8 @@ def camera_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint, base: Path | 
 
     Raises InputError as `Camera.from_recipe`.
     """
-    return Camera.from_recipe(recipe_with_mask(recipe, checkpoint), base).with_height(checkpoint.height)
+    camera = Camera.from_recipe(recipe_with_mask(recipe, checkpoint), base)
+    return camera.with_height(checkpoint.height).with_amplitude(checkpoint.amplitude)
 
 
 def recipe_with_mask(recipe: CameraRecipe, checkpoint: Checkpoint) -> CameraRecipe:

@@ -123,7 +123,7 @@ def _channel_psfs(
     coarsest = coarsest_pitch(Camera.from_recipe(recipe, camera.base), wavelengths, inverse, window)
     psf = psf.model_copy(update={"pupil_sampling_um": coarsest * 1e6})
     own = Camera.from_recipe(recipe.model_copy(update={"psf": psf}), camera.base)
-    error = 0.0
+    own, error = own.with_amplitude(checkpoint.amplitude), 0.0
     if checkpoint.height is not None:
         own = own.with_height(checkpoint.height)
         error = _training(checkpoint).doe.height_noise_nm * 1e-9

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import torch
@@ -21,6 +22,10 @@ PSFS_A_DEPTH = 2  # distances in each part that is distinguished
 BELIEF = (0.027, 0.075)
 """How much a block's own likelihood counts, and the mean of its neighbours': what `paper-bank` learned."""
 REFINED = 2  # pixels that the transposed convolutions see around them
+LITTLE = 0.001
+"""Share of what varies in a block that may be left out in use."""
+AT_A_TIME = 16
+"""Channels: convolutions compute as many together."""
 
 
 class DCnn(DepthConditioned):
@@ -167,25 +172,46 @@ class DCnn(DepthConditioned):
         with torch.autocast(photo.device.type, enabled=False):
             return self.refine(sharp)
 
+    def _folded(self) -> list[tuple[Tensor, Tensor]]:
+        """Weights and biases of all convolutions of the residual, each with the normalisation behind it,
+        whose statistics are fixed. In use, channels that hardly vary are left out, and what they are in the
+        mean is added to the biases of those that see them."""
+        *blocks, last = self.residual
+        layers = [*blocks[::3], last]
+        found: list[tuple[Tensor, Tensor]] = []
+        seen: tuple[Tensor, Tensor, Tensor] | None = None
+        for index, convolution in enumerate(layers):
+            assert isinstance(convolution, nn.Conv2d) and convolution.bias is not None
+            weight, bias = convolution.weight, convolution.bias
+            if seen is not None:
+                kept, dropped, level = seen
+                weight, bias = weight[:, kept], bias + weight[:, dropped].sum((2, 3)) @ level
+            if convolution is not last:
+                normalisation, following = blocks[3 * index + 1], layers[index + 1]
+                assert isinstance(normalisation, nn.BatchNorm2d) and isinstance(following, nn.Conv2d)
+                mean, variance = normalisation.running_mean, normalisation.running_var
+                assert mean is not None and variance is not None
+                factor = normalisation.weight * (variance + normalisation.eps).rsqrt()
+                weight, bias = weight * factor[:, None, None, None], (bias - mean) * factor
+                bias = bias + normalisation.bias
+                if not torch.is_grad_enabled():
+                    seen = _hardly_varying(normalisation, following)
+                    weight, bias = weight[seen[0]], bias[seen[0]]
+            found.append((weight, bias))
+        return found
+
     def _by_fixed_statistics(self, beyond: Tensor, likely: Tensor | None) -> Tensor:
         """The same of a photo that goes on for `radius` pixels, which become its border and are left out
         layer by layer. Each normalisation, whose statistics are fixed, is folded into the convolution
         before it: fewer passes over memory, the same image but for rounding."""
-        *blocks, last = self.residual
-        assert isinstance(last, nn.Conv2d)
+        *convolutions, last = self._folded()
         seen = beyond
-        for convolution, normalisation in zip(blocks[::3], blocks[1::3], strict=True):
-            assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
-            mean, variance, bias = normalisation.running_mean, normalisation.running_var, convolution.bias
-            assert mean is not None and variance is not None and bias is not None
-            factor = normalisation.weight * (variance + normalisation.eps).rsqrt()
-            weight = convolution.weight * factor[:, None, None, None]
-            bias = (bias - mean) * factor + normalisation.bias
-            seen = functional.conv2d(seen, weight, bias, dilation=convolution.dilation)
+        for (weight, bias), dilation in zip(convolutions, self.dilations, strict=True):
+            seen = functional.conv2d(seen, weight, bias, dilation=dilation)
             seen = functional.leaky_relu_(seen, LEAK)
         if likely is not None:
             likely = functional.pad(likely, (REFINED,) * 4, mode="replicate")
-        residual = _weighed(functional.conv2d(seen, last.weight, last.bias), likely)
+        residual = _weighed(functional.conv2d(seen, *last), likely)
         left = self.reach
         sharp = beyond[..., left:-left, left:-left] + residual.to(beyond.dtype)
         with torch.autocast(beyond.device.type, enabled=False):
@@ -193,6 +219,25 @@ class DCnn(DepthConditioned):
                 assert isinstance(layer, nn.ConvTranspose2d)
                 sharp = functional.conv_transpose2d(sharp, layer.weight, layer.bias, padding=2)
         return sharp
+
+
+def _hardly_varying(normalisation: nn.BatchNorm2d, following: nn.Conv2d) -> tuple[Tensor, Tensor, Tensor]:
+    """(channels that vary, those that hardly do, the mean of these behind the leak). How much a channel
+    varies is the deviation that its normalisation gives it, times the weights that it goes on with."""
+    deviation, bias = normalisation.weight.abs(), normalisation.bias
+    varies = deviation * following.weight.square().sum((0, 2, 3)).sqrt()
+    least = varies.argsort()
+    few = int((varies[least].cumsum(0) <= LITTLE * varies.sum()).sum())
+    kept = -(-(len(least) - few) // AT_A_TIME) * AT_A_TIME
+    few = max(0, len(least) - kept)
+    dropped = least[:few].sort().values
+    deviation, bias = deviation[dropped].clamp_min(1e-12), bias[dropped]
+    # of a normal distribution: E max(x, leak x) = leak b + (1 - leak) (b Phi(b / d) + d phi(b / d))
+    place = bias / deviation
+    above = bias * torch.special.ndtr(place) + deviation * (-place.square() / 2).exp() / math.sqrt(
+        2 * math.pi
+    )
+    return least[few:].sort().values, dropped, LEAK * bias + (1 - LEAK) * above
 
 
 def _weighed(residuals: Tensor, likely: Tensor | None) -> Tensor:

@@ -245,12 +245,12 @@ class Gives(nn.Module):
 
 
 class Heights(nn.Module):
-    def __init__(self, height: Tensor | None) -> None:
+    def __init__(self, given: object) -> None:
         super().__init__()
-        self.height = height
+        self.given = given
 
-    def forward(self) -> Tensor | None:
-        return self.height
+    def forward(self) -> object:
+        return self.given
 
 
 class Asks(nn.Module):
@@ -276,7 +276,9 @@ def test_networks_that_give_no_image_are_refused(what: str, camera: edofsim.Came
         ({"data": TensorDataset(torch.rand(4, 1, 64, 64))}, r"give images as tensors \[3, y, x\]"),
         ({"data": TensorDataset(torch.rand(4, 3, 64, 20))}, "fewer than a patch of 32"),
         ({"data": TensorDataset(torch.rand(1, 3, 64, 64))}, "at least two"),
-        ({"mask": Heights(None)}, "mask gives a NoneType"),
+        ({"mask": Heights(None)}, "mask gives nothing"),
+        ({"mask": Heights({"heights": torch.zeros(4, 4)})}, "mask gives heights: Tensor"),
+        ({"mask": Heights({"amplitude": torch.full((4, 4), 2.0)})}, "from 0"),
         ({"mask": Heights(torch.zeros(3, 4))}, "square"),
         ({"mask": Heights(torch.ones(4, 4))}, "in metres"),
         ({"steps": 0}, "steps"),
@@ -289,6 +291,39 @@ def test_what_cannot_be_used_is_refused_in_a_sentence(
     given = {"network": Sharper(), "data": images(), "out": tmp_path / "out", **SMALL, **changes}
     with pytest.raises(InputError, match=said):
         fit(camera, given.pop("network"), given.pop("data"), **given)
+
+
+class Apodised(nn.Module):
+    """A cubic relief behind a Gaussian apodiser, both of which learn."""
+
+    def __init__(self, height: bool) -> None:
+        super().__init__()
+        self.relief, self.waist = Cubic() if height else None, nn.Parameter(torch.tensor(0.8))
+
+    def forward(self) -> dict[str, Tensor]:
+        across = torch.linspace(-1, 1, 24)
+        amplitude = torch.exp(-(across**2 + across[:, None] ** 2) / self.waist**2)
+        return {"amplitude": amplitude} | ({"height": self.relief()} if self.relief is not None else {})
+
+
+@pytest.mark.parametrize("height", [True, False])
+def test_an_amplitude_learns_alone_and_beside_heights(
+    height: bool, camera: edofsim.Camera, tmp_path: Path
+) -> None:
+    """The checkpoint has both, and the camera that it gives is the one that learned."""
+    mask = Apodised(height)
+    done = fit(camera, Sharper(), images(), mask=mask, out=tmp_path / "out", **SMALL)
+    assert mask.waist.item() != pytest.approx(0.8, abs=1e-4)
+    checkpoint = load_checkpoint(done.checkpoint, camera.recipe)
+    assert torch.equal(checkpoint.amplitude, mask()["amplitude"].detach())
+    assert (checkpoint.height is not None) == height
+    made = edofsim.camera(network=done.checkpoint)
+    assert torch.equal(made.amplitude, checkpoint.amplitude)
+    assert made.recipe.mask.kind == ("height-map" if height else "clear")
+    how = {"count": 1, "patch_px": 32}
+    saved = evaluate(done.checkpoint, camera, images(), **how)
+    open_wide = evaluate(checkpoint.network, camera, images(), **how)
+    assert saved.photo_psnr_db != pytest.approx(open_wide.photo_psnr_db, abs=1e-3)
 
 
 def test_a_loader_s_images_and_a_free_height_map(camera: edofsim.Camera, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from edofsim.learn import train
+from edofsim.learn.doe import maps_of
 from edofsim.learn.setup import prepare
 from edofsim.learn.system import Draw, Planes
 from edofsim.learn.variation import Variation, evenly, varied
@@ -117,7 +118,7 @@ def test_a_wrong_level_is_not_judged_where_the_light_is_kept() -> None:
         draw = Draw(flat, torch.zeros(1), _generator())
         loss = (
             setup.system(draw).loss
-            - setup.system.truncated_energy * setup.system.capture(draw, setup.system.mask()).truncated
+            - setup.system.truncated_energy * setup.system.capture(draw, maps_of(setup.system.mask)).truncated
         )
         losses[kept] = float(loss.detach())
     assert losses[False] == pytest.approx(0.02, rel=0.05)

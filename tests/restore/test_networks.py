@@ -57,6 +57,25 @@ def test_folded_normalisations_of_the_dcnn_change_nothing() -> None:
     torch.testing.assert_close(network.unclamped(photo), expected[..., reach:-reach, reach:-reach])
 
 
+def test_channels_that_hardly_vary_are_left_out_in_use_alone() -> None:
+    """Of 32 kernels 20 are all but still, some above the bend of the leak, some at it: 16 are left out where
+    no gradient is asked for, and what they give in the mean is not. None is where gradients are."""
+    network = _random_network("dcnn").double()
+    generator = torch.Generator().manual_seed(8)
+    for layer in (network.residual[1], network.residual[7]):
+        layer.weight.data[torch.randperm(32, generator=generator)[:20]] = 2e-5
+        layer.bias.data = torch.randn(32, generator=generator, dtype=torch.float64)
+        layer.bias.data[:8] = 0
+    photo = torch.rand(1, 3, 20, 24, generator=generator, dtype=torch.float64)
+    whole = network.unclamped(photo).detach()
+    with torch.no_grad():
+        assert [len(weight) for weight, _ in network._folded()] == [16, 32, 16, 32, 32, 3]
+        torch.testing.assert_close(network.unclamped(photo), whole, rtol=0, atol=1e-4)
+        network.residual[1].bias.data += 1  # what is left out still counts
+        assert float((network.unclamped(photo) - whole).abs().max()) > 1e-3
+    assert [len(weight) for weight, _ in network._folded()] == [32] * 5 + [3]
+
+
 def test_checkpoints_that_ship_are_small() -> None:
     found = list((shipped_folder("train") / "checkpoints").rglob("*.safetensors"))
     assert len(found) > 5 and max(path.stat().st_size for path in found) < 4_000_000

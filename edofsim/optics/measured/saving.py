@@ -43,7 +43,7 @@ def save_bank(
     places = [(0.0, 0.0)]
     if camera.lens.varies:
         places = [(0.0, each) for each in fields_deg]
-        if not isinstance(camera.mask, ClearMask) or camera.height_map is not None:
+        if not isinstance(camera.mask, ClearMask) or camera.mask_given:
             ends = sorted({sign * each for each in fields_deg for sign in (-1, 1)})
             places = [(right, up) for up, right in product(ends, ends)]
     depths, wavelengths = sorted(1 / each for each in depths_m), sorted(wavelengths_nm)
