@@ -103,7 +103,7 @@ def without(data: object, *gone: str) -> object:
     if not isinstance(data, Mapping):
         return data
     if asked := [key for key in gone if data.get(key)]:
-        raise ValueError(f"{asked[0]} is gone since version 0.3; remove the key")
+        raise ValueError(f"{asked[0]} is removed since version 0.2; delete the key")
     return {key: value for key, value in data.items() if key not in gone}
 
 

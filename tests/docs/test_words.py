@@ -107,6 +107,13 @@ def test_the_ban_catches_its_words():
     assert len(found(said, EVERYWHERE)) == 4
 
 
+def test_a_version_of_the_changes_fits_a_page():
+    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    for version in versions:
+        entries = re.findall(r"^- ", version, re.MULTILINE)
+        assert 0 < len(entries) <= 25, version.partition("\n")[0]
+
+
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
 def test_subjects_of_commits_fit_a_line():
     asked = ["git", "-C", str(ROOT), "log", "--no-merges", f"--since={SINCE}", "--format=%h %s"]

@@ -192,7 +192,7 @@ def test_what_is_new_in_a_larger_network_follows_the_seed(tmp_path: Path) -> Non
 
 def test_keys_that_are_gone_are_read_where_they_were_off_and_refused_where_they_were_on() -> None:
     assert NetworkTable.model_validate({"start_share": 0.0}) == NetworkTable()
-    with pytest.raises(ValidationError, match="start_share is gone since version 0.3"):
+    with pytest.raises(ValidationError, match="start_share is removed since version 0.2"):
         NetworkTable.model_validate({"start_share": 0.5})
 
 
