@@ -23,7 +23,7 @@ from edofsim.experiments.predictions import MASKS, camera_of, small_version
 from edofsim.optics import Camera
 from edofsim.plan.effect import Level, overall
 from edofsim.plan.effects.sub_apertures import FEWER, differences
-from edofsim.plan.facts import facts_of, photographed, rms
+from edofsim.plan.facts import facts_of, photo_changes, rms
 from edofsim.recipe import load_scene
 from edofsim.record import record, write_record
 from edofsim.render import render
@@ -47,7 +47,7 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
 
     best = photo(full, 1)
     change = _size(_per_pixel(best - photo(1, 1)))
-    (seen,) = photographed(facts, [{"sub_apertures": 1}], sub_apertures=FEWER)
+    (seen,) = photo_changes(facts, [{"sub_apertures": 1}], sub_apertures=FEWER)
     finest = {"sub_apertures": full}
     asked = [{"sub_apertures": n, "sub_aperture_pixel": 1} for n in (1, FEWER)]
     asked += [finest | {"sub_aperture_pixel": side} for side in SIDES]

@@ -18,7 +18,7 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
-from edofsim.experiments.protocols import OURS, WAYS, System, systems_of, take
+from edofsim.experiments.protocols import OURS, WAYS, System, capture_restored, systems_of
 from edofsim.experiments.restorations import ByNetwork
 from edofsim.experiments.scene3d import scored_version
 from edofsim.recipe.load import load_camera, load_scene, shipped, shipped_folder
@@ -55,7 +55,7 @@ def as_plane(view: View) -> View:
 
 
 def score(view: View, system: System) -> float:
-    taken = take(view, WAY, system)
+    taken = capture_restored(view, WAY, system)
     image, truth, noise = taken.compared("restored")
     return image_psnr(image, truth, noise=noise)
 

@@ -162,7 +162,7 @@ def psfs(
     """
     metres = torch.as_tensor(depths, dtype=torch.float64)
     if not bool((metres > 0).all()):
-        raise InputError(f"depths {metres.tolist()}: give metres above 0; inf is legal")
+        raise InputError(f"depths {metres.tolist()}: give metres above 0; inf is allowed")
     return psf_bank(camera, wavelengths, 1 / metres, window_px=window)
 
 

@@ -76,9 +76,7 @@ def exit_status(command: Callable[[], object]) -> int:
     except EdofsimError as error:
         return _complain([str(error)], FAILED)
     except KeyboardInterrupt:
-        return _complain(
-            ["interrupted; what was finished is kept, the same command goes on from there"], INTERRUPTED
-        )
+        return _complain(["interrupted; repeat the command to resume from what is finished"], INTERRUPTED)
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             return _complain(

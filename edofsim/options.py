@@ -59,7 +59,7 @@ ResampleOption = Annotated[
     bool,
     typer.Option(
         "--resample",
-        help="Where the scene's pixels see another angle than the camera's, share their light among these.",
+        help="Resample the view where its pixels see another angle than the camera's.",
     ),
 ]
 OutOption = Annotated[
@@ -114,7 +114,7 @@ MethodOption = Annotated[
     str | None,
     typer.Option(
         "--method",
-        help="Gone: photos are made in layers, `constant` is --layers 1.",
+        help="Removed: photos are made in layers; `constant` is --layers 1.",
         hidden=True,
     ),
 ]
@@ -123,8 +123,9 @@ FidelityOption = Annotated[
     typer.Option(
         "--fidelity",
         metavar="FILE|preview|reference",
-        help="Simulate this, and plan nothing: the JSON of a run or a plan, TOML with a fidelity's fields, "
-        "or a preset: `preview` takes a moment, `reference` leaves nothing out.",
+        help="Simulate as a file says, without a plan: the JSON of a run or plan, or TOML with "
+        "fields of a fidelity. Or a preset: `preview` takes a moment, `reference` leaves "
+        "nothing out.",
         autocompletion=completion.one_of("preview", "reference"),
     ),
 ]
@@ -133,13 +134,16 @@ AccuracyOption = Annotated[
     typer.Option(
         "--accuracy",
         metavar="45dB|noise|restored|full",
-        help="What all left-out effects may err by together; noise: half of the sensor's noise; restored: so "
-        "much nearer that restored images keep their PSNR; default noise, of `run` restored.",
+        help="Total error allowed, as PSNR. noise: half of the sensor's noise. restored: small "
+        "enough that restored images keep their PSNR. Default: noise; for `run`: restored.",
         autocompletion=completion.one_of("noise", "restored", "full", "45dB"),
     ),
 ]
 TimeOption = Annotated[
-    str | None, typer.Option("--time", metavar="20s", help="Instead: the best accuracy within a time.")
+    str | None,
+    typer.Option(
+        "--time", metavar="20s", help="Time budget in place of --accuracy: the best accuracy within it."
+    ),
 ]
 WithOption = Annotated[
     list[str] | None,
@@ -175,8 +179,8 @@ SubAperturesOption = Annotated[
         metavar="N",
         min=1,
         max=16,
-        help="Composite hidden surfaces through N x N sub-apertures, one by one: truer where both sides "
-        "of an edge are blurred; default: as many as the plan asks for.",
+        help="Composite hidden surfaces through N x N sub-apertures: more accurate at edges where "
+        "both surfaces are out of focus. Default: what the plan says.",
     ),
 ]
 NetworkOption = Annotated[
@@ -185,12 +189,12 @@ NetworkOption = Annotated[
         "--network",
         metavar="CHECKPOINT",
         autocompletion=completion.networks,
-        help="Restore with this checkpoint, whose mask the camera then has; `wiener` for Wiener "
-        "deconvolution; default: the network that was trained with the camera's mask, or where there is none "
-        "the one for any camera.",
+        help="Restore with this checkpoint; the camera gets its mask. `wiener`: Wiener "
+        "deconvolution. Default: the network trained with the camera's mask, else the one for "
+        "any camera.",
     ),
 ]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Only the middle of each frame.")]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Use only the middle of each frame.")]
 MembersOption = Annotated[
     int,
     typer.Option(

@@ -93,9 +93,9 @@ def _of_today(given: dict[str, object], where: str) -> dict[str, object]:
         LOG.warning("%s: method = constant is layers = 1 now", where)
         given["layers"] = 1
     elif way != "layered":
-        raise InputError(f"{where}: there is no method {way} any more: leave it out")
+        raise InputError(f"{where}: method {way} was removed: delete it")
     if in_full:
-        raise InputError(f"{where}: there is no sub_apertures_in_full any more: leave it out")
+        raise InputError(f"{where}: sub_apertures_in_full was removed: delete it")
     return given
 
 

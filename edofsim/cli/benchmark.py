@@ -26,7 +26,7 @@ from . import dataset
 from .many import seen_by, spread_of, work_on
 from .shared import Done, begun, finish
 
-benchmark_app = typer.Typer(help="Photos that everybody restores, and what others made of them.")
+benchmark_app = typer.Typer(help="Make photos for a benchmark, enter it, and score entries.")
 
 
 @benchmark_app.command()
@@ -43,9 +43,9 @@ def make(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """Views, photos and truths of a benchmark, with checksums: that of `edofsim dataset make`, which see.
+    """Make views, photos and sharp images of a benchmark, with checksums, as `edofsim dataset make` does.
 
-    Figures: as of `edofsim dataset make`.
+    Figures: those of `edofsim dataset make`.
     """
     how = {"jobs": jobs, "cluster": cluster, "shard": shard, "json": json, "device": device, "quiet": quiet}
     return dataset.make(size, out=out or Path("out") / f"benchmark-{Path(size).stem}", **how)
@@ -55,7 +55,7 @@ def make(
 def enter(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the entry; NAME.py is written.")],
 ) -> Done:
-    """The skeleton of an entry: a Python function that restores photos."""
+    """Write the skeleton of an entry: a Python function that restores photos."""
     path = Path(f"{name}.py")
     if not path.stem.isidentifier() or path.name != f"{name}.py":
         raise InputError(f"{name}: give letters, digits and _, beginning with a letter")
@@ -86,8 +86,8 @@ def score(
     json: JsonOption = None,
     quiet: QuietOption = False,
 ) -> Done:
-    """Entries on the photos of a benchmark: scores with intervals, by depth, by distance from depth edges and
-    by family; paired differences. Interrupt it at any time: what is finished is kept in --out. Failures of an
+    """Score entries on the photos of a benchmark: with intervals, by depth, by distance from depth edges and
+    by family, with paired differences. The same command resumes interrupted work. Failures of an
     entry are named at the end (status 1), and scored as black images.
 
     Figures: {psnr_db,ssim,flip}.ENTRY.REGION, also .low and .high (95 %); psnr_db.ENTRY.family.FAMILY;

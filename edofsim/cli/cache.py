@@ -17,7 +17,7 @@ cache_app = typer.Typer(help="Rendered views that are kept: list, check, clear."
 
 @cache_app.command()
 def ls(cache: CacheOption = None, json: JsonOption = None) -> Done:
-    """Every entry with its scene, size and age."""
+    """List every entry with its scene, size and age."""
     with begun("cache ls", json, quiet=True):
         from ..render import cache as store
 
@@ -34,7 +34,7 @@ def ls(cache: CacheOption = None, json: JsonOption = None) -> Done:
 
 @cache_app.command()
 def verify(cache: CacheOption = None, json: JsonOption = None) -> Done:
-    """Check every entry against its checksum; damaged ones are set aside."""
+    """Check every entry against its checksum, and set damaged ones aside."""
     with begun("cache verify", json, quiet=True):
         from ..render import cache as store
 
@@ -53,11 +53,14 @@ def verify(cache: CacheOption = None, json: JsonOption = None) -> Done:
 def prune(
     cache: CacheOption = None,
     older_than_days: Annotated[
-        float, typer.Option("--older-than-days", min=0, help="Remove entries not used for so long.")
+        float,
+        typer.Option(
+            "--older-than-days", min=0, help="Remove entries that were not used for this many days."
+        ),
     ] = 30.0,
     json: JsonOption = None,
 ) -> Done:
-    """Remove old entries, what was set aside, and what interrupted work left."""
+    """Remove old entries, damaged ones, and remains of interrupted work."""
     with begun("cache prune", json, quiet=True):
         from ..render import cache as store
 

@@ -41,7 +41,9 @@ def cost(
     scenes: Scenes,
     camera: CameraOption = None,
     resample: ResampleOption = False,
-    repeats: Annotated[int, typer.Option("--repeats", min=1, help="Of each measurement, in turns.")] = 3,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, help="Timed repeats of each case, interleaved.")
+    ] = 3,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
     shard: ShardOption = None,
@@ -54,7 +56,7 @@ def cost(
     """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
     left out in turn, and how far the PSNR of the restored photo and its gain over the lens alone shift; noise
     of rendering with more and more samples; every network's restoration. Tables, CSV, charts and a page of
-    each scene. Interrupt it at any time: the same command goes on from there.
+    each scene. The same command resumes interrupted work.
 
     With --jobs, scenes are measured beside each other, and their seconds are longer than alone.
 

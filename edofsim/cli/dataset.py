@@ -25,14 +25,14 @@ from ..record import writable_folder
 from .many import seen_by, share_of, spread_of, work_on
 from .shared import Done, begun, figures_table, finish
 
-dataset_app = typer.Typer(help="Pairs to train on: photos, and the sharp images that they should become.")
+dataset_app = typer.Typer(help="Data sets of photos with their sharp images, to train on.")
 
 
 @dataset_app.command()
 def make(
     recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Dataset recipe, a TOML file.")],
     forecast_only: Annotated[
-        bool, typer.Option("--forecast", help="Only say what it would take: time, bytes, core hours.")
+        bool, typer.Option("--forecast", help="Only predict time, bytes and core hours.")
     ] = False,
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
@@ -42,8 +42,8 @@ def make(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """Pairs as a recipe says. Interrupt it at any time: the same command goes on from there, to the same
-    bytes. Where shares of one folder were made with --shard, the same command without it puts them together.
+    """Make the data set of a recipe. The same command resumes interrupted work, to the same bytes. After
+    several commands with --shard, the same command without it joins their shares.
 
     Figures: pairs, pairs.made, forecast.{core_seconds,bytes}, bytes, core_seconds.{render,photos} (of the
     processor).
@@ -93,7 +93,7 @@ def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a data set.")],
     json: JsonOption = None,
 ) -> Done:
-    """Whether every file is as it was written; damaged, missing and extra ones are named (status 2).
+    """Check every file against its checksum. Damaged, missing and extra files are named (status 2).
 
     Figures: files.good, files.wrong.
     """

@@ -59,7 +59,7 @@ class Experiments(TyperGroup):
 
 evaluate_app = typer.Typer(
     cls=Experiments,
-    help="The paper's experiments and ours: each writes a page or pictures, a CSV and a JSON.",
+    help="Experiments of the paper and of edofsim. Each writes a page or pictures, a CSV and a JSON.",
     no_args_is_help=True,
 )
 
@@ -204,7 +204,7 @@ def index(
         typer.Argument(metavar="[DIR]", help="Folder of experiments; default out."),
     ] = None,
 ) -> Done:
-    """One page of cards over all experiments in a folder."""
+    """Write one page with a card for each experiment in a folder."""
     from ..report.experiments_index import write_index
 
     return Done(outputs={"index": write_index(folder or Path("out"))})
@@ -235,10 +235,10 @@ def paper(
     cache: CacheOption = None,
     quiet: QuietOption = False,
 ) -> Done:
-    """All of the paper's experiments at a small size, and an index over their pages.
+    """Run all of the paper's experiments at a small size, and write an index of their pages.
 
     Each has a folder in --out (default out/paper) with its page, CSV and JSON. One that fails is named, and
-    the others are run. Interrupt it at any time: the same command goes on from there.
+    the others run. The same command resumes interrupted work.
     """
     setting = Paper(photos, chart, cubes, full, seed, cache)
     folder = writable_folder(out or Path("out") / "paper")

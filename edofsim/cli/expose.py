@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 BandsOption = Annotated[
     int | None,
     typer.Option(
-        "--bands", min=1, help="Groups that each channel's bands are blurred in; default: as planned."
+        "--bands", min=1, help="Number of band groups blurred in each channel; default: as planned."
     ),
 ]
 ReferenceOption = Annotated[
@@ -69,7 +69,7 @@ ReferenceOption = Annotated[
     typer.Option(
         "--reference",
         metavar="thinlens|pupil",
-        help="A slow, true photo of --crop beside it.",
+        help="Also make a slow, accurate photo of --crop by this reference method, to compare.",
         autocompletion=completion.one_of("thinlens", "pupil"),
     ),
 ]
@@ -78,7 +78,8 @@ CropOption = Annotated[
     typer.Option("--crop", metavar="X,Y,W,H", help="Part of the frame for --reference, in pixels."),
 ]
 FamilyOption = Annotated[
-    int | None, typer.Option("--members", min=1, help="In place of each scene, members of its family.")
+    int | None,
+    typer.Option("--members", min=1, help="Replace each scene by this many variants of its family."),
 ]
 
 
@@ -127,9 +128,9 @@ def expose(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """A photo of each scene through one camera, or through its own: EXR (linear) and PNG, of several scenes
-    in folders of their own in --out. What is there already, of the same recipes and options, stays: the same
-    command goes on from there.
+    """Make a photo of each scene through one camera, or through its own: EXR (linear) and PNG. Several scenes
+    have folders of their own in --out. Photos of the same recipes and options that are there already stay, so
+    the same command resumes interrupted work.
 
     The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
     is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,

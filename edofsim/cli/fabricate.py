@@ -22,7 +22,8 @@ def fabricate(
         ),
     ],
     pitch_um: Annotated[
-        float, typer.Option("--pitch", metavar="UM", help="Side of the tool's squares.")
+        float,
+        typer.Option("--pitch", metavar="UM", help="Side of the fabrication tool's squares, micrometres."),
     ] = 3.0,
     levels: Annotated[int, typer.Option("--levels", min=2, max=65535, help="Grey levels.")] = 98,
     limit_um: Annotated[
@@ -30,9 +31,13 @@ def fabricate(
     ] = 1.2,
     wrap_nm: Annotated[
         float | None,
-        typer.Option("--wrap", metavar="NM", help="Wrap a deeper one by whole waves of this wavelength."),
+        typer.Option(
+            "--wrap", metavar="NM", help="Wrap larger heights by whole waves of this wavelength, nanometres."
+        ),
     ] = None,
-    gds: Annotated[bool, typer.Option("--gds", help="GDSII as well, a layer for each level.")] = False,
+    gds: Annotated[
+        bool, typer.Option("--gds", help="Also write GDSII, with one layer for each level.")
+    ] = False,
     out: OutOption = None,
     json: JsonOption = None,
 ) -> Done:

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..options import JsonOption
 from .shared import Done, finish
 
-lens_app = typer.Typer(help="Lenses by their surfaces.", no_args_is_help=True)
+lens_app = typer.Typer(help="Lens files of other programs.", no_args_is_help=True)
 
 
 @lens_app.command("import")
@@ -29,16 +29,16 @@ def import_(
     ] = None,
     glasses: Annotated[
         list[Path] | None,
-        typer.Option("--glasses", metavar="FILE", help="Catalogue of a maker, .agf; repeatable."),
+        typer.Option("--glasses", metavar="FILE", help="Glass catalogue of a maker, .agf; repeatable."),
     ] = None,
     focus: Annotated[float, typer.Option("--focus", metavar="M", help="Distance in focus, metres.")] = 2.0,
     pixel: Annotated[float, typer.Option("--pixel", metavar="UM", help="Pixel pitch, um.")] = 3.45,
     json: JsonOption = None,
 ) -> Done:
-    """A lens file of another program as a camera recipe, which all commands take.
+    """Write a lens file of another program as a camera recipe.
 
-    Surfaces that are round about the axis are read: spheres, conics, even and odd aspheres, with clear radii.
-    Anything else is refused; what is left out is said. Figures: focal_length_mm, f_number, surfaces.
+    It reads rotationally symmetric surfaces: spheres, conics, even and odd aspheres, with clear radii.
+    Anything else is refused, and what is left out is printed. Figures: focal_length_mm, f_number, surfaces.
     """
     glasses_by_name: dict[str, tuple[float, float]] = {}
     for each in glass or []:

@@ -42,7 +42,7 @@ USUAL = (Things.scenes, Things.cameras, Things.masks, Things.networks, Things.ch
 def list_(
     things: Annotated[
         Things | None,
-        typer.Argument(help="Of what; default: scenes, cameras, masks, networks and checkpoints."),
+        typer.Argument(help="What to list; default: scenes, cameras, masks, networks and checkpoints."),
     ] = None,
 ) -> Done:
     """Scenes, cameras, masks, networks and other things that there are to name, with a line each.

@@ -23,7 +23,7 @@ def look(
         ),
     ],
     samples: Annotated[
-        int, typer.Option("--samples", min=1, help="Light paths a pixel, where the scene is rendered.")
+        int, typer.Option("--samples", min=1, help="Light paths per pixel, if the scene is rendered.")
     ] = LOOK_SAMPLES,
     out: OutOption = None,
     json: JsonOption = None,

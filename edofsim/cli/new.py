@@ -26,42 +26,52 @@ class Holds(StrEnum):
 
 
 def new(
-    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
-    name: Annotated[Path, typer.Argument(metavar="NAME", help="Of the recipe; it becomes NAME.toml.")],
+    kind: Annotated[RecipeKind, typer.Argument(help="Kind of recipe.")],
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the recipe; NAME.toml is written.")],
     image: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A picture that the scene is, with --depth.")
+        Path | None, typer.Option(metavar="FILE", help="Picture to use as the scene, with --depth.")
     ] = None,
     depth: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Its depth map; without --unit in metres, or millimetres if whole numbers."
+            metavar="FILE",
+            help="Depth map of the picture. Without --unit, whole numbers are millimetres and others metres.",
         ),
     ] = None,
     key: Annotated[
         str | None, typer.Option(metavar="NAME", help="Array or channel of the depth map's file.")
     ] = None,
-    holds: Annotated[Holds, typer.Option(help="What its numbers are.")] = Holds.depth,
+    holds: Annotated[Holds, typer.Option(help="Unit or kind of the depth map's numbers.")] = Holds.depth,
     unit: Annotated[
-        float | None, typer.Option(metavar="FACTOR", help="On its numbers: 0.001 for millimetres.")
+        float | None,
+        typer.Option(
+            metavar="FACTOR", help="Factor on the depth map's numbers, such as 0.001 for millimetres."
+        ),
     ] = None,
-    offset: Annotated[float, typer.Option(metavar="NUMBER", help="Added to them after that.")] = 0.0,
+    offset: Annotated[float, typer.Option(metavar="NUMBER", help="Number added after the factor.")] = 0.0,
     near: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Where the largest relative inverse depth lies.")
+        float | None,
+        typer.Option(metavar="METRES", help="Distance of the largest relative inverse depth, metres."),
     ] = None,
     far: Annotated[
-        float | None, typer.Option(metavar="METRES", help="Where the smallest relative inverse depth lies.")
+        float | None,
+        typer.Option(metavar="METRES", help="Distance of the smallest relative inverse depth, metres."),
     ] = None,
     focal_length_px: Annotated[
-        float | None, typer.Option("--focal-px", metavar="PIXELS", help="Focal length, of disparities.")
+        float | None,
+        typer.Option("--focal-px", metavar="PIXELS", help="Focal length in pixels, for disparities."),
     ] = None,
     baseline_mm: Annotated[
-        float | None, typer.Option("--baseline-mm", metavar="MM", help="Distance of the two cameras.")
+        float | None,
+        typer.Option(
+            "--baseline-mm", metavar="MM", help="Distance between the two cameras, for disparities."
+        ),
     ] = None,
     resize: Annotated[
-        bool, typer.Option("--resize", help="Bring a smaller map to the picture's size.")
+        bool, typer.Option("--resize", help="Enlarge a smaller depth map to the picture's size.")
     ] = False,
     layer: Annotated[
-        str | None, typer.Option("--layer", metavar="NAME", help="Layer of the picture, an OpenEXR file.")
+        str | None, typer.Option("--layer", metavar="NAME", help="Layer of an OpenEXR picture.")
     ] = None,
 ) -> Done:
     """A commented recipe to start from, in the working folder."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 DepthsOption = Annotated[
-    str, typer.Option("--depths", metavar="M,M,...", help="Depths in metres; inf is legal.")
+    str, typer.Option("--depths", metavar="M,M,...", help="Depths in metres; inf is allowed.")
 ]
 WavelengthsOption = Annotated[
     str, typer.Option("--wavelengths", metavar="NM,NM,...", help="Wavelengths in nanometres.")
@@ -40,7 +40,7 @@ FrequencyOption = Annotated[
     typer.Option(
         "--frequency",
         metavar="PER_MM",
-        help="Of MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
+        help="Frequency of the MTFs against depth, cycles/mm. [default: half of what the pixels resolve]",
     ),
 ]
 SaveOption = Annotated[
@@ -48,7 +48,7 @@ SaveOption = Annotated[
     typer.Option(
         "--save",
         metavar="FILE",
-        help="Also these PSFs as .exr or .npz, and FILE.toml, the recipe of a camera that has them.",
+        help="Also write these PSFs as .exr or .npz, with FILE.toml, the recipe of a camera that has them.",
     ),
 ]
 CameraArgument = Annotated[
@@ -66,7 +66,7 @@ def psf(
     fields: FieldsOption = None,
     frequency: FrequencyOption = None,
     save: SaveOption = None,
-    masks: Annotated[bool, typer.Option("--masks", help="Instead, a picture of every kind of mask.")] = False,
+    masks: Annotated[bool, typer.Option("--masks", help="Draw every kind of mask instead.")] = False,
     out: OutOption = None,
     json: JsonOption = None,
     device: DeviceOption = Device.auto,

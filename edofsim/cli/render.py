@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 
 VariantsOption = Annotated[
-    int | None, typer.Option("--members", min=1, help="Variants to render of each family.")
+    int | None, typer.Option("--members", min=1, help="Number of variants of each family.")
 ]
 NoiseOption = Annotated[
     str | None,
     typer.Option(
         "--noise",
         metavar="1%|photo|truth",
-        help="Stop at this noise, not at a sample count: of the view; photo: about a tenth of the "
-        "sensor's in the photo; truth: about 45 dB in the ideal image.",
+        help="Stop at this relative noise of the view, not at a sample count. photo: about a tenth "
+        "of the sensor's noise. truth: about 45 dB in the ideal image.",
     ),
 ]
 
@@ -68,9 +68,10 @@ def render(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """Views into the cache; with --out a picture and a depth picture of each too. Interrupt it at any time:
-    the same command goes on from there. A view serves every camera, so all of a recipe is rendered unless
-    --accuracy or --time asks for what a photo through the scene's own camera calls for.
+    """Render views into the cache; with --out write a picture and a depth picture of each as well.
+
+    A view serves every camera, so all of a recipe is rendered, unless --accuracy or --time asks for what a
+    photo through the scene's own camera calls for. The same command resumes interrupted work.
 
     Figures: views, views.rendered, seconds.{forecast,render} (of all views, added up), seconds.total (until
     the last was there), seconds.processor (of all cores and workers of this machine, start included),

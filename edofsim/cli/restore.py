@@ -25,7 +25,7 @@ from .shared import Done, begun, finish
 TakenByOption = Annotated[
     str,
     typer.Option(
-        "--camera", metavar="CAMERA", help="The camera that took it.", autocompletion=completion.cameras
+        "--camera", metavar="CAMERA", help="Camera that took the photo.", autocompletion=completion.cameras
     ),
 ]
 
@@ -40,7 +40,7 @@ def restore(
         float, typer.Option("--near", metavar="METRES", help="Nearest depth in the photo.")
     ] = 0.5,
     far_m: Annotated[
-        float, typer.Option("--far", metavar="METRES", help="Farthest depth; inf is legal.")
+        float, typer.Option("--far", metavar="METRES", help="Farthest depth; inf is allowed.")
     ] = float("inf"),
     raw_colours: RawColoursOption = False,
     out: OutOption = None,

@@ -75,7 +75,7 @@ def run(
     with_: WithOption = None,
     without: WithoutOption = None,
     cost: Annotated[
-        bool, typer.Option("--cost", help="Measure what accuracy costs; chart in the report.")
+        bool, typer.Option("--cost", help="Measure what accuracy costs, and add the chart to the report.")
     ] = False,
     raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,

@@ -23,7 +23,9 @@ class RecipeKind(StrEnum):
 
 
 def doctor(
-    again: Annotated[bool, typer.Option("--again", help="Probe anew instead of remembering.")] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="Test the engines again; do not use remembered results.")
+    ] = False,
     json: JsonOption = None,
 ) -> Done:
     """Engines and devices found, which works, what to install for a faster one."""
@@ -42,9 +44,9 @@ def doctor(
 
 
 def schema(
-    kind: Annotated[RecipeKind, typer.Argument(help="Which recipe.")],
+    kind: Annotated[RecipeKind, typer.Argument(help="Kind of recipe.")],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write it there instead of printing it.")
+        Path | None, typer.Option("--out", metavar="FILE", help="Write to this file instead of printing.")
     ] = None,
 ) -> Done:
     """JSON Schema of a recipe, for editors."""

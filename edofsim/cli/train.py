@@ -23,11 +23,15 @@ def train(
         ),
     ],
     data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Photographs for sources that name none.")
+        Path | None,
+        typer.Option("--data", metavar="DIR", help="Folder of photographs for sources that name none."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the state in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume from the state in --out.")] = False,
     max_minutes: Annotated[
-        float | None, typer.Option("--max-minutes", min=0.01, help="End after so long, decay fitted to it.")
+        float | None,
+        typer.Option(
+            "--max-minutes", min=0.01, help="End after this time; the learning rate decays by then."
+        ),
     ] = None,
     out: OutOption = None,
     json: JsonOption = None,

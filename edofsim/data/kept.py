@@ -230,9 +230,7 @@ def problems_of(path: Path) -> tuple[int, list[str]]:
         sums = json.loads((path / SUMS).read_text(encoding="utf-8"))
         wanted = {str(name): str(entry[0]) for name, entry in sums.items()}
     except FileNotFoundError:
-        raise InputError(
-            f"{path}: is not complete yet; the command that makes it goes on from there"
-        ) from None
+        raise InputError(f"{path}: is not complete yet; repeat the command that makes it to resume") from None
     except (OSError, ValueError, AttributeError, IndexError, TypeError) as error:
         raise InputError(f"{path / SUMS}: cannot be read ({error}); get or make the data again") from None
     there = {str(file.relative_to(path)): file for file in files_of(path)}

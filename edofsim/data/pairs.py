@@ -73,9 +73,7 @@ class Pairs(Dataset[Pair]):
         for block in blocks:
             path = self.folder / "index" / f"{block}.jsonl"
             if not path.is_file():
-                raise InputError(
-                    f"{folder}: is not complete yet; the command that makes it goes on from there"
-                )
+                raise InputError(f"{folder}: is not complete yet; repeat the command that makes it to resume")
             lines = path.read_text(encoding="utf-8").splitlines()
             self.metas += [json.loads(line) for line in lines]
             self.block_of += [block] * len(lines)

@@ -61,7 +61,7 @@ def paper_curve() -> list[tuple[float, float]]:
 
 @in_paper(lambda paper: {})
 def run(folder: Path, progress: Progress) -> Findings:
-    """Bandwidth of the defocus chirp beside the paper's curve (paper, Fig. 6).
+    """Bandwidth of the defocus chirp next to the paper's curve (paper, Fig. 6).
 
     Figures: ratio_difference_percent.{psi_5_up,all}, the largest difference from the paper's curve;
     psi_max, the largest |Psi| of the paper's camera for its three colours between 0.5 m and infinity;
@@ -87,7 +87,7 @@ def run(folder: Path, progress: Progress) -> Findings:
 
 
 def page(figures: Mapping[str, float], rows: Sequence[tuple[float, float, float]], curves: Plot) -> Page:
-    """The bandwidth of the defocus chirp beside the paper's curve."""
+    """The bandwidth of the defocus chirp next to the paper's curve."""
     difference = figures["ratio_difference_percent.psi_5_up"]
     keys = (
         Key(

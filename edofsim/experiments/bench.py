@@ -23,7 +23,7 @@ def run(
     ] = None,
     full: Annotated[bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")] = False,
 ) -> Findings:
-    """Speed and memory: ratios measured in one run, with medians. Leave the machine alone meanwhile.
+    """Measure speed and memory as ratios within one run, with medians. The machine should be idle.
 
     It takes a source checkout. `expose` keeps each piece that it has finished in --out, for this code and
     machine; delete them there to measure anew.

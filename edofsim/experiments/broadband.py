@@ -139,17 +139,24 @@ def run(
     data: CubesOption = None,
     scenes: PlanesOption = None,
     bands: Annotated[
-        str | None, typer.Option("--bands", metavar="LOW,HIGH", help="Only a cube's bands between these, nm.")
+        str | None,
+        typer.Option(
+            "--bands", metavar="LOW,HIGH", help="Use only a cube's bands between these, nanometres."
+        ),
     ] = None,
     crop: Annotated[
         str | None, typer.Option("--crop", metavar="L,T,R,B", help="Pixels to cut off a cube's sides.")
     ] = None,
     start_nm: Annotated[
         float | None,
-        typer.Option("--start-nm", help="First band where a cube does not tell; CAVE is known."),
+        typer.Option("--start-nm", help="First band of a cube whose file does not say; CAVE is known."),
     ] = None,
-    step_nm: Annotated[float | None, typer.Option("--step-nm", help="Band to band, with --start-nm.")] = None,
-    key: Annotated[str | None, typer.Option("--key", help="Array in a .mat file; dots lead inwards.")] = None,
+    step_nm: Annotated[
+        float | None, typer.Option("--step-nm", help="Step between bands, with --start-nm.")
+    ] = None,
+    key: Annotated[
+        str | None, typer.Option("--key", help="Array in a .mat file; dots separate levels.")
+    ] = None,
     systems: SystemsOption = None,
     camera: LensOption = None,
     seed: SeedOption = 0,
@@ -158,8 +165,8 @@ def run(
     """Spectral cubes at 0.5 m, 1 m and infinity, restored by networks trained with three wavelengths.
 
     Bands of the sensor (420 to 720 nm) that a cube does not have are left out of photo and truth alike.
-    Without --data and --scene: the shipped desk. Interrupt it at any time: the same command goes on from
-    there. A system that cannot be used is named, and the others are finished. Masks are made as the paper
+    Without --data and --scene: the shipped desk. The same command resumes interrupted work.
+    A system that cannot be used is named, and the others are finished. Masks are made as the paper
     tests them, whatever a recipe's [fabrication] says.
 
     Figures: psnr_db.SYSTEM.CUBE.{0.5m,1m,infinity} with .red, .green, .blue; psnr_db.SYSTEM.CUBE.photo.*;

@@ -157,7 +157,7 @@ def run(
         typer.Option(
             "--camera",
             metavar="CAMERA",
-            help="Camera recipe or shipped name; repeatable. Default: six that no training drew.",
+            help="Camera recipe or shipped name; repeatable. Default: six cameras that no training used.",
             autocompletion=completion.cameras,
         ),
     ] = None,
@@ -167,8 +167,8 @@ def run(
             "--system",
             "--network",
             metavar="SYSTEM",
-            help=f"{SYSTEM_HELP}{ANY_CAMERA}. What names a camera is judged with that alone, the others with "
-            "each --camera.",
+            help=f"{SYSTEM_HELP}{ANY_CAMERA}. A system that names a camera is evaluated with that one, "
+            "others with each --camera.",
             autocompletion=completion.systems,
         ),
     ] = None,
@@ -176,11 +176,11 @@ def run(
     cache: CacheOption = None,
 ) -> Findings:
     """Pictures at random depths and deep scenes through any camera, restored by the network for any camera
-    and by Wiener deconvolution. Interrupt it at any time: the same command goes on. A camera or a system that
+    and by Wiener deconvolution. The same command resumes interrupted work. A camera or a system that
     cannot be used is named, and the others are finished.
 
     Without --camera: six cameras that no network was trained for. With one set of weights for all of them,
-    cameras that differ in their masks alone tell what the mask is worth.
+    cameras that differ only in their masks show what the mask is worth.
 
     Figures: psnr_db.CAMERA.{random,SCENE}.IMAGE with IMAGE one of {photo,lens_alone,wiener,any,own,SYSTEM},
     psnr_db_se.CAMERA.SCENE.IMAGE (standard errors by the noise of the rendering),

@@ -31,7 +31,7 @@ def run(
 ) -> Findings:
     """Height errors of 20, 30, 40 and 50 nm, and the device that the paper made; objects at the green focus.
 
-    Interrupt it at any time: the same command goes on from there. A file that cannot be used is named and
+    The same command resumes interrupted work. A file that cannot be used is named and
     left out.
 
     Figures: psnr_db.SYSTEM.{20nm,30nm,40nm,50nm,device}, psnr_db.SYSTEM.photo.*, loss_db.SYSTEM from 20 to

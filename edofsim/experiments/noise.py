@@ -27,7 +27,7 @@ def run(
 ) -> Findings:
     """Read noise of 0.005, 0.009, 0.015 and 0.02 of full scale, objects at the green focus.
 
-    Interrupt it at any time: the same command goes on from there. A file that cannot be used is named and
+    The same command resumes interrupted work. A file that cannot be used is named and
     left out.
 
     Figures: psnr_db.SYSTEM.SIGMA, psnr_db.SYSTEM.photo.SIGMA, loss_db.SYSTEM, pictures, left_out.

@@ -108,7 +108,7 @@ def run(
     its surfaces, and behind; the clear aperture also against Mitsuba's thin lens, whose rays meet all
     surfaces.
 
-    Interrupt it at any time: references and scenes that are finished are kept in --out.
+    The same command resumes interrupted work.
 
     Figures: psnr_db.SCENE.MASK.FOCUS.{none,over,normalised,hidden,sub_apertures}, {near,far}_dpt.SCENE; MASK
     is the name of a --camera, and also `thin-lens`, a clear aperture without aberrations; `sub_apertures` is

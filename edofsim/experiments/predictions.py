@@ -99,7 +99,7 @@ def run(
     progress: Progress,
     scenes: ShippedScenes = None,
     members: MembersOption = 0,
-    first: Annotated[int, typer.Option("--seed", help="Of the first member.")] = 0,
+    first: Annotated[int, typer.Option("--seed", help="Seed of the first member.")] = 0,
     masks: Annotated[
         list[str] | None,
         typer.Option(
@@ -108,11 +108,13 @@ def run(
             autocompletion=completion.one_of(*MASKS),
         ),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="The middle of each frame, few samples.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Use the middle of each frame and few samples.")
+    ] = False,
     cache: CacheOption = None,
 ) -> Findings:
-    """Are plans right? Predicted and measured error and time, over scenes and three masks (clear, cubic,
-    learned), on one thread. Interrupt it at any time: the same command goes on from there.
+    """Compare predicted and measured error and time of plans, over scenes and three masks (clear, cubic,
+    learned), on one thread. The same command resumes interrupted work.
 
     Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5,time_within_1.7},
     worst_{optimism,pessimism}_db,

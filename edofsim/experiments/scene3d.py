@@ -150,7 +150,7 @@ def run(
     ours: scores whole, by depth and near depth edges, and what each way to simulate concludes (paper,
     Fig. 13).
 
-    Interrupt it at any time: scenes that are finished are kept in --out. What cannot be used, a scene or a
+    The same command resumes interrupted work. What cannot be used, a scene or a
     system, is named at the end, and the others are finished. Scores are without the noise of the rendering;
     scenes are rendered in the pixels of each lens.
 
@@ -159,8 +159,8 @@ def run(
     {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, and NETWORK.lens_alone where there are several lenses;
     gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener};
     converged_db.{SCENE,least}.WAY.{lens_alone,NETWORK.photo}: PSNR between the photo and that of twice as
-    many depth layers; scenes, scenes.failed; light_error: by what part of the truth's the mean is off in the
-    worst channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
+    many depth layers; scenes, scenes.failed; light_error: relative error of the mean, worst
+    channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import card, overview_page, scores_table, ways_table
 

@@ -32,7 +32,7 @@ def run(
 ) -> Findings:
     """The catalogue of hard cases: error against a truth of every method, camera and precision.
 
-    A camera of one's own goes through all of it in place of small ones.
+    With --camera, that camera takes all cases in place of small ones.
 
     Figures: cases, findings, against_truth, against_itself, beyond_bound, failed, single_precision, seconds.
     """

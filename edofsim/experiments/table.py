@@ -98,7 +98,7 @@ def run(
 ) -> Findings:
     """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m; a test chart and two photographs (Table I).
 
-    Interrupt it at any time: the same command goes on from there. A file that cannot be used is named and
+    The same command resumes interrupted work. A file that cannot be used is named and
     left out, and so is a system. Systems that were trained for comparison are among the default ones.
     Masks are made as the paper tests them, whatever a recipe's [fabrication] says.
 

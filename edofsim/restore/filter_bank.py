@@ -88,7 +88,9 @@ class FilterBank(DepthConditioned):
         self._transferred: tuple[Tensor, Tensor] | None = None
         self._ask_distances(groups * distances)
         if self.dcnn is not None and self.dcnn.distances and self.dcnn.depths != self.depths:
-            raise ValueError(f"a D-CNN given {self.dcnn.depths} distances beside filters given {self.depths}")
+            raise ValueError(
+                f"a D-CNN given {self.dcnn.depths} distances, next to filters given {self.depths}"
+            )
         point = torch.zeros(groups, 3, 3, support, support)
         point[:, range(3), range(3), support // 2, support // 2] = 1
         self.set_filters(point, torch.ones(self.depths, 3, 1, 1))
@@ -99,16 +101,16 @@ class FilterBank(DepthConditioned):
         return {**own, **self.trunk.settings(), **beside}
 
     def with_auxiliary(self, network: Restorer) -> Self:
-        """The same with a copy of a D-CNN beside it; until it is trained, it gives the mean of both images
-        where it had none. Raises InputError for another network, and for one that is given other
+        """The same with a copy of a D-CNN as auxiliary network. Until it is trained, it gives the mean of
+        both images where it had none. Raises InputError for another network, and for one that is given other
         distances."""
         if not isinstance(network, DCnn):
-            raise InputError(f"beside a {self.kind!r} stands a 'dcnn', not a {network.kind!r}")
+            raise InputError(f"the auxiliary network of a {self.kind!r} is a 'dcnn', not a {network.kind!r}")
         try:
             # pyrefly: ignore[bad-argument-type] - those of its own class
             found = type(self)(**{**self.settings(), "dcnn": network.settings()})
         except (TypeError, ValueError) as error:
-            raise InputError(f"this D-CNN cannot stand beside this {self.kind!r}: {error}") from None
+            raise InputError(f"this D-CNN does not fit this {self.kind!r}: {error}") from None
         own = self.state_dict()
         grown = {f"trunk.{name}": value for name, value in found.trunk.grown(self.trunk).items()}
         beside = {f"dcnn.{name}": value for name, value in network.state_dict().items()}

@@ -60,7 +60,7 @@ class Restorer(nn.Module):
         raise NotImplementedError
 
     def set_psfs(self, psf: Tensor) -> None:
-        """Tell it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint.
+        """Give it the PSFs [depth, 3, y, x] at `psf_depths`, to keep in its checkpoint.
 
         psf: [depth, 3, y, x].
         """
@@ -71,13 +71,13 @@ class Restorer(nn.Module):
         return tuple(getattr(self, name) for name in self.psf_buffers)
 
     def load_psf_state(self, known: object) -> None:
-        """Go by that again."""
+        """Condition the network on that state."""
         assert isinstance(known, tuple)
         for name, value in zip(self.psf_buffers, known, strict=True):
             setattr(self, name, value)
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
-        """Tell it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its
+        """Give it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its
         noise relative to full scale, where `any_camera`.
 
         psf: [depth, 3, y, x].
@@ -108,9 +108,9 @@ class Restorer(nn.Module):
         raise InputError(f"a network {cls.kind!r} cannot start from a {network.kind!r}")
 
     def with_auxiliary(self, network: Restorer) -> Restorer:
-        """The same network, which sees what another one makes of a photo, too. Raises InputError where that
-        cannot be."""
-        raise InputError(f"a network {self.kind!r} takes no other beside it; remove network.beside")
+        """The same network, which also sees the photo as another network restores it. Raises
+        InputError where that cannot be."""
+        raise InputError(f"a network {self.kind!r} takes no auxiliary network; remove network.beside")
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may

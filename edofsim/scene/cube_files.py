@@ -247,7 +247,7 @@ def _envi(path: Path, what: str) -> StoredCube:
     header = path if path.suffix.lower() == ".hdr" else path.with_suffix(".hdr")
     header = header if header.is_file() else path.with_name(path.name + ".hdr")
     if not header.is_file():
-        raise InputError(f"{what}: {str(path)!r} has no ENVI header beside it ({header.stem}.hdr)")
+        raise InputError(f"{what}: {str(path)!r} has no ENVI header next to it ({header.stem}.hdr)")
     with header.open("rb") as file:
         if file.read(4) != b"ENVI":
             raise InputError(f"{what}: {str(header)!r} is no ENVI header (it does not begin with ENVI)")
@@ -255,7 +255,7 @@ def _envi(path: Path, what: str) -> StoredCube:
     data = next((p for p in stems if p.is_file() and p != header), None)
     if data is None:
         raise InputError(
-            f"{what}: {str(header)!r} has no file of numbers beside it ({header.stem}.raw, .img, ...)"
+            f"{what}: {str(header)!r} has no file of numbers next to it ({header.stem}.raw, .img, ...)"
         )
     try:
         from spectral.io import envi

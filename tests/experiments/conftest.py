@@ -90,7 +90,7 @@ def only(monkeypatch: pytest.MonkeyPatch) -> Callable[[EvaluatedSystem], None]:
     """Evaluate one system, whatever is asked for."""
 
     def put(system: EvaluatedSystem) -> None:
-        monkeypatch.setattr(robustness, "contestants", lambda names: [system])
+        monkeypatch.setattr(robustness, "evaluated_systems", lambda names: [system])
 
     return put
 

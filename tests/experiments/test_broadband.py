@@ -81,7 +81,7 @@ def test_the_experiment_goes_on_and_names_a_broken_cube(
         if row["depth"] == "1m":  # at the others the blur brings in more than a frame so small holds
             assert float(row["filter_db"]) > float(row["photo_db_all"])  # it knows what to undo
     first = done.outputs["table"].read_bytes()
-    monkeypatch.setattr(broadband, "photographed", None)  # nothing of it is computed again
+    monkeypatch.setattr(broadband, "_captured", None)  # nothing of it is computed again
     monkeypatch.setattr(broadband, "chromatic", None)
     again = run()
     assert again.outputs["table"].read_bytes() == first

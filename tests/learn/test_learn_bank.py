@@ -130,7 +130,7 @@ def test_it_is_trained_beside_a_d_cnn_which_is_kept(tmp_path: Path) -> None:
     torch.testing.assert_close(beside["transfer"], own["transfer"], rtol=0, atol=2e-3)
     assert both.card["recipe"]["network"]["beside"] == first.name
     assert [each["name"] for each in both.card["beside"]] == ["bank"]
-    with pytest.raises(InputError, match=r"network\.beside = .*takes no other beside it"):
+    with pytest.raises(InputError, match=r"network\.beside = .*takes no auxiliary network"):
         train(_with_network(kind="local-unet", beside=str(first)), tmp_path / "refused")
     with pytest.raises(InputError, match="it was trained with another mask"):
         train(_with_network(kind="filter-bank", settings=SMALL, beside="paper-dcnn"), tmp_path / "refused")

@@ -114,7 +114,7 @@ def test_each_tile_is_dimmed_by_what_is_in_front_of_it():
 
 def test_products_of_errors_are_those_of_their_images(monkeypatch: pytest.MonkeyPatch):
     """However few entries of the images are summed at a time."""
-    monkeypatch.setattr("edofsim.plan.estimate.AT_ONCE", 10_000)
+    monkeypatch.setattr("edofsim.plan.estimate.CHUNK", 10_000)
     kept, products = [], _products
     monkeypatch.setattr(
         "edofsim.plan.estimate._products", lambda images: kept.extend(images) or products(images)

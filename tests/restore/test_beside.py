@@ -55,14 +55,14 @@ def test_at_first_it_gives_the_mean_of_both() -> None:
     bank, dcnn = _pair()
     photo = _photo(3, 1, 3, 72, 80)
     with torch.no_grad():
-        found = bank.beside(dcnn).unclamped(photo)
+        found = bank.with_auxiliary(dcnn).unclamped(photo)
         mean = (bank.unclamped(photo) + dcnn.unclamped(photo).clamp(-0.25, 1.25)) / 2
     torch.testing.assert_close(found, mean, rtol=0, atol=1e-5)
     assert (bank.unclamped(photo) - dcnn.unclamped(photo)).abs().mean() > 1e-3
 
 
 def test_a_training_leaves_the_d_cnn_as_it_is() -> None:
-    both = _pair()[0].beside(_pair()[1])
+    both = _pair()[0].with_auxiliary(_pair()[1])
     before = {name: value.clone() for name, value in both.state_dict().items()}
     optimiser = torch.optim.Adam([p for p in both.parameters() if p.requires_grad], lr=1e-2)
     photo, sharp = _photo(3, 2, 3, 64, 64), _photo(4, 2, 3, 64, 64)
@@ -84,7 +84,7 @@ def test_a_training_leaves_the_d_cnn_as_it_is() -> None:
 
 
 def test_a_checkpoint_keeps_both_and_what_they_were_told(tmp_path: Path) -> None:
-    both = _pair()[0].beside(_pair()[1])
+    both = _pair()[0].with_auxiliary(_pair()[1])
     _shaken(both.trunk, 5)
     path = save_checkpoint(tmp_path / "both.safetensors", both, {"name": "both"})
     photo = _photo(6, 3, 64, 70)
@@ -93,7 +93,7 @@ def test_a_checkpoint_keeps_both_and_what_they_were_told(tmp_path: Path) -> None
 
 
 def test_told_other_psfs_both_go_by_them_and_back() -> None:
-    both = _pair()[0].beside(_pair()[1]).eval()
+    both = _pair()[0].with_auxiliary(_pair()[1]).eval()
     photo = _photo(6, 1, 3, 64, 64)
     assert both.dcnn is not None
     with torch.no_grad():
@@ -108,7 +108,7 @@ def test_told_other_psfs_both_go_by_them_and_back() -> None:
 
 
 def test_it_restores_in_tiles_as_whole() -> None:
-    both = _pair()[0].beside(_pair()[1])
+    both = _pair()[0].with_auxiliary(_pair()[1])
     _shaken(both.trunk, 5)
     photo = _photo(7, 3, 300, 220)
     torch.testing.assert_close(
@@ -118,35 +118,35 @@ def test_it_restores_in_tiles_as_whole() -> None:
 
 def test_another_one_beside_takes_the_place_of_the_first() -> None:
     bank, dcnn = _pair()
-    both = bank.beside(dcnn)
+    both = bank.with_auxiliary(dcnn)
     _shaken(both.trunk, 5)
     other = DCnn(**dcnn.settings())  # pyrefly: ignore[bad-argument-type] - its own
     other.load_state_dict(dcnn.state_dict())
     photo = _photo(6, 1, 3, 64, 64)
     with torch.no_grad():
-        same = both.beside(other.eval()).eval().unclamped(photo)
+        same = both.with_auxiliary(other.eval()).eval().unclamped(photo)
         torch.testing.assert_close(same, both.eval().unclamped(photo), rtol=0, atol=0)
         _shaken(other, 9)
-        assert (both.beside(other).eval().unclamped(photo) - same).abs().max() > 1e-3
+        assert (both.with_auxiliary(other).eval().unclamped(photo) - same).abs().max() > 1e-3
 
 
 def test_what_cannot_stand_beside_is_refused() -> None:
     bank, dcnn = _pair()
-    with pytest.raises(InputError, match="beside a 'filter-bank' stands a 'dcnn'"):
-        bank.beside(bank)
-    with pytest.raises(InputError, match="given 6 distances beside filters given 4"):
-        bank.beside(DCnn(distances=3))
+    with pytest.raises(InputError, match="the auxiliary network of a 'filter-bank' is a 'dcnn'"):
+        bank.with_auxiliary(bank)
+    with pytest.raises(InputError, match="given 6 distances, next to filters given 4"):
+        bank.with_auxiliary(DCnn(distances=3))
     with pytest.raises(InputError, match="takes no other beside it"):
-        dcnn.beside(bank)
+        dcnn.with_auxiliary(bank)
     with pytest.raises(InputError, match="cannot stand beside this 'camera-bank'"):
-        CameraBank(groups=2, width=4, blocks=(1,)).beside(dcnn)
+        CameraBank(groups=2, width=4, blocks=(1,)).with_auxiliary(dcnn)
     with pytest.raises(InputError, match="not out of a 'filter-bank' with a D-CNN beside it"):
-        CameraBank.grown(bank.beside(dcnn))
+        CameraBank.grown(bank.with_auxiliary(dcnn))
 
 
 def test_filters_of_both_are_of_the_same_psfs() -> None:
     bank, dcnn = _pair()
-    both = bank.beside(dcnn)
+    both = bank.with_auxiliary(dcnn)
     both.set_psfs(_blurs(2))
     torch.testing.assert_close(both.filters, local_filters(_blurs(2), 9, 2).flatten(0, 1).to(both.filters))
     assert both.dcnn is not None and torch.equal(both.dcnn.transfer, both.transfer)

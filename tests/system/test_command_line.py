@@ -43,7 +43,7 @@ def test_an_interrupt_ends_with_its_own_status_and_says_what_is_kept(name: str, 
     process.send_signal(signal.SIGINT)
     said += process.communicate(timeout=300)[1]
     assert process.returncode == 130, said
-    assert "edofsim: interrupted; what was finished is kept" in said
+    assert "edofsim: interrupted; repeat the command to resume" in said
     assert "Traceback" not in said
 
 

@@ -133,7 +133,7 @@ def _open(lens: dict[str, object], surfaces: list[dict[str, object]], found: Len
     how, value = found.opening
     if how == "stop":
         if "clear_radius_mm" not in stop:
-            raise InputError(f"{path}: the stop is as wide as its radius, and the file does not say that")
+            raise InputError(f"{path}: the file does not give the radius of the stop")
     elif how:
         stop.pop("clear_radius_mm", None)
         lens["f_number"] = value

@@ -42,7 +42,7 @@ def _row(surface: Mapping[str, Json], where: str) -> Row:
     if kind not in POWERS:
         raise InputError(f"{where}: surfaces of type {kind} are not traced; {', '.join(POWERS)} are")
     if any(place.get(key) for key in ("x", "y", "rx", "ry", "rz")):
-        raise InputError(f"{where}: it is tilted or beside the axis, which is not traced")
+        raise InputError(f"{where}: it is tilted or decentred, which is not traced")
     how = surface.get("interaction_model") or {}
     if (
         how.get("is_reflective")
