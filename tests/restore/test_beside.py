@@ -136,7 +136,7 @@ def test_what_cannot_stand_beside_is_refused() -> None:
         bank.with_auxiliary(bank)
     with pytest.raises(InputError, match="given 6 distances, next to filters given 4"):
         bank.with_auxiliary(DCnn(distances=3))
-    with pytest.raises(InputError, match="takes no other beside it"):
+    with pytest.raises(InputError, match="takes no auxiliary network"):
         dcnn.with_auxiliary(bank)
     with pytest.raises(InputError, match="cannot stand beside this 'camera-bank'"):
         CameraBank(groups=2, width=4, blocks=(1,)).with_auxiliary(dcnn)
