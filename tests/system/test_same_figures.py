@@ -12,10 +12,13 @@ from PIL import Image
 from skimage import data as pictures
 
 import edofsim as package
+from edofsim.core.progress import silent
 from edofsim.experiments import camera_figures, cameras, cost_stages
 from edofsim.experiments.failures import Failures
+from edofsim.experiments.photographs import photographs
 from edofsim.experiments.restorations import ByWiener
 from edofsim.recipe import load_camera
+from edofsim.restore import scores
 from edofsim.restore.gains import RIVALS
 from edofsim.restore.scores import image_psnr
 
@@ -134,3 +137,39 @@ def test_experiments_on_deep_scenes_agree_with_run(edofsim: Command, folder: Pat
     for rival in ("photo", "lens_alone"):
         mine = figures[f"gain_db.clear.cat.wiener.over_{rival}"]
         assert mine == pytest.approx(deep[f"gain_db.cat.sub_apertures.wiener.over_{rival}"], abs=SAME)
+
+
+PAIRS = """\
+name = "room-1"
+cameras = ["cubic.toml"]
+scenes = [{ recipe = "room.toml", members = 2, split = "test" }]
+frame = { width_px = 40, height_px = 32 }
+photos = { fidelity = { layers = 3, band_groups = 1, group_wavelengths = 1, occlusion = "none" } }
+store = { precision = "float", keep_views = true }
+"""
+
+
+def test_every_command_scores_by_one_function(
+    edofsim: Command, folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Where that says 12.5 dB, so does each of them: `evaluate table` measures pictures as `cameras` does."""
+    monkeypatch.setattr(scores, "_level", lambda *_: (12.5, 0.25))
+    found = [figures_of(edofsim, folder, "cubic", "evaluate", "scene3d", "SCENE", "--system", "wiener")]
+    (folder / "pairs.toml").write_text(PAIRS)
+    (folder / "room.toml").write_text((Path(__file__).parents[1] / "small" / "room.toml").read_text())
+    data = folder / "data"
+    assert edofsim("benchmark", "make", folder / "pairs.toml", "--out", data, "--quiet")[0] == 0
+    words = ("benchmark", "score", "photo", "wiener", "--data", data, "--out", folder / "scores", "--quiet")
+    assert edofsim(*words)[0] == 0
+    found.append(json.loads((folder / "scores" / "benchmark.json").read_text())["figures"])
+    (taker,) = cameras.asked_for([str(folder / "cubic.toml")])
+    judge = cameras.Judge(taker, {cameras.WIENER: ByWiener()}, Failures(), folder, 0, None)
+    found.append({f"psnr_db.{k}": level for k, (level, _) in judge.deep(str(folder / "cat.toml")).items()})
+    (folder / "flat").mkdir()
+    Image.fromarray(pictures.chelsea()[:200, :200]).save(folder / "flat" / "cat.png")
+    planes = judge.planes(photographs(folder / "flat"), silent)[0]
+    found.append({f"psnr_db.{name}": level for name, level in planes.items()})
+    for figures in found:
+        levels = {name: value for name, value in figures.items() if name.startswith("psnr_db.")}
+        levels = {name: value for name, value in levels.items() if not name.endswith((".low", ".high"))}
+        assert len(levels) >= 3 and set(levels.values()) == {12.5}, levels
