@@ -205,6 +205,25 @@ def test_an_experiment_on_a_cluster_of_which_a_worker_dies(scenes: list[Path], t
 
 
 @pytest.mark.slow
+def test_the_benchmark_of_a_cluster_of_which_a_worker_dies_has_the_same_bytes(tmp_path: Path):
+    """The smallest one as it ships, by its command alone and by two workers."""
+    pytest.importorskip("distributed")
+    alone, spread = tmp_path / "alone", tmp_path / "spread"
+    make = [sys.executable, "-m", "edofsim", "benchmark", "make", "tiny", "--quiet"]
+    subprocess.run([*make, "--out", str(alone)], check=True)
+    with dask(tmp_path, ["--no-nanny", "--no-nanny"]) as (address, workers):
+        process = subprocess.Popen([*make, "--out", str(spread), "--cluster", address])
+        assert until(lambda: len([n for n in busy(address).values() if n]) == 2, 120)
+        time.sleep(2)
+        os.killpg(workers[0].pid, signal.SIGKILL)
+        assert process.wait(900) == 0
+    assert (alone / "checksums.json").read_bytes() == (spread / "checksums.json").read_bytes()
+    command = ("benchmark", "score", "photo", "--data", spread, "--out", tmp_path / "scores", "--quiet")
+    assert edofsim(*command) == 0
+    assert figures(tmp_path / "scores" / "benchmark.json")["photos"] == 20
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "options"),
     [
