@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
@@ -248,6 +251,84 @@ ShowOption = Annotated[
     typer.Option("--show", metavar="NAME", help="Photograph to show, repeatable; default: the first."),
 ]
 LimitOption = Annotated[int | None, typer.Option("--limit", min=1, help="Use only this many photographs.")]
+
+
+@dataclass(frozen=True)
+class Output:
+    """Options of what a command leaves."""
+
+    out: OutOption = None
+    json: JsonOption = None
+    quiet: QuietOption = False
+
+
+@dataclass(frozen=True)
+class Work(Output):
+    """And of where it computes."""
+
+    cache: CacheOption = None
+    device: DeviceOption = Device.auto
+
+
+@dataclass(frozen=True)
+class Spreading:
+    """Options of who does the work."""
+
+    jobs: JobsOption = 1
+    cluster: ClusterOption = None
+    shard: ShardOption = None
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Options of what is planned for."""
+
+    accuracy: AccuracyOption = None
+    time: TimeOption = None
+    with_: WithOption = None
+    without: WithoutOption = None
+
+    @property
+    def overrule(self) -> dict[str, object]:
+        """What replaces the plan's choices, by names of `plan.checked_overrule`."""
+        given = vars(self).items()
+        return {name: value for name, value in given if name not in ("accuracy", "time", "fidelity")}
+
+
+@dataclass(frozen=True)
+class Simulated(Planned):
+    """Options of what is simulated."""
+
+    method: MethodOption = None
+    layers: LayersOption = None
+    occlusion: OcclusionOption = None
+    sub_apertures: SubAperturesOption = None
+    fidelity: FidelityOption = None
+
+
+Result = TypeVar("Result")
+
+
+def grouped(command: Callable[..., Result]) -> Callable[..., Result]:
+    """A command with the options of its groups, parameters whose type is a dataclass, as its own: for Typer,
+    which knows no groups."""
+    own = inspect.signature(command, eval_str=True).parameters.values()
+    groups = {each.name: each.annotation for each in own if is_dataclass(each.annotation)}
+
+    def whole(**options: object) -> Result:
+        for name, group in groups.items():
+            options[name] = group(**{each.name: options.pop(each.name) for each in fields(group)})
+        return command(**options)
+
+    every: list[inspect.Parameter] = []
+    for each in own:
+        inside = groups.get(each.name)
+        every += [each] if inside is None else inspect.signature(inside, eval_str=True).parameters.values()
+    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in every]
+    whole.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    whole.__annotations__ = {each.name: each.annotation for each in every}
+    whole.__doc__, whole.__name__ = command.__doc__, command.__name__
+    return whole
 
 
 def numbers(text: str, option: str, example: str, count: int | None = None) -> tuple[float, ...]:

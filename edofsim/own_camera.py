@@ -59,9 +59,9 @@ def camera(
     bits: of the quantisation.
     bayer: the mosaic's first four pixels, such as `RGGB`.
     window: width of the PSFs, pixels.
-    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; `file` in it is relative
-        to the working folder.
-    name: of the camera, in tables and reports.
+    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative to the
+        working folder.
+    name: of the camera.
     height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
     amplitude: what the mask also lets through of a wave, [n, n] from 0 to 1, by samples that just cover the
         pupil; gradients reach a tensor.
@@ -71,10 +71,9 @@ def camera(
 
     Raises InputError for what cannot be a camera, naming every problem.
     """
-    recipe, base = CameraRecipe(name="paper-clear"), Path.cwd()
-    if source is not None:
-        loaded = load_camera(source)
-        recipe, base = loaded.recipe, loaded.base
+    loaded = None if source is None else load_camera(source)
+    recipe = CameraRecipe(name="paper-clear") if loaded is None else loaded.recipe
+    base = Path.cwd() if loaded is None else loaded.base
     _check_lengths(focal_length=focal_length, pixel=pixel, pitch=pitch)
     _check_together((mask, height, network), (focal_length, f_number), height, (pitch, material))
     _check_together((amplitude, network), (), (), ())

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Generator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from .capture import Fidelity, Photo, capture
@@ -21,6 +20,7 @@ from .capture.framing import framed, seen_through
 from .capture.noise import PhotoNoise, photo_noise
 from .capture.presets import PRESETS, preset
 from .core.progress import Progress
+from .core.stopwatch import Stopwatch
 from .core.threads import in_threads
 from .optics import Camera
 from .optics.nodes import nodes_between
@@ -91,30 +91,6 @@ class Run:
     peak_memory_mib: float
 
 
-@dataclass
-class Stopwatch:
-    """Seconds of each stage, by name.
-
-    progress: of all stages together.
-    """
-
-    progress: Progress | None = None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str, begin: float, end: float) -> Generator[Progress]:
-        """Time a stage that goes from one fraction of the whole to another; gives its own progress."""
-
-        def tell(done: float, text: str) -> None:
-            if self.progress:
-                self.progress(begin + done * (end - begin), text)
-
-        tell(0.0, name)
-        start = time.perf_counter()
-        yield tell
-        self.seconds[name] = time.perf_counter() - start
-
-
 def run(
     scene: Loaded[SceneRecipe],
     camera: Loaded[CameraRecipe],
@@ -146,100 +122,126 @@ def run(
 
     Raises InputError for what cannot be used, EngineError where nothing can render.
     """
-    watch = Stopwatch(progress)
+    watch, overrule, target = Stopwatch(progress), checked_overrule(overrule), target or RESTORED
     compute = torch_device(device)
-    overrule, target = checked_overrule(overrule), target or RESTORED
     checkpoint, optics = choose_network(network, camera)
-    alone = optics.without_mask()
-    bare = not optics.mask_given and optics.recipe == alone.recipe
-    view, plan, facts = planned_view(
-        scene,
-        optics,
-        watch,
-        resample=resample,
-        overrule=overrule,
-        target=target,
-        fidelity=fidelity,
-        cache=cache,
-        device=device,
-    )
-    with watch.stage("plan lens alone", 0.68, 0.7) as tell:
-        rival = (
-            plan
-            if bare
-            else _alone_as(plan.replayed, view, alone)
-            if plan.replayed
-            else plan_alone(plan, facts, alone, overrule, target, progress=tell)
-        )
-    taken, taken_alone = plan.fidelity.of_photo(), rival.fidelity.of_photo()
-    with watch.stage("expose", 0.7, 0.82):
-        photo = with_predicted(capture(view, optics, taken, seed=seed, device=compute), plan)
-    if compute == "cpu":
-        learn_rates(plan.seconds, photo.seconds)
-    with watch.stage("lens alone", 0.82, 0.92):
-        lens_alone = (
-            photo
-            if bare
-            else capture(view, alone, taken_alone, seed=seed, device=compute, exposure=photo.exposure)
-        )
-    with watch.stage("psfs", 0.92, 0.93):
-        simpler = simpler_camera(optics, taken)
-        depths = nodes_between(simpler, view.wavelengths, *view.inverse_depth.aminmax())
-        psfs = channel_psfs(simpler, view.wavelengths, depths)
-
-    def by_network(image: Tensor) -> tuple[Tensor, Method]:
-        how = {
-            "checkpoint": checkpoint,
-            "psfs": psfs,
-            "truncated": photo.truncated,
-            "frame": frame_of([view]),
-        }
-        return restore(image, optics, view.wavelengths, depths, **how)
-
-    def by_wiener(image: Tensor) -> Tensor:
-        return restore(image, optics, view.wavelengths, depths, psfs=psfs, frame=frame_of([view]))[0]
-
+    asked = {"resample": resample, "overrule": overrule, "target": target, "fidelity": fidelity}
+    view, plan, facts = planned_view(scene, optics, watch, cache=cache, device=device, **asked)
+    work = _Work(view, optics, plan, checkpoint, seed, compute, watch)
+    rival = work.plan_alone(facts, overrule, target)
+    photo, lens_alone = work.photos(rival)
+    psfs, depths = work.psfs()
+    restores = _Restores(work, photo, psfs, depths)
     with watch.stage("restore", 0.93, 0.94):
-        restored, by = by_network(photo.image)
+        restored, by = restores.by_network(photo.image)
     wiener = None
     if checkpoint is not None:
         with watch.stage("wiener", 0.94, 0.96):
-            wiener = by_wiener(photo.image)
+            wiener = restores.by_wiener(photo.image)
     with watch.stage("score", 0.96, 0.98):
-        truth = Truth(photo.ideal, photo_noise(view, optics, taken, photo, compute))
-        noise_alone = truth.noise
-        if not bare:
-            noise_alone = photo_noise(view, alone, taken_alone, lens_alone, compute)
+        noise, noises, scores, by_depth = restores.scored(restored, wiener, rival, lens_alone)
+    means = gains({name: whole.psnr_db for name, whole in scores.items()})
+    photos = (view, plan, rival, photo, psfs, depths, restored, by, wiener, lens_alone)
+    found = (noise, noises, scores, by_depth, means, watch.seconds, peak_memory_mib())
+    return Run(scene, camera, optics, checkpoint, seed, *photos, *found)
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What the stages of a run share, once its photo is planned."""
+
+    view: View
+    optics: Camera
+    plan: Plan
+    checkpoint: Checkpoint | None
+    seed: int
+    compute: torch.device | str
+    watch: Stopwatch
+
+    @property
+    def alone(self) -> Camera:
+        """The lens alone."""
+        return self.optics.without_mask()
+
+    @property
+    def bare(self) -> bool:
+        """Whether that is the camera itself."""
+        return not self.optics.mask_given and self.optics.recipe == self.alone.recipe
+
+    def plan_alone(self, facts: Facts, overrule: Mapping[str, object], target: Target) -> Plan:
+        """The plan of the photo through the lens alone."""
+        with self.watch.stage("plan lens alone", 0.68, 0.7) as tell:
+            if self.bare:
+                return self.plan
+            if self.plan.replayed:
+                return _alone_as(self.plan.replayed, self.view, self.alone)
+            return plan_alone(self.plan, facts, self.alone, overrule, target, progress=tell)
+
+    def photos(self, rival: Plan) -> tuple[Photo, Photo]:
+        """The photo, and that through the lens alone, exposed alike."""
+        how = {"seed": self.seed, "device": self.compute}
+        with self.watch.stage("expose", 0.7, 0.82):
+            photo = capture(self.view, self.optics, self.plan.fidelity.of_photo(), **how)
+            photo = with_predicted(photo, self.plan)
+        if self.compute == "cpu":
+            learn_rates(self.plan.seconds, photo.seconds)
+        with self.watch.stage("lens alone", 0.82, 0.92):
+            if self.bare:
+                return photo, photo
+            taken, exposure = rival.fidelity.of_photo(), photo.exposure
+            return photo, capture(self.view, self.alone, taken, exposure=exposure, **how)
+
+    def psfs(self) -> tuple[Tensor, Tensor]:
+        """PSFs of the camera as simulated, and the inverse depths that they stand for."""
+        with self.watch.stage("psfs", 0.92, 0.93):
+            simpler = simpler_camera(self.optics, self.plan.fidelity.of_photo())
+            depths = nodes_between(simpler, self.view.wavelengths, *self.view.inverse_depth.aminmax())
+            return channel_psfs(simpler, self.view.wavelengths, depths), depths
+
+    def noise_of(self, camera: Camera, plan: Plan, photo: Photo) -> PhotoNoise:
+        """The noise of the rendering in a photo."""
+        return photo_noise(self.view, camera, plan.fidelity.of_photo(), photo, self.compute)
+
+
+@dataclass(frozen=True)
+class _Restores:
+    """Restorations of a photo, and scores of all its images."""
+
+    work: _Work
+    photo: Photo
+    psfs: Tensor
+    depths: Tensor
+
+    def by_network(self, image: Tensor) -> tuple[Tensor, Method]:
+        return self._restore(image, checkpoint=self.work.checkpoint, truncated=self.photo.truncated)
+
+    def by_wiener(self, image: Tensor) -> Tensor:
+        return self._restore(image)[0]
+
+    def _restore(
+        self,
+        image: Tensor,
+        **how: Any,  # pyrefly: ignore[explicit-any]
+    ) -> tuple[Tensor, Method]:
+        view = self.work.view
+        how |= {"psfs": self.psfs, "frame": frame_of([view])}
+        return restore(image, self.work.optics, view.wavelengths, self.depths, **how)
+
+    def scored(
+        self, restored: Tensor, wiener: Tensor | None, rival: Plan, lens_alone: Photo
+    ) -> tuple[PhotoNoise, dict[str, TruthNoise], dict[str, Score], dict[str, tuple[DepthScore, ...]]]:
+        """Noise of the photo, what each image is scored without, and scores as wholes and by depth."""
+        work, photo = self.work, self.photo
+        truth = Truth(photo.ideal, work.noise_of(work.optics, work.plan, photo))
+        alone = truth.noise if work.bare else work.noise_of(work.alone, rival, lens_alone)
         images = {"photo": (photo.image, truth.noise.image)}
-        images["restored"] = restored, truth.restored_noise(photo.image, restored, lambda x: by_network(x)[0])
+        again = truth.restored_noise(photo.image, restored, lambda x: self.by_network(x)[0])
+        images["restored"] = restored, again
         if wiener is not None:
-            images["wiener"] = wiener, truth.restored_noise(photo.image, wiener, by_wiener)
-        images["lens_alone"] = lens_alone.image, noise_alone.image
-        scores, by_depth, noises = _scored(images, truth, view)
-    return Run(
-        scene=scene,
-        camera=camera,
-        optics=optics,
-        checkpoint=checkpoint,
-        seed=seed,
-        view=view,
-        plan=plan,
-        plan_lens_alone=rival,
-        photo=photo,
-        psfs=psfs,
-        psf_depths=depths,
-        restored=restored,
-        restored_by=by,
-        wiener=wiener,
-        lens_alone=lens_alone,
-        noise=truth.noise,
-        noises=noises,
-        scores=scores,
-        by_depth=by_depth,
-        gains=gains({name: whole.psnr_db for name, whole in scores.items()}),
-        seconds=watch.seconds,
-        peak_memory_mib=peak_memory_mib(),
-    )
+            images["wiener"] = wiener, truth.restored_noise(photo.image, wiener, self.by_wiener)
+        images["lens_alone"] = lens_alone.image, alone.image
+        scores, by_depth, noises = _scored(images, truth, work.view)
+        return truth.noise, noises, scores, by_depth
 
 
 def _scored(

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..core.json_values import Json
 from ..core.progress import Progress
+from ..core.stopwatch import Stopwatch
 from ..errors import InputError
 from ..optics import Camera, response
 from ..optics.camera import defocus_per_dioptre
@@ -37,7 +38,6 @@ from .occlusion.hidden import Layout
 from .photo import How, Photo
 from .prepare import channel_weights, depth_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
-from .stopwatch import Stopwatch
 
 GLARE_NODES = 8
 """Depths at which truncated light is known, for each node of band-limited PSFs: between them it is linear."""

@@ -13,6 +13,7 @@ import typer
 
 from .. import __version__, console
 from ..errors import InputError
+from ..options import grouped
 from .benchmark import benchmark_app
 from .cache import cache_app
 from .cost import cost
@@ -47,7 +48,7 @@ app = typer.Typer(
     result_callback=show,
 )
 for command in (run, look, render, expose, plan, cost, restore, train, psf, fabricate):
-    app.command()(command)
+    app.command()(grouped(command))
 app.add_typer(evaluate_app, name="evaluate")
 app.add_typer(benchmark_app, name="benchmark")
 app.add_typer(dataset_app, name="dataset")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -11,44 +12,42 @@ import typer
 from ..core.files import write_text
 from ..core.progress import part
 from ..errors import EdofsimError, InputError
-from ..options import (
-    ClusterOption,
-    Device,
-    DeviceOption,
-    JobsOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    ShardOption,
-)
+from ..options import ClusterOption, Device, DeviceOption, JobsOption, Output, Spreading, grouped
 from ..record import writable_folder
 from . import dataset
 from .many import seen_by, spread_of, work_on
 from .shared import Done, begun, finish
 
+EntriesArgument = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ENTRY]...",
+        help="FILE.py with a function restore, a folder of images KEY.exr or KEY.png, a system as of "
+        "`edofsim evaluate --system`, `photo`, optics:CAMERA, deepinv-wiener, deepinv-tv; default: the "
+        "entries that ship.",
+    ),
+]
 benchmark_app = typer.Typer(help="Make photos for a benchmark, enter it, and score entries.")
 
 
 @benchmark_app.command()
+@grouped
 def make(
     size: Annotated[
         str,
         typer.Argument(metavar="SIZE", help="tiny, small, full, or a dataset recipe whose views are kept."),
     ],
-    jobs: JobsOption = 1,
-    cluster: ClusterOption = None,
-    shard: ShardOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
+    *,
+    spread: Spreading,
     device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    to: Output,
 ) -> Done:
     """Make views, photos and sharp images of a benchmark, with checksums, as `edofsim dataset make` does.
 
     Figures: those of `edofsim dataset make`.
     """
-    how = {"jobs": jobs, "cluster": cluster, "shard": shard, "json": json, "device": device, "quiet": quiet}
-    return dataset.make(size, out=out or Path("out") / f"benchmark-{Path(size).stem}", **how)
+    to = replace(to, out=to.out or Path("out") / f"benchmark-{Path(size).stem}")
+    return dataset.make(size, spread=spread, device=device, to=to)
 
 
 @benchmark_app.command()
@@ -67,24 +66,16 @@ def enter(
 
 
 @benchmark_app.command()
+@grouped
 def score(
-    entries: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="[ENTRY]...",
-            help="FILE.py with a function restore, a folder of images KEY.exr or KEY.png, a system as of "
-            "`edofsim evaluate --system`, `photo`, optics:CAMERA, deepinv-wiener, deepinv-tv; default: the "
-            "entries that ship.",
-        ),
-    ] = None,
+    entries: EntriesArgument = None,
     data: Annotated[Path, typer.Option("--data", metavar="DIR", help="The benchmark's folder.")] = Path(
         "out/benchmark-tiny"
     ),
     jobs: JobsOption = 1,
     cluster: ClusterOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    quiet: QuietOption = False,
+    *,
+    to: Output,
 ) -> Done:
     """Score entries on the photos of a benchmark: with intervals, by depth, by distance from depth edges and
     by family, with paired differences. The same command resumes interrupted work. Failures of an
@@ -94,8 +85,8 @@ def score(
     difference_db.ENTRY.ENTRY, also .low and .high; {failures,seconds,peak_mib,gmacs,parameters}.ENTRY;
     scenes, photos.
     """
-    how = spread_of(jobs, cluster, None)
-    with begun("benchmark score", json, quiet=quiet) as progress:
+    how = spread_of(Spreading(jobs, cluster))
+    with begun("benchmark score", to.json, quiet=to.quiet) as progress:
         from ..benchmark.definition import Benchmark
         from ..benchmark.entries import LEFT_OUT, deepinv_version, entries_of
         from ..benchmark.results import Results, page_of, submission, write_rows
@@ -106,7 +97,7 @@ def score(
         benchmark.check()
         chosen = entries_of(tuple(entries or ()))
         check_entries(benchmark, chosen)
-        folder = writable_folder(out or Path("out") / f"score-{benchmark.recipe.name}")
+        folder = writable_folder(to.out or Path("out") / f"score-{benchmark.recipe.name}")
         scenes = list(benchmark.scenes)
         there = {"benchmark": Benchmark(seen_by(how, data)), "folder": seen_by(how, folder)}
         work = partial(score_scene, entries=chosen, **there)
@@ -122,7 +113,7 @@ def score(
             [results.table(), *([] if entries or deepinv_version() else [LEFT_OUT])],
             figures,
             outputs,
-            json or folder / "benchmark.json",
+            to.json or folder / "benchmark.json",
             inputs={"data": str(data), "entries": [entry.name for entry in chosen]},
             rest=submission(results, benchmark),
         )

@@ -10,20 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..core.progress import Progress, part
-from ..options import (
-    CacheOption,
-    CameraOption,
-    ClusterOption,
-    Device,
-    DeviceOption,
-    JobsOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    ResampleOption,
-    Scenes,
-    ShardOption,
-)
+from ..options import CameraOption, ResampleOption, Scenes, Spreading, Work
 from ..record import writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
 from .shared import Done, begun, finish, inputs_of, recipes_of
@@ -44,14 +31,9 @@ def cost(
     repeats: Annotated[
         int, typer.Option("--repeats", min=1, help="Timed repeats of each case, interleaved.")
     ] = 3,
-    jobs: JobsOption = 1,
-    cluster: ClusterOption = None,
-    shard: ShardOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    *,
+    spread: Spreading,
+    to: Work,
 ) -> Done:
     """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
     left out in turn, and how far the PSNR of the restored photo and its gain over the lens alone shift; noise
@@ -67,23 +49,19 @@ def cost(
     render_noise.render.N_samples, seconds.render.N_samples; {psnr_db,psnr_db_se,seconds}.restore.NETWORK.
     """
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
-    how = spread_of(jobs, cluster, shard)
+    how = spread_of(spread)
     names = [scene.recipe.name for scene, _ in pairs]
-    with begun("cost", json, quiet=quiet) as progress:
+    with begun("cost", to.json, quiet=to.quiet) as progress:
         from ..capture.device import torch_device
 
-        torch_device(device.value)
-        folders = [
-            writable_folder(
-                out if out and len(names) == 1 else (out / name if out else Path("out") / f"cost-{name}")
-            )
-            for name in names
-        ]
-        work = partial(measured, repeats=repeats, cache=seen_by(how, cache), device=device.value)
+        torch_device(to.device.value)
+        named = {name: to.out / name if to.out else Path("out") / f"cost-{name}" for name in names}
+        folders = [writable_folder(to.out if to.out and len(names) == 1 else named[name]) for name in names]
+        work = partial(measured, repeats=repeats, cache=seen_by(how, to.cache), device=to.device.value)
         parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
         found = of_each(parts, names, work, how, progress)
         inputs = inputs_of(*pairs[0]) if len(pairs) == 1 else {"scenes": [str(s.path) for s, _ in pairs]}
-        done = finish("cost", found.printed, found.figures, found.outputs, json, inputs=inputs)
+        done = finish("cost", found.printed, found.figures, found.outputs, to.json, inputs=inputs)
         return replace(done, problems=found.problems, failures=found.failures)
 
 

@@ -11,16 +11,7 @@ import typer
 from .. import console
 from ..core.progress import part
 from ..errors import EdofsimError, InputError
-from ..options import (
-    ClusterOption,
-    Device,
-    DeviceOption,
-    JobsOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    ShardOption,
-)
+from ..options import Device, DeviceOption, JsonOption, Output, Spreading, grouped
 from ..record import writable_folder
 from .many import seen_by, share_of, spread_of, work_on
 from .shared import Done, begun, figures_table, finish
@@ -28,19 +19,15 @@ from .shared import Done, begun, figures_table, finish
 dataset_app = typer.Typer(help="Data sets of photos with their sharp images, to train on.")
 
 
-@dataset_app.command()
 def make(
     recipe: Annotated[str, typer.Argument(metavar="RECIPE", help="Dataset recipe, a TOML file.")],
     forecast_only: Annotated[
         bool, typer.Option("--forecast", help="Only predict time, bytes and core hours.")
     ] = False,
-    jobs: JobsOption = 1,
-    cluster: ClusterOption = None,
-    shard: ShardOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
+    *,
+    spread: Spreading,
     device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    to: Output,
 ) -> Done:
     """Make the data set of a recipe. The same command resumes interrupted work, to the same bytes. After
     several commands with --shard, the same command without it joins their shares.
@@ -48,8 +35,8 @@ def make(
     Figures: pairs, pairs.made, forecast.{core_seconds,bytes}, bytes, core_seconds.{render,photos} (of the
     processor).
     """
-    how = spread_of(jobs, cluster, shard)
-    with begun("dataset make", json, quiet=quiet) as progress:
+    how = spread_of(spread)
+    with begun("dataset make", to.json, quiet=to.quiet) as progress:
         from ..data import make as making
         from ..data.parts import understood
         from ..data.taken import take_part
@@ -59,13 +46,13 @@ def make(
         work = understood(loaded)
         for each in work.parts:
             work.frames(each)  # before any time is spent
-        path = out or Path("out") / loaded.recipe.name
+        path = to.out or Path("out") / loaded.recipe.name
         folder = making.begun(work, writable_folder(path))
-        expected = making.forecast(work, folder, jobs)
-        if not quiet:
+        expected = making.forecast(work, folder, spread.jobs)
+        if not to.quiet:
             console.err.print(str(expected), markup=False)
         if forecast_only:
-            return finish("dataset make", [str(expected)], making.figures_of(expected, [], path), {}, json)
+            return finish("dataset make", [str(expected)], making.figures_of(expected, [], path), {}, to.json)
         making.check_room(expected, path)
         there = seen_by(how, path)
         folder = making.begun(work, there)
@@ -80,12 +67,17 @@ def make(
         )
         outputs = {"data": path, **({"checksums": sums} if sums else {})}
         inputs = {"recipe": str(loaded.path)}
-        done = finish("dataset make", [*lines, figures_table(figures)], figures, outputs, json, inputs=inputs)
+        done = finish(
+            "dataset make", [*lines, figures_table(figures)], figures, outputs, to.json, inputs=inputs
+        )
         if problems:
             raise InputError(problems)
         if failures:
             raise EdofsimError("\n".join(failures))
         return done
+
+
+dataset_app.command()(grouped(make))
 
 
 @dataset_app.command()

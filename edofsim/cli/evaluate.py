@@ -17,16 +17,7 @@ from ..core.progress import Progress, part
 from ..errors import EdofsimError, InputError
 from ..experiments import EXPERIMENTS
 from ..experiments.experiment import Findings, InPaper, InParts, Paper
-from ..options import (
-    CacheOption,
-    ClusterOption,
-    JobsOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    SeedOption,
-    ShardOption,
-)
+from ..options import CacheOption, OutOption, Output, QuietOption, SeedOption, Spreading, grouped
 from ..record import writable_folder
 from .many import seen_by, share_of, spread_of, work_on
 from .shared import Done, begun, figures_table, finish
@@ -68,35 +59,23 @@ def command_of(name: str) -> Callable[..., Done]:
     """An experiment's `run` as a command: its own options, and those that all experiments have, or all whose
     work is in parts."""
 
-    def command(
-        out: OutOption = None, json: JsonOption = None, quiet: QuietOption = False, **options: object
-    ) -> Done:
-        with begun(name, json, quiet=quiet) as progress:
-            return perform(name, options, out, json, progress)
-
-    def spread(
-        jobs: JobsOption = 1,
-        cluster: ClusterOption = None,
-        shard: ShardOption = None,
-        out: OutOption = None,
-        json: JsonOption = None,
-        quiet: QuietOption = False,
-        **options: object,
-    ) -> Done:
-        how = spread_of(jobs, cluster, shard)
-        with begun(name, json, quiet=quiet) as progress:
-            return perform(name, options, out, json, progress, how)
-
     run = _run_of(name)
-    whole = spread if isinstance(run, InParts) else command
+    parts = isinstance(run, InParts)
     function = run.run if isinstance(run, InParts) else run
+
+    def command(to: Output, spread: Spreading | None = None, **options: object) -> Done:
+        how = None if spread is None else spread_of(spread)
+        with begun(name, to.json, quiet=to.quiet) as progress:
+            return perform(name, options, to.out, to.json, progress, how)
+
     own = list(inspect.signature(function, eval_str=True).parameters.values())[2:]
-    shared = list(inspect.signature(whole, eval_str=True).parameters.values())[:-1]
-    every = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in (*own, *shared)]
-    whole.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    whole.__annotations__ = {each.name: each.annotation for each in every}
-    whole.__doc__ = function.__doc__
-    return whole
+    groups = {"spread": Spreading, "to": Output} if parts else {"to": Output}
+    kind = inspect.Parameter.KEYWORD_ONLY
+    shared = [inspect.Parameter(each, kind, annotation=group) for each, group in groups.items()]
+    every = [each.replace(kind=kind) for each in (*own, *shared)]
+    command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    command.__doc__ = function.__doc__
+    return grouped(command)
 
 
 def perform(

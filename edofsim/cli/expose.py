@@ -14,29 +14,14 @@ from .. import completion
 from ..core.progress import Progress
 from ..errors import InputError
 from ..options import (
-    AccuracyOption,
-    CacheOption,
     CameraOption,
-    ClusterOption,
-    Device,
-    DeviceOption,
-    FidelityOption,
-    JobsOption,
-    JsonOption,
-    LayersOption,
-    MethodOption,
-    OcclusionOption,
-    OutOption,
-    QuietOption,
     RawColoursOption,
     ResampleOption,
     Scenes,
     SeedOption,
-    ShardOption,
-    SubAperturesOption,
-    TimeOption,
-    WithOption,
-    WithoutOption,
+    Simulated,
+    Spreading,
+    Work,
 )
 from ..record import peak_memory_mib, writable_folder
 from .many import OfScene, all_of, of_each, seen_by, spread_of
@@ -47,8 +32,8 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from ..capture import Fidelity, Photo
+    from ..core.stopwatch import Stopwatch
     from ..optics import Camera
-    from ..pipeline import Stopwatch
     from ..plan import Target
     from ..recipe import CameraRecipe, Loaded, SceneRecipe
     from ..reference.pinhole import Crop
@@ -104,34 +89,20 @@ def expose(
     scenes: Scenes,
     camera: CameraOption = None,
     resample: ResampleOption = False,
-    method: MethodOption = None,
-    layers: LayersOption = None,
-    occlusion: OcclusionOption = None,
-    sub_apertures: SubAperturesOption = None,
-    fidelity: FidelityOption = None,
-    accuracy: AccuracyOption = None,
-    time: TimeOption = None,
-    with_: WithOption = None,
-    without: WithoutOption = None,
+    *,
+    simulated: Simulated,
     bands: BandsOption = None,
     reference: ReferenceOption = None,
     crop: CropOption = None,
     members: FamilyOption = None,
     raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,
-    jobs: JobsOption = 1,
-    cluster: ClusterOption = None,
-    shard: ShardOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    spread: Spreading,
+    work: Work,
 ) -> Done:
     """Make a photo of each scene through one camera, or through its own: EXR (linear) and PNG. Several scenes
     have folders of their own in --out. Photos of the same recipes and options that are there already stay, so
     the same command resumes interrupted work.
-
     The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
     is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,
     weighted by its response: its light stays, and the groups are blurred.
@@ -145,37 +116,34 @@ def expose(
         raise InputError("--reference and --crop X,Y,WIDTH,HEIGHT belong together: a reference is slow")
     pairs = all_of(scenes, lambda scene: recipes_of(scene, camera, resample))
     if members is not None:
-        pairs = [(each, camera_recipe) for scene, camera_recipe in pairs for each in _members(scene, members)]
-    how = spread_of(jobs, cluster, shard)
-    with begun("expose", json, quiet=quiet) as progress:
+        pairs = [(each, taken_by) for scene, taken_by in pairs for each in _members(scene, members)]
+    how = spread_of(spread)
+    with begun("expose", work.json, quiet=work.quiet) as progress:
         from ..plan import checked_overrule, parse_target
         from ..reference import crop_of
 
-        overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
-        overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
-        check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time, "bands": bands})
+        check_alone(simulated, bands=bands)
         asked = Asked(
-            overrule=dict(checked_overrule(overrule)),
-            target=parse_target(accuracy, time),
+            overrule=dict(checked_overrule(simulated.overrule)),
+            target=parse_target(simulated.accuracy, simulated.time),
             bands=bands,
             reference=reference,
             where=None if crop is None else crop_of(crop),
             resample=resample,
             seed=seed,
             raw_colours=raw_colours,
-            wanted=fidelity,
-            cache=seen_by(how, cache),
-            device=device.value,
+            wanted=simulated.fidelity,
+            cache=seen_by(how, work.cache),
+            device=work.device.value,
         )
-        folders = _folders(pairs, asked, out)
+        folders = _folders(pairs, asked, work.out)
         parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
         names = [scene.recipe.name for scene, _ in pairs]
         found = of_each(parts, names, partial(capture_part, asked=asked), how, progress)
         inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}
-        if len(pairs) == 1:
-            inputs = inputs_of(*pairs[0], crop=crop, reference=reference)
+        inputs = inputs_of(*pairs[0], crop=crop, reference=reference) if len(pairs) == 1 else inputs
         how_made = {"inputs": inputs, "seed": seed, "rest": found.record}
-        done = finish("expose", found.printed, found.figures, found.outputs, json, **how_made)
+        done = finish("expose", found.printed, found.figures, found.outputs, work.json, **how_made)
         return replace(done, problems=found.problems, failures=found.failures)
 
 
@@ -224,8 +192,9 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     from ..capture import capture, save_image, write_photo
     from ..capture.device import torch_device
     from ..capture.fidelity_file import values_of
+    from ..core.stopwatch import Stopwatch
     from ..optics import Camera
-    from ..pipeline import Stopwatch, planned_view
+    from ..pipeline import planned_view
     from ..plan import learn_rates, plan_figures, with_predicted
     from ..reference import check_crop
     from ..render import is_picture
@@ -234,17 +203,8 @@ def _capture(part: Part, progress: Progress, asked: Asked) -> OfScene:
     scene, camera_recipe, folder = part
     compute, optics = torch_device(asked.device), Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
     watch = Stopwatch(progress)
-    view, plan, _ = planned_view(
-        scene,
-        optics,
-        watch,
-        resample=asked.resample,
-        overrule=asked.overrule,
-        target=asked.target,
-        fidelity=asked.wanted,
-        cache=asked.cache,
-        device=asked.device,
-    )
+    how = {"overrule": asked.overrule, "fidelity": asked.wanted, "cache": asked.cache, "device": asked.device}
+    view, plan, _ = planned_view(scene, optics, watch, resample=asked.resample, target=asked.target, **how)
     fidelity = _fidelity(plan.fidelity.of_photo(), view, asked)
     if asked.where is not None:
         check_crop(view, asked.where)

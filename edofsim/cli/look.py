@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import completion
-from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
+from ..options import Work
 from ..record import peak_memory_mib, writable_folder
 from .shared import Done, begun, finish
 
@@ -25,11 +25,8 @@ def look(
     samples: Annotated[
         int, typer.Option("--samples", min=1, help="Light paths per pixel, if the scene is rendered.")
     ] = LOOK_SAMPLES,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    *,
+    work: Work,
 ) -> Done:
     """A scene as it is, all sharp: picture, depths, and what was assumed to read it. It needs no camera: its
     pixels see the angle that its recipe gives, or its file; where both leave that open, the scene's own
@@ -40,8 +37,8 @@ def look(
     from ..recipe import load_scene
 
     loaded = load_scene(scene)
-    folder = writable_folder(out or Path("out") / f"{loaded.recipe.name}-look")
-    with begun("look", json, quiet=quiet) as progress:
+    folder = writable_folder(work.out or Path("out") / f"{loaded.recipe.name}-look")
+    with begun("look", work.json, quiet=work.quiet) as progress:
         from ..render.seen import assumptions, by_itself, for_preview
         from .angles import framed_by_own
 
@@ -53,7 +50,11 @@ def look(
         from ..report import depth_plot
 
         view = render(
-            for_preview(recipe, samples), loaded.base, cache=cache, device=device.value, progress=progress
+            for_preview(recipe, samples),
+            loaded.base,
+            cache=work.cache,
+            device=work.device.value,
+            progress=progress,
         )
         inverse = view.crop_margin(view.mean_inverse_depth())
         numbers = {
@@ -69,4 +70,4 @@ def look(
         lines = assumptions(view, whose)
         if recipe.source is None or recipe.source.rendered:
             lines.append(f"rendered with {samples} samples a pixel; --samples for less noise")
-        return finish("look", lines, numbers, outputs, json, inputs={"scene": str(loaded.path)})
+        return finish("look", lines, numbers, outputs, work.json, inputs={"scene": str(loaded.path)})

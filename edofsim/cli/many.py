@@ -11,6 +11,7 @@ from rich.table import Table
 
 from ..core.progress import Progress, part
 from ..errors import DiskFullError, EdofsimError, EngineError, InputError
+from ..options import Spreading
 
 if TYPE_CHECKING:
     from ..recipe import Loaded, SceneRecipe
@@ -79,10 +80,11 @@ class _Lost:
     wrong_input: bool
 
 
-def spread_of(jobs: int, cluster: str | None, shard: str | None) -> Spread:
+def spread_of(given: Spreading) -> Spread:
     """The options --jobs, --cluster and --shard. Raises InputError for a share that is none."""
     from ..render.spread import Spread, shard_of
 
+    jobs, cluster, shard = given.jobs, given.cluster, given.shard
     if shard is None:
         return Spread(jobs, cluster)
     number, slash, count = shard.partition("/")

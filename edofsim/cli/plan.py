@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from ..options import (
-    AccuracyOption,
     CacheOption,
     CameraOption,
     Device,
     DeviceOption,
     JsonOption,
+    Planned,
     QuietOption,
     ResampleOption,
     Scene,
-    TimeOption,
-    WithOption,
-    WithoutOption,
 )
 from .shared import Done, begun, finish, inputs_of, plan_lines, plan_rows, recipes_of
 
@@ -23,10 +20,8 @@ def plan(
     scene: Scene,
     camera: CameraOption = None,
     resample: ResampleOption = False,
-    accuracy: AccuracyOption = None,
-    time: TimeOption = None,
-    with_: WithOption = None,
-    without: WithoutOption = None,
+    *,
+    planned: Planned,
     json: JsonOption = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
@@ -47,8 +42,8 @@ def plan(
         from ..plan import checked_overrule, look, parse_target, plan_figures, plan_scene
         from ..plan.rendered_noise import noise_in_words
 
-        target = parse_target(accuracy, time)
-        overrule = checked_overrule({"with_": with_, "without": without})
+        target = parse_target(planned.accuracy, planned.time)
+        overrule = checked_overrule(planned.overrule)
         optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
         recipe, base = scene_recipe.recipe, scene_recipe.base
         looked = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)

@@ -15,20 +15,7 @@ from rich.table import Table
 from .. import console
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
-from ..options import (
-    AccuracyOption,
-    CacheOption,
-    ClusterOption,
-    Device,
-    DeviceOption,
-    JobsOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    Scenes,
-    ShardOption,
-    TimeOption,
-)
+from ..options import AccuracyOption, Scenes, Spreading, TimeOption, Work
 from ..record import peak_memory_mib, processor_seconds, writable_folder
 from .many import all_scenes, spread_of
 from .shared import Done, begun, finish, load_report
@@ -59,14 +46,9 @@ def render(
     accuracy: AccuracyOption = None,
     time: TimeOption = None,
     noise: NoiseOption = None,
-    jobs: JobsOption = 1,
-    cluster: ClusterOption = None,
-    shard: ShardOption = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    *,
+    spread: Spreading,
+    work: Work,
 ) -> Done:
     """Render views into the cache; with --out write a picture and a depth picture of each as well.
 
@@ -81,9 +63,9 @@ def render(
     place = noise if noise in ("photo", "truth") else ""
     level = _fraction(noise, "--noise") if noise and not place else None
     loaded = all_scenes(scenes)  # every recipe is checked before any time is spent
-    how = spread_of(jobs, cluster, shard)
-    folder = writable_folder(out) if out else None
-    with begun("render", json, quiet=quiet) as progress:
+    how = spread_of(spread)
+    folder = writable_folder(work.out) if work.out else None
+    with begun("render", work.json, quiet=work.quiet) as progress:
         from ..render import cache as store
         from ..render.jobs import MANIFEST, Task, check_scenes, forecast, render_many, render_one
 
@@ -91,33 +73,32 @@ def render(
             load_report()
         loaded = [_framed(item) for item in loaded]
         tasks = _tasks(loaded, members)
-        given = (cache, device.value, progress, quiet)
+        place_of = (work.cache, work.device.value, progress, work.quiet)
         if accuracy or time:
             from ..plan import parse_target
 
-            tasks = [_as_planned(task, parse_target(accuracy, time), *given) for task in tasks]
+            tasks = [_as_planned(task, parse_target(accuracy, time), *place_of) for task in tasks]
         if place:
-            tasks = [_stopping(task, place, *given) for task in tasks]
+            tasks = [_stopping(task, place, *place_of) for task in tasks]
         if len(tasks) > 1:
             check_scenes([Task(item.recipe, item.base) for item in loaded], progress)
-        expected = forecast(tasks, cache=cache, jobs=jobs, noise=level)
-        if not quiet:
+        expected = forecast(tasks, cache=work.cache, jobs=spread.jobs, noise=level)
+        if not work.quiet:
             console.err.print(str(expected), markup=False)
-        rendering = {"cache": cache, "noise": level, "device": device.value, "progress": progress}
+        given = {"cache": work.cache, "noise": level, "device": work.device.value, "progress": progress}
         if len(tasks) == 1 and how.alone and how.shard is None:  # no worker needs starting for one view
-            outcomes = [render_one(tasks[0], **rendering)]
+            outcomes = [render_one(tasks[0], **given)]
         else:
-            outcomes = render_many(tasks, jobs=jobs, cluster=cluster, shard=how.shard, **rendering)
+            outcomes = render_many(tasks, jobs=how.jobs, cluster=how.cluster, shard=how.shard, **given)
         outcomes, failed = _parted(outcomes)
         table, numbers = _render_table(outcomes, expected.seconds, clock.perf_counter() - started)
-        outputs = (
-            {"manifest": (cache or store.default_folder()) / MANIFEST} if numbers["views.rendered"] else {}
-        )
+        manifest = (work.cache or store.default_folder()) / MANIFEST
+        outputs = {"manifest": manifest} if numbers["views.rendered"] else {}
         if folder:
-            outputs |= _view_pictures(tasks, folder, level, cache)
+            outputs |= _view_pictures(tasks, folder, level, work.cache)
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = {"scenes": [str(item.path) for item in loaded], "members": members, "noise": place or level}
-        return replace(finish("render", [table], numbers, outputs, json, inputs=inputs), failures=failed)
+        return replace(finish("render", [table], numbers, outputs, work.json, inputs=inputs), failures=failed)
 
 
 def _tasks(scenes: Sequence[Loaded[SceneRecipe]], members: int | None) -> list[Task]:

@@ -14,27 +14,14 @@ from rich.table import Table
 
 from ..core.progress import Progress
 from ..options import (
-    AccuracyOption,
-    CacheOption,
     CameraOption,
-    Device,
-    DeviceOption,
-    FidelityOption,
-    JsonOption,
-    LayersOption,
-    MethodOption,
     NetworkOption,
-    OcclusionOption,
-    OutOption,
-    QuietOption,
     RawColoursOption,
     ResampleOption,
     Scene,
     SeedOption,
-    SubAperturesOption,
-    TimeOption,
-    WithOption,
-    WithoutOption,
+    Simulated,
+    Work,
 )
 from ..record import peak_memory_mib, processor_seconds, writable_folder
 from .shared import (
@@ -65,25 +52,14 @@ def run(
     camera: CameraOption = None,
     resample: ResampleOption = False,
     network: NetworkOption = None,
-    method: MethodOption = None,
-    layers: LayersOption = None,
-    occlusion: OcclusionOption = None,
-    sub_apertures: SubAperturesOption = None,
-    fidelity: FidelityOption = None,
-    accuracy: AccuracyOption = None,
-    time: TimeOption = None,
-    with_: WithOption = None,
-    without: WithoutOption = None,
+    *,
+    simulated: Simulated,
     cost: Annotated[
         bool, typer.Option("--cost", help="Measure what accuracy costs, and add the chart to the report.")
     ] = False,
     raw_colours: RawColoursOption = False,
     seed: SeedOption = 0,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    work: Work,
 ) -> Done:
     """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
 
@@ -98,27 +74,24 @@ def run(
     plan of the photo through the lens alone, for `noise` where `restored` is asked for.
     """
     scene_recipe, camera_recipe = recipes_of(scene, camera, resample)
-    folder = writable_folder(out or Path("out") / scene_recipe.recipe.name)
-    with begun("run", json, quiet=quiet) as progress:
+    folder = writable_folder(work.out or Path("out") / scene_recipe.recipe.name)
+    with begun("run", work.json, quiet=work.quiet) as progress:
         from .. import pipeline
         from ..plan import RESTORED, parse_target
 
         load_report()
-
-        overrule: dict[str, object] = {"method": method, "layers": layers, "occlusion": occlusion}
-        overrule |= {"sub_apertures": sub_apertures, "with_": with_, "without": without}
-        check_alone(fidelity, {**overrule, "accuracy": accuracy, "time": time})
+        check_alone(simulated)
         result = pipeline.run(
             scene_recipe,
             camera_recipe,
-            cache=cache,
+            cache=work.cache,
             network=network,
             resample=resample,
-            overrule=overrule,
-            target=parse_target(accuracy, time, RESTORED),
-            fidelity=fidelity,
+            overrule=simulated.overrule,
+            target=parse_target(simulated.accuracy, simulated.time, RESTORED),
+            fidelity=simulated.fidelity,
             seed=seed,
-            device=device.value,
+            device=work.device.value,
             progress=progress,
         )
         if raw_colours:
@@ -133,7 +106,7 @@ def run(
         numbers["peak_memory_mib"] = peak_memory_mib()
         inputs = inputs_of(scene_recipe, camera_recipe, network=network)
         how = {"seed": seed, "inputs": inputs, "rest": _record_of(result)}
-        return finish("run", _lines(result, numbers), numbers, outputs, json, **how)
+        return finish("run", _lines(result, numbers), numbers, outputs, work.json, **how)
 
 
 def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:

@@ -15,6 +15,7 @@ from rich.table import Table
 from .. import console
 from ..core.progress import Progress
 from ..errors import EdofsimError, InputError
+from ..options import Simulated
 from ..record import record, writable_file, write_record
 
 if TYPE_CHECKING:
@@ -90,15 +91,17 @@ def recipes_of(
     return replace(loaded, recipe=framed(loaded.recipe, optics, resample)), found
 
 
-def check_alone(fidelity: str | None, others: Mapping[str, object]) -> None:
+def check_alone(simulated: Simulated, **more: object) -> None:
     """Refuse a fidelity that cannot be read, and what would choose beside it. Raises InputError."""
     from ..capture.fidelity import Fidelity
     from ..capture.presets import PRESETS
 
+    fidelity = simulated.fidelity
     if fidelity is not None and fidelity not in PRESETS:
         if not Path(fidelity).is_file():
             raise InputError(f"--fidelity {fidelity}: no such file, and presets are {', '.join(PRESETS)}")
         Fidelity.load(fidelity)
+    others = {**vars(simulated), "fidelity": None, **more}
     given = [f"--{name.strip('_').replace('_', '-')}" for name, value in others.items() if value is not None]
     if fidelity is not None and given:
         raise InputError(f"--fidelity says all that is simulated: leave out {', '.join(given)}")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from .. import completion
-from ..options import CacheOption, Device, DeviceOption, JsonOption, OutOption, QuietOption
+from ..options import Work
 from ..record import writable_folder
 from .shared import Done, begun, finish
 
@@ -33,11 +33,8 @@ def train(
             "--max-minutes", min=0.01, help="End after this time; the learning rate decays by then."
         ),
     ] = None,
-    out: OutOption = None,
-    json: JsonOption = None,
-    cache: CacheOption = None,
-    device: DeviceOption = Device.auto,
-    quiet: QuietOption = False,
+    *,
+    work: Work,
 ) -> Done:
     """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim`.
 
@@ -48,8 +45,8 @@ def train(
     from ..recipe.load import load_train
 
     loaded = load_train(recipe)
-    folder = writable_folder(out or Path("out") / f"train-{loaded.path.stem}")
-    with begun("train", json, quiet=quiet) as progress:
+    folder = writable_folder(work.out or Path("out") / f"train-{loaded.path.stem}")
+    with begun("train", work.json, quiet=work.quiet) as progress:
         from ..learn import train
 
         trained = train(
@@ -58,8 +55,8 @@ def train(
             data=data,
             resume=resume,
             max_minutes=max_minutes,
-            device=device.value,
-            cache=cache,
+            device=work.device.value,
+            cache=work.cache,
             progress=progress,
         )
         lines = [f"{name} {value:.6g}" for name, value in trained.figures.items()]
@@ -67,4 +64,4 @@ def train(
             lines.append(f"not finished: go on with edofsim train {recipe} --resume --out {folder}")
         outputs = {path.name: path for path in trained.outputs}
         inputs = {"recipe": str(loaded.path), "data": str(data) if data else None}
-        return finish("train", lines, trained.figures, outputs, json, inputs=inputs)
+        return finish("train", lines, trained.figures, outputs, work.json, inputs=inputs)

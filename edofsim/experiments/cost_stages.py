@@ -155,15 +155,9 @@ def restore_points(
             scores[name] = (found["psnr_db"], found.get("psnr_db_se", math.nan))
     chosen = {name for name, _, network in rivals if network and _place(network) == default}
     chosen = chosen or {"Wiener"}
+    taken = {name: statistics.median(found) for name, found in seconds.items()}
     return [
-        Point(
-            "restore",
-            name,
-            scores[name][0],
-            statistics.median(seconds[name]),
-            name in chosen,
-            scores[name][1],
-        )
+        Point("restore", name, scores[name][0], taken[name], name in chosen, scores[name][1])
         for name, _, _ in rivals
     ]
 

@@ -153,12 +153,7 @@ def measure(
         wanted = sorted({job.inverse_depth for job in whole})
         camera = made(system.camera, part[0].condition.fabrication)
         varies = camera.lens.varies
-        if varies and known_depth:
-            raise InputError(
-                f"the linear restoration that is given the depth has one PSF for the frame, and that of"
-                f" {system.name} varies over it: leave that camera out here"
-            )
-        _check_sizes(system, part, camera.recipe.psf.window_px)
+        _check_sizes(system, part, camera.recipe.psf.window_px, varies and known_depth)
         bank = None if varies else psf_bank(camera, PAPER_COLOURS, wanted)
         for job in part:
             if progress:
@@ -168,8 +163,14 @@ def measure(
     return [rows[job.key] for job in jobs]
 
 
-def _check_sizes(system: EvaluatedSystem, jobs: Sequence[Job], window: int) -> None:
-    """Raise InputError for pictures without a middle that is half a window of a PSF from their border."""
+def _check_sizes(system: EvaluatedSystem, jobs: Sequence[Job], window: int, one_psf: bool) -> None:
+    """Raise InputError for pictures without a middle that is half a window of a PSF from their border, and
+    where one PSF is wanted of a lens that has many."""
+    if one_psf:
+        raise InputError(
+            f"the linear restoration that is given the depth has one PSF for the frame, and that of"
+            f" {system.name} varies over it: leave that camera out here"
+        )
     small = [job.picture.name for job in jobs if min(job.picture.pixels.shape[-2:]) <= 2 * (window // 2)]
     if small:
         raise InputError(

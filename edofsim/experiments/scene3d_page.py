@@ -15,10 +15,11 @@ from PIL import Image
 from ..core.images import developed, srgb_decode
 from ..core.words import counted
 from ..report.crops import Detail
-from ..report.figures import score_plot
-from ..report.model import ImageScore, RunReport
+from ..report.figures import ImageScore, score_plot
+from ..report.images_page import Shown, image_page
 from ..report.page import (
     Block,
+    Code,
     Column,
     Gallery,
     Key,
@@ -32,7 +33,6 @@ from ..report.page import (
     Text,
 )
 from ..report.pictures import Picture, display_gain, picture
-from ..report.run_page import report_page
 from ..report.words import DASH, decibels, distance, number, percent
 from ..restore.scores import DepthScore, Score
 from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, Capture, System, Way
@@ -73,24 +73,17 @@ def scene_page(
     """
     ours, alone = seen.taken[OURS, system.name], seen.taken[OURS, seen.lens.alone.name]
     view, recipe = seen.view, seen.scene.recipe
-    report = RunReport(
+    images = {name: ours.images[name] for name in IMAGES} | {LENS_ALONE: alone.images["photo"]}
+    shown = Shown(
         title=recipe.name,
-        purpose=recipe.purpose,
         camera=f"{seen.lens.name}, mask of {system.name}",
-        ideal=ours.truth,
-        colours=ours.photo.colours,
-        photo=ours.images["photo"].clamp(0, 1),
-        restored=ours.images["restored"].clamp(0, 1),
-        wiener=ours.images["wiener"].clamp(0, 1),
-        lens_alone=alone.images["photo"].clamp(0, 1),
+        images={"ideal": ours.truth, **{name: image.clamp(0, 1) for name, image in images.items()}},
         inverse_depth=view.crop_margin(view.mean_inverse_depth()),
         scores=_image_scores([measured], system.name),
         focus_m=system.camera.recipe.focus.distance_m,
-        facts=_facts(measured, system.name),
-        recipes={seen.scene.path.name: seen.scene.text, **seen.lens.recipes},
-        restored_label=f"Restored ({system.name})",
+        colours=ours.photo.colours,
+        restored_by=system.name,
     )
-    page = report_page(report, crops)
     ways = Section(
         "Ways to simulate",
         (
@@ -100,9 +93,10 @@ def scene_page(
             _paper_gallery(seen, system),
         ),
     )
-    sections = list(page.sections)
-    sections.insert(-1, ways)  # before how to repeat it
-    return replace(page, sections=tuple(sections), back=back)
+    recipes = {seen.scene.path.name: seen.scene.text, **seen.lens.recipes}
+    again = Section("Reproduce", tuple(Code(text, title) for title, text in recipes.items()))
+    facts = _facts(measured, system.name)
+    return replace(image_page(shown, recipe.purpose, facts, crops=crops, rest=(ways, again)), back=back)
 
 
 def overview_page(

@@ -168,10 +168,8 @@ class View(FragmentFields[Tensor]):
         from ..scene.pictures import source_picture
         from .colour import light_entry
 
-        if isinstance(rgb, str | Path):
-            picture = source_picture(str(rgb), None, Path())
-        else:
-            picture = colours_of(np.asarray(rgb))
+        from_file = isinstance(rgb, str | Path)
+        picture = source_picture(str(rgb), None, Path()) if from_file else colours_of(np.asarray(rgb))
         if isinstance(depth, str | Path):
             depth = read_numbers(str(depth), None, Path(), "depth map")
             depth = depth * depth_maps.usual_unit(depth)
@@ -180,10 +178,7 @@ class View(FragmentFields[Tensor]):
         inverse = depth_maps.inverse_of(np.asarray(depth), (rows, columns))
         frame = Frame()
         margin = frame.margin_px if margin is None else margin
-        around = np.ix_(
-            mirrored(np.arange(-margin, rows + margin), rows),
-            mirrored(np.arange(-margin, columns + margin), columns),
-        )
+        around = np.ix_(*(mirrored(np.arange(-margin, n + margin), n) for n in (rows, columns)))
         bands = Bands().wavelengths() if wavelengths is None else np.asarray(wavelengths, float)
         return cls.flat(
             spectra.upsampled(colours[around], bands, illuminant),

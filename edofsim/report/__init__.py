@@ -1,12 +1,12 @@
 """Figures and pages: what a run or an experiment shows to people.
 
-`write_report` makes the page of a run. `Page`, its blocks and `Plot` make any other page in the same style.
+`write_run_report` makes the page of a run. `Page`, its blocks and `Plot` make any other page in the same
+style.
 """
 
-from .crops import Detail, choose_crops
-from .figures import depth_plot
-from .from_pipeline import write_run_report
-from .model import DepthRange, ImageScore, PlanRow, Psfs, RunReport
+from .crops import DepthRange, Detail, choose_crops
+from .figures import ImageScore, depth_plot
+from .images_page import Shown, image_page, verdict
 from .page import (
     Code,
     Column,
@@ -29,7 +29,7 @@ from .page import (
 )
 from .pictures import Picture, picture
 from .plot import Plot, line_plot
-from .run_page import report_page, verdict, write_report
+from .run_page import run_page, write_run_report
 
 __all__ = [
     "Code",
@@ -47,23 +47,21 @@ __all__ = [
     "Page",
     "Pairs",
     "Picture",
-    "PlanRow",
     "Plot",
-    "Psfs",
     "SideBySide",
-    "RunReport",
     "Section",
+    "Shown",
     "Table",
     "Text",
     "choose_crops",
     "depth_plot",
+    "image_page",
     "index_page",
     "line_plot",
     "page_html",
     "picture",
-    "report_page",
+    "run_page",
     "verdict",
     "write_page",
-    "write_report",
     "write_run_report",
 ]

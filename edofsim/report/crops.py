@@ -11,10 +11,28 @@ from torch import Tensor
 
 from ..core.images import srgb_encode
 from ..restore.scores import Noise, TruthNoise
-from .model import DepthRange
+from .words import depth_range
 
 ENOUGH = 0.01  # a depth range counts as present from this fraction of the pixels on
 LARGEST_OVERLAP = 0.25  # of a crop with another one
+
+
+@dataclass(frozen=True)
+class DepthRange:
+    """Depths from near_m to far_m, both included; far_m may be infinite. `name` says what is special."""
+
+    near_m: float
+    far_m: float
+    name: str = ""
+
+    def mask(self, inverse_depth: Tensor) -> Tensor:
+        """Where inverse_depth [y, x] in 1/m lies inside: bool [y, x]. NaN lies nowhere."""
+        nearest = math.inf if self.near_m <= 0 else 1 / self.near_m
+        slack = 1e-6  # float32 depths that equal a bound belong to the range
+        return (inverse_depth <= nearest * (1 + slack)) & (inverse_depth >= 1 / self.far_m * (1 - slack))
+
+    def __str__(self) -> str:
+        return depth_range(self.near_m, self.far_m)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import matplotlib
@@ -12,8 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from ..restore.scores import DepthScore
-from .model import ImageScore
+from ..restore.scores import DepthScore, Score
 from .plot import (
     BLUE,
     DASHES,
@@ -37,6 +37,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOUR_OF = {"photo": ORANGE, "restored": BLUE, "wiener": PURPLE, "lens_alone": GREEN}
+
+
+@dataclass(frozen=True)
+class ImageScore:
+    """An image against the ideal one: as a whole, and over the pixels of each depth range."""
+
+    whole: Score
+    by_depth: tuple[DepthScore, ...] = ()
 
 
 def depth_plot(inverse_depth: Tensor, focus_m: float | None = None) -> Plot:

@@ -12,7 +12,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from .model import Psfs
 from .plot import (
     DEPTH_MAP,
     HALF_IN,
@@ -54,10 +53,10 @@ def _draw_scale(figure: Figure, norm: LogNorm, place: Sequence[float]) -> None:
     scale.set_label("fraction of the light in a pixel")
 
 
-def psf_plot(psfs: Psfs) -> Plot:
+def psf_plot(psfs: Tensor, depths_m: Sequence[float], pixel_um: float) -> Plot:
     """Point spread functions as small multiples: channels by depths, logarithmic brightness, scale bar."""
-    values = psfs.values.detach().cpu().double()
-    order = sorted(range(len(psfs.depths_m)), key=lambda i: psfs.depths_m[i])
+    values = psfs.detach().cpu().double()
+    order = sorted(range(len(depths_m)), key=lambda i: depths_m[i])
     side = _part_with_energy(values, PSF_ENERGY)
     rows, columns = values.shape[-2:]
     top, left = rows // 2 - side // 2, columns // 2 - side // 2
@@ -85,7 +84,7 @@ def psf_plot(psfs: Psfs) -> Plot:
                 depth, channel = (row, column) if narrow else (column, row)
                 tile_values = tiles[picked[depth], channel]
                 axes.imshow(tile_values, cmap=LIGHT_MAP, norm=norm, extent=(x, x + tile, y, y + tile))
-                at = distance(psfs.depths_m[picked[depth]])
+                at = distance(depths_m[picked[depth]])
                 if row == 0:
                     said = CHANNELS[channel] if narrow else at
                     axes.text(x + tile / 2, y + tile + 0.08, said, ha="center", va="bottom", **words)
@@ -102,7 +101,7 @@ def psf_plot(psfs: Psfs) -> Plot:
         return figure
 
     kept = percent(float(shown.sum((-2, -1)).min()))
-    names = ", ".join(distance(psfs.depths_m[i]) for i in order)
+    names = ", ".join(distance(depths_m[i]) for i in order)
     return Plot(
         paint,
         alt=f"Point spread functions of the red, green and blue channel at {names}; the largest value is "
@@ -110,7 +109,7 @@ def psf_plot(psfs: Psfs) -> Plot:
         caption=f"Point spread functions by depth, upright as in the picture, logarithmic over {PSF_DECADES} "
         f"decades, one scale for all. Central {shown.shape[-1]} × {shown.shape[-2]} pixels, which hold at "
         f"least {kept} of the light; the bar is {bar} {'pixel' if bar == 1 else 'pixels'} = "
-        f"{significant(bar * psfs.pixel_um)} µm on the sensor.",
+        f"{significant(bar * pixel_um)} µm on the sensor.",
         paint_narrow=functools.partial(paint, True),
     )
 

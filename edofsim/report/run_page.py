@@ -3,310 +3,200 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import torch
+from torch import Tensor
 
-from ..core.images import developed
+from ..capture import Fidelity, capture
+from ..capture.fidelity_file import values_of
+from ..capture.noise import NoiseState
+from ..core.shipped import typed_as
 from ..core.threads import in_threads
-from ..restore.gains import gains, gains_in_words
-from ..restore.scores import Score, image_psnr
-from .crops import Detail, choose_crops, near_focus_far
-from .figures import depth_plot, score_plot, time_plot
+from ..errors import InputError
+from ..optics import Camera
+from ..optics.grid import PupilGrid, disc_coverage
+from ..optics.height import surface
+from ..plan import Decision, Plan, overall
+from ..record import machine, versions
+from ..render.view import View
+from ..restore.truth import SAID
+from .figures import ImageScore, time_plot
 from .figures_optics import height_plot, psf_plot
-from .model import DepthRange, RunReport
-from .page import (
-    Block,
-    Code,
-    Column,
-    Compare,
-    Gallery,
-    Key,
-    Keys,
-    Notes,
-    Page,
-    Pairs,
-    Section,
-    SideBySide,
-    Sweep,
-    Table,
-    Text,
-    Values,
-    write_page,
-)  # fmt: skip
-from .pictures import (
-    Box,
-    Picture,
-    clipped_fraction,
-    depth_picture,
-    display_gain,
-    picture,
-    with_boxes,
-)
-from .words import DASH, decibels, depth_range, distance, duration, number, percent, significant
+from .images_page import Shown, image_page
+from .page import Block, Code, Column, Page, Pairs, Section, SideBySide, Sweep, Table, Text, write_page
+from .pictures import Picture, picture
+from .plot import Plot
+from .words import decibels, distance, duration, number, significant
 
-CROP_PX = 72
+if TYPE_CHECKING:
+    from ..pipeline import Run
+
+SHOWN = 5
+"""Distances whose PSFs are shown."""
+FOCUSED = 6
+"""Distances of the slider over depth, evenly spaced in dioptres."""
+QUICK = Fidelity(
+    band_groups=2,
+    group_wavelengths=1,
+    layers_db=40.0,
+    read_noise=False,
+    shot_noise=False,
+)
+"""How its pictures are simulated: with as many depth layers as the lens asks for, wherever it is focused."""
+LEAST_DIOPTRES = 0.01
 FOCUSED_PX = 640
 """Of the longer side of pictures focused elsewhere, of which there are many."""
-LETTERS = "ABC"
+PICTURE = 250  # samples across the picture of the DOE
 
 
-def write_report(path: Path, report: RunReport) -> Path:
+def write_run_report(path: Path, result: Run, cost: Plot | None = None) -> Path:
     """Write the page of a run as one HTML file and return its path.
 
-    Raises InputError where the place cannot be written.
+    cost: chart of what accuracy costs. Raises InputError where it cannot be written.
     """
-    return write_page(path, report_page(report))
+    return write_page(path, run_page(result, _focused(result), cost))
 
 
-def report_page(report: RunReport, crops: tuple[Detail, ...] | None = None) -> Page:
+def run_page(result: Run, focused: Mapping[float, Tensor], cost: Plot | None = None) -> Page:
     """The page of a run.
 
-    crops: parts to enlarge, in place of textured ones near, at focus and far.
+    focused: what the lens alone sees when it is focused elsewhere, [3, y, x] by distance in metres.
+    cost: chart of what accuracy costs.
     """
-    chosen = crops is None
-    if crops is None:
-        ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
-        wanted = near_focus_far(report.inverse_depth, [DepthRange(*r) for r in ranges], report.focus_m)
-        crops = choose_crops(report.inverse_depth, report.ideal, CROP_PX, wanted)
-    gain = display_gain(developed(report.ideal, report.colours))
-    shown = _pictures(report, gain)
-    sections = [
-        Section("Images", _images(report, shown, crops, gain)),
-        Section("Focus", _focus(report, gain)),
-        Section("Near and far" if len(crops) > 1 else "Enlarged", _crops(report, crops, gain, chosen)),
-        Section("Depth and scores", _depth(report)),
-        Section("Optics", _optics(report)),
-        Section("Plan", _plan(report)),
-        Section("Time and memory", _cost(report)),
-        Section("Reproduce", _reproduce(report)),
+    images = {"ideal": result.photo.ideal, "photo": result.photo.image, "restored": result.restored}
+    if result.wiener is not None:
+        images["wiener"] = result.wiener
+    shown = Shown(
+        title=result.scene.recipe.name,
+        camera=result.camera.recipe.name,
+        images={**images, "lens_alone": result.lens_alone.image},
+        inverse_depth=result.view.crop_margin(result.view.mean_inverse_depth()),
+        scores={name: ImageScore(whole, result.by_depth[name]) for name, whole in result.scores.items()},
+        noises=result.noises,
+        focus_m=result.optics.recipe.focus.distance_m,
+        colours=result.photo.colours,
+        restored_by=result.restored_by.name,
+    )
+    rest = [
+        Section("Optics", _optics(result)),
+        Section("Plan", _plan(result.plan, result.plan_lens_alone, cost)),
+        Section("Time and memory", _cost(result)),
+        Section("Reproduce", _reproduce(result)),
     ]
-    rows, columns = report.inverse_depth.shape
-    return Page(
-        title=report.title,
-        purpose=report.purpose,
-        facts={"Camera": report.camera, "Size": f"{columns} × {rows} px", **report.facts},
-        head=_head(report),
-        sections=tuple(s for s in sections if s.blocks),
-    )
+    notes = _notes(result.view.metadata, result.noise.state)
+    focus = _focus(shown, focused)
+    purpose = result.scene.recipe.purpose
+    return image_page(shown, purpose, _facts(result), notes=notes, focus=focus, rest=rest)
 
 
-def verdict(report: RunReport) -> str:
-    """What restoring gained, in one sentence; empty without a score of the restored image."""
-    whole = {name: score.whole.psnr_db for name, score in report.scores.items()}
-    return gains_in_words(gains(whole))
-
-
-def _head(report: RunReport) -> tuple[Block, ...]:
-    """Scores of the whole images, the verdict, and what must not be missed."""
-    keys = tuple(
-        Key(
-            report.label(name),
-            number(score.whole.psnr_db),
-            "dB",
-            f"{_uncertain(score.whole)}SSIM {number(score.whole.ssim, 3)}",
-            strong=name == "restored",
-        )
-        for name, score in report.scores.items()
-    )
-    sentence = verdict(report)
-    notes = (*report.notes, *_broken(report))
-    return (
-        *((Keys(keys),) if keys else ()),
-        *((Text(sentence),) if sentence else ()),
-        *((Notes(notes),) if notes else ()),
-    )
-
-
-def _uncertain(score: Score) -> str:
-    """The standard error of a PSNR, where it has one that two decimals show."""
-    return f"± {number(score.psnr_db_se, 2)} dB, " if score.psnr_db_se >= 0.005 else ""
-
-
-def _broken(report: RunReport) -> list[str]:
-    """Values that are no numbers are shown, and said."""
-    found = []
-    for name, image in report.images().items():
-        count = int((~torch.isfinite(image)).any(0).sum())
-        if count:
-            found.append(
-                f"{report.label(name)}: {count} pixels hold values that are not numbers; shown in magenta."
-            )
-    return found
-
-
-def _pictures(report: RunReport, gain: float) -> dict[str, Picture]:
-    what = {
-        "ideal": "all in focus, without noise",
-        "photo": f"as the sensor of {report.camera} records it",
-        "restored": "computed from the photo",
-        "wiener": "computed from the same photo by Wiener deconvolution",
-        "lens_alone": "through the lens without a mask",
-    }
-    images = report.images()
-
-    def one(name: str) -> Picture:
-        label = report.label(name)
-        score = report.scores.get(name)
-        note = decibels(score.whole.psnr_db) if score else ""
-        said = f"{label}: {report.title}, {what[name]}."
-        return picture(images[name], label, said, gain=gain, note=note, colours=report.colours)
-
-    return dict(zip(images, in_threads(one, list(images), torch.device("cpu")), strict=True))
-
-
-def _images(
-    report: RunReport, shown: dict[str, Picture], crops: tuple[Detail, ...], gain: float
-) -> tuple[Block, ...]:
-    width = report.inverse_depth.shape[-1]
-    boxes = tuple(Box(c.x, c.y, c.size, c.size, LETTERS[i]) for i, c in enumerate(crops))
-    framed = {**shown, "ideal": with_boxes(shown["ideal"], boxes, width)}
-    how = "The sensor's own colours (raw)"
-    if report.colours is not None:
-        how = "White-balanced to the scene's light, from the sensor's colours to sRGB by a 3 × 3 matrix"
-    exposure = "as exposed" if gain == 1 else f"brightened {gain:g} times for display"
-    white = ", ".join(
-        f"{report.label(name)} {percent(clipped_fraction(developed(image, report.colours), gain))}"
-        for name, image in report.images().items()
-    )
-    caption = (
-        f"{how}, {exposure}, the same for all; encoded with the sRGB curve. Values brighter than "
-        f"the screen's white: {white}. "
-        + ("The frames in the ideal image are the parts enlarged below." if crops else "")
-    )
-    right = "restored" if report.restored is not None else "ideal"
-    return (
-        Compare("images-all", report.label("photo"), report.label(right),
-                "Drag the divider, or move it with the arrow keys; choose any two images above."),
-        Gallery(tuple(framed.values()), caption, columns=2, name="images-all",
-                values=_values(report, gain)),
-    )  # fmt: skip
-
-
-def _values(report: RunReport, gain: float) -> Values:
-    """What the pointer reads: the sensor's values, whatever colours are shown."""
-    depth = depth_picture(report.inverse_depth)
-    if report.colours is None:
-        return Values(gain, *depth)
-    inverse = torch.linalg.inv(report.colours).flatten().tolist()
-    return Values(gain, *depth, to_sensor=tuple(round(value, 6) for value in inverse))
-
-
-def _focus(report: RunReport, gain: float) -> tuple[Block, ...]:
+def _focus(shown: Shown, focused: Mapping[float, Tensor]) -> tuple[Block, ...]:
     """The slider over depth."""
 
-    def one(focused: tuple[float, torch.Tensor]) -> Picture:
-        at = distance(focused[0])
-        said = f"{report.title}, {report.lens_alone_label.lower()} focused at {at}."
-        return picture(focused[1], at, said, gain=gain, largest=FOCUSED_PX, colours=report.colours)
+    def one(place: tuple[float, Tensor]) -> Picture:
+        at = distance(place[0])
+        said = f"{shown.title}, lens alone focused at {at}."
+        return picture(place[1], at, said, gain=shown.gain, largest=FOCUSED_PX, colours=shown.colours)
 
-    pictures = tuple(in_threads(one, list(report.focused.items()), torch.device("cpu")))
+    pictures = tuple(in_threads(one, list(focused.items()), torch.device("cpu")))
     caption = (
-        f"What {report.camera} sees without its mask when it is focused at another distance, without "
+        f"What {shown.camera} sees without its mask when it is focused at another distance, without "
         "noise, in two groups of bands a channel and few depth layers."
     )
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 
 
-def _crops(
-    report: RunReport, crops: tuple[Detail, ...], gain: float, chosen: bool = True
-) -> tuple[Block, ...]:
-    galleries = []
-    images = report.images()
-    for i, crop in enumerate(crops):
-        truth = crop.cut(report.ideal)
-        pictures = []
-        for name, image in images.items():
-            part = crop.cut(image)
-            noise = crop.cut_noise(report.noises.get(name, "none"))
-            note = "" if name == "ideal" else decibels(image_psnr(part, truth, noise=noise))
-            alt = f"{report.label(name)}, enlarged part {LETTERS[i]} at {distance(crop.depth_m)}."
-            how = {"gain": gain, "note": note, "colours": report.colours}
-            pictures.append(picture(part, report.label(name), alt, **how))
-        title = f"{LETTERS[i]} · {crop.range.name}: {_around(crop)}"
-        caption = (
-            f"Pixels {crop.x} to {crop.x + crop.size - 1} across, {crop.y} to {crop.y + crop.size - 1} down."
-        )
-        galleries.append(Gallery(tuple(pictures), caption, len(pictures), pixels=True, title=title))
-    what = "The most textured square"
-    if not chosen:
-        what = "Parts of the objects"
-    elif len(crops) > 1:
-        what += "s at the nearest depths, around focus and at the farthest depths"
-    note = Text(f"{what}, enlarged without smoothing; PSNR of the square itself.")
-    return (note, *galleries) if galleries else ()
+def _focused(result: Run) -> dict[float, Tensor]:
+    """What the lens alone sees focused from near to far, [3, y, x] by distance, as exposed for the photo.
+
+    Quickly: few groups of bands and layers. Without distances that cannot be focused at, or whose PSFs would
+    take more samples than are allowed.
+    """
+    view = result.view
+    how = QUICK.changed({"occlusion": "hidden" if bool(view.hidden.any()) else "normalised"})
+    alone = result.optics.without_mask()
+
+    def seen(dioptres: float) -> tuple[float, Tensor] | None:
+        metres = 1 / max(dioptres, LEAST_DIOPTRES)
+        try:
+            photo = capture(view, refocused(alone, metres), how, exposure=result.photo.exposure)
+        except InputError:
+            return None
+        return metres, photo.clean
+
+    # each takes so little that side by side they are done sooner than one after another on all cores
+    return dict(filter(None, in_threads(seen, _spaced(view, FOCUSED), torch.device("cpu"))))
 
 
-def _around(crop: Detail) -> str:
-    return f"about {distance(crop.depth_m)}" if math.isfinite(crop.depth_m) else "infinity"
+def _spaced(view: View, count: int) -> list[float]:
+    """Inverse depths in 1/m evenly from near to far, without the nearest and farthest hundredth of the view;
+    one where all lies at one depth."""
+    some = view.inverse_depth[:: max(1, view.inverse_depth.numel() // 10**6)]
+    near, far = (float(some.quantile(share)) for share in (0.99, 0.01))
+    if near - far < 1e-6:
+        return [near]
+    return [near + (far - near) * step / (count - 1) for step in range(count)]
 
 
-def _depth(report: RunReport) -> tuple[Block, ...]:
-    plots: list[Block] = [depth_plot(report.inverse_depth, report.focus_m)]
-    labels = {name: report.label(name) for name in report.scores}
-    ranges = sorted({(d.near_m, d.far_m) for s in report.scores.values() for d in s.by_depth})
-    if ranges:
-        finite = report.inverse_depth[torch.isfinite(report.inverse_depth)]
-        nearest = 1 / float(finite.max()) if finite.numel() and float(finite.max()) > 0 else 0.0
-        plots.append(score_plot(report.scores, labels, report.focus_m, nearest))
-    table = _score_table(report, ranges)
-    return (SideBySide(tuple(plots)), *((table,) if table else ()))
+def refocused(camera: Camera, metres: float) -> Camera:
+    """A camera focused at another distance, whose pixels grow or shrink to see the same angle as before.
 
-
-def _score_table(report: RunReport, ranges: list[tuple[float, float]]) -> Table | None:
-    if not report.scores:
-        return None
-    names = list(report.scores)
-    pixels = report.inverse_depth.numel()
-
-    def row(title: str, found: Sequence[Score | None]) -> tuple[str, ...]:
-        count = next((s.pixels for s in found if s is not None), 0)
-        share = percent(count / pixels)
-        cells = (f"{number(s.psnr_db)}\n{number(s.ssim, 3)}" if s is not None else DASH for s in found)
-        return (f"{title}\n{share}", *cells)
-
-    rows = [row("Whole image", [report.scores[n].whole for n in names])]
-    by_range = {n: {(d.near_m, d.far_m): d.score for d in report.scores[n].by_depth} for n in names}
-    rows += [row(depth_range(*r), [by_range[n].get(r) for n in names]) for r in ranges]
-    return Table(
-        columns=(Column("Depth"), *(Column(report.label(n)) for n in names)),
-        rows=tuple(rows),
-        caption="Against the ideal image, both clipped to full scale 1: PSNR in dB, below it SSIM. Below "
-        "each range, its part of the pixels.",
+    Raises InputError for a distance that it cannot focus at."""
+    recipe = camera.recipe.model_copy(
+        update={"focus": camera.recipe.focus.model_copy(update={"distance_m": metres})}
     )
+    moved = Camera.from_recipe(recipe, camera.base)
+    pixel_um = recipe.sensor.pixel_um * moved.sensor_distance / camera.sensor_distance
+    sensor = recipe.sensor.model_copy(update={"pixel_um": pixel_um})
+    return Camera.from_recipe(recipe.model_copy(update={"sensor": sensor}), camera.base)
 
 
-def _optics(report: RunReport) -> tuple[Block, ...]:
-    blocks: list[Block] = []
-    if report.psfs is not None:
-        blocks.append(psf_plot(report.psfs))
-    if report.height_m is not None and report.mask_width_m is not None:
-        blocks.append(height_plot(report.height_m, report.mask_width_m))
-    return tuple(blocks)
+def _optics(result: Run) -> tuple[Block, ...]:
+    """PSFs at some of the depths, and the mask where it has a height."""
+    count = len(result.psf_depths)  # nodes from far to near; the blur changes alike from one to the next
+    shown = torch.linspace(0, count - 1, min(count, SHOWN)).round().long().flip(0)
+    depths_m = [1 / each if each > 0 else math.inf for each in result.psf_depths[shown].tolist()]
+    psfs = psf_plot(result.psfs[shown], depths_m, result.optics.pixel * 1e6)
+    height = _height_map(result.optics)
+    return (psfs,) if height is None else (psfs, height_plot(*height))
 
 
-def _plan(report: RunReport) -> tuple[Block, ...]:
+def _height_map(camera: Camera) -> tuple[Tensor, float] | None:
+    """Height of the DOE inside the pupil, [y, x] in metres, NaN outside, and its width in metres; None for
+    masks that only block light."""
+    grid = PupilGrid(PICTURE, 2 * camera.aperture_radius / PICTURE, camera.aperture_radius)
+    height = surface(camera, grid)
+    if height is None:
+        return None
+    return height.where(disc_coverage(grid, grid.radius) > 0.5, math.nan), PICTURE * grid.pitch
+
+
+def _plan(plan: Plan, lens_alone: Plan, cost: Plot | None) -> tuple[Block, ...]:
     """The effects that were weighed; errors and times stand where the plan predicted any; what was
     simulated."""
-    said = tuple(Text(sentence) for sentence in (report.target, report.fidelity) if sentence)
-    if not report.plan:
+    said = (Text(_target(plan)), Text(_fidelity(plan.fidelity)))
+    every = plan.decisions
+    if not every:
         return said
     caption = "Effects of light that were weighed before the photo was taken."
     columns: list[tuple[str, list[str | bool]]] = [
-        ("Effect", [row.effect for row in report.plan]),
-        ("Simulated", [row.chosen for row in report.plan]),
+        ("Effect", [each.effect for each in every]),
+        ("Simulated", [each.called_for for each in every]),
     ]
-    if any(row.error is not None for row in report.plan):
-        columns.append(("Error if left out", [_error(row.error) for row in report.plan]))
+    if any(each.error is not None for each in every):
+        errors = [None if each.error is None else overall(each.error) for each in every]
+        columns.append(("Error if left out", [_error(each) for each in errors]))
+        columns.append(("Time", [duration(None if e.error is None else e.seconds) for e in every]))
         caption += (
             " The error is the root mean square over the sensor image at full scale 1, below it as PSNR."
         )
-    if any(row.seconds is not None for row in report.plan):
-        columns.append(("Time", [duration(row.seconds) for row in report.plan]))
-    columns.append(("Why", [row.why for row in report.plan]))
-    if any(row.lens_alone for row in report.plan):
-        columns.append(("Lens alone", [row.lens_alone for row in report.plan]))
+    columns.append(("Why", [_why(each) for each in every]))
+    alone = [each.chosen for each in lens_alone.decisions]
+    if any(alone):
+        columns.append(("Lens alone", [*alone]))
         caption += (
             " The photo through the lens alone has a plan of its own, with the choices of the last column; "
             "nothing is restored from it."
@@ -314,8 +204,13 @@ def _plan(report: RunReport) -> tuple[Block, ...]:
     heads = tuple(Column(name) for name, _ in columns)
     rows = tuple(zip(*(cells for _, cells in columns), strict=True))
     table = Table(heads, rows, caption, wordy=True)
-    chart = (report.cost,) if report.cost is not None else ()
+    chart = (cost,) if cost is not None else ()
     return (*said, table, *chart)
+
+
+def _why(decision: Decision) -> str:
+    overruled = " (overruled)" if decision.overruled else ""
+    return f"{decision.chosen}{overruled}: {decision.why}" if decision.chosen else decision.why
 
 
 def _error(value: float | None) -> str:
@@ -324,37 +219,52 @@ def _error(value: float | None) -> str:
     return f"{significant(value, 2)}\n{decibels(-20 * math.log10(value))}"
 
 
-def _cost(report: RunReport) -> tuple[Block, ...]:
-    facts: dict[str, object] = {}
-    if report.seconds:
-        facts["total time"] = duration(sum(report.seconds.values()))
-    if report.peak_memory_mib is not None:
-        facts["peak memory"] = f"{number(report.peak_memory_mib, 0)} MiB"
-    facts.update(_machine(report))
-    table = (Pairs(facts),) if facts else ()
-    if report.seconds:
-        return (SideBySide((time_plot(report.seconds), *table)),)
-    return table
+def _fidelity(fidelity: Fidelity) -> str:
+    """All fields that differ from their defaults, a sentence."""
+    usual = values_of(Fidelity())
+    own = {name: value for name, value in values_of(fidelity).items() if value != usual[name]}
+    said = ", ".join(f"{name} = {value}" for name, value in own.items())
+    return f"Simulated with {said or 'the defaults of a fidelity'}; photo.exr and --json hold all of it."
 
 
-def _reproduce(report: RunReport) -> tuple[Block, ...]:
-    blocks: list[Block] = [Code(report.command)] if report.command else []
-    blocks += [Code(text, title) for title, text in report.recipes.items()]
-    if report.figures:
-        listed = {name: _figure(value) for name, value in report.figures.items()}
-        blocks.append(Pairs(listed, "All figures", closed=True))
-    if report.versions:
-        blocks.append(Pairs(report.versions, "Versions", closed=True))
-    return tuple(blocks)
+def _target(plan: Plan) -> str:
+    """What was asked for and what is predicted, in a sentence or two."""
+    if plan.replayed:
+        return f"{plan.summary()}."
+    predicted = f"Predicted: {plan.error_db:.1f} dB in {sum(plan.seconds.values()):.2g} s."
+    return " ".join(filter(None, (f"Asked for: {plan.target}.", predicted, plan.note)))
 
 
-def _figure(value: float | str) -> str:
-    return value if isinstance(value, str) else significant(value, 5)
+def _cost(result: Run) -> tuple[Block, ...]:
+    known = {"total time": duration(sum(result.seconds.values()))}
+    known["peak memory"] = f"{number(result.peak_memory_mib, 0)} MiB"
+    own = {name: f"{value} GiB" if name == "memory_gib" else value for name, value in machine().items()}
+    named = {"memory" if name == "memory_gib" else name.replace("_", " "): own[name] for name in own}
+    return (SideBySide((time_plot(result.seconds), Pairs({**known, **named}))),)
 
 
-def _machine(report: RunReport) -> dict[str, object]:
-    names = {"memory_gib": "memory"}
+def _reproduce(result: Run) -> tuple[Block, ...]:
+    recipes = (result.scene, result.camera)
+    command = ["edofsim", "run", typed_as(result.scene.path), "--camera", typed_as(result.camera.path)]
+    blocks: list[Block] = [Code(shlex.join([*command, "--seed", str(result.seed)]))]
+    blocks += [Code(each.text, each.path.name) for each in recipes]
+    return (*blocks, Pairs(versions(), "Versions", closed=True))
+
+
+def _notes(metadata: Mapping[str, object], noise: NoiseState) -> tuple[str, ...]:
+    """What was guessed where the view does not know, and noise that is in the scores."""
+    guesses = {"holes filled": "Holes of the depth map", "beyond the border": "Beyond the border"}
+    known = tuple(f"{label}: {metadata[key]}." for key, label in guesses.items() if metadata.get(key))
+    return (*known, f"Scores: {SAID[noise]}.") if noise == "included" else known
+
+
+def _facts(result: Run) -> dict[str, str]:
+    view = result.view
+    nm = view.wavelengths * 1e9
     return {
-        names.get(name, name.replace("_", " ")): f"{value} GiB" if name == "memory_gib" else value
-        for name, value in report.machine.items()
+        "Bands": f"{view.bands}, {nm[0]:.0f} to {nm[-1]:.0f} nm",
+        "Fragments": f"{view.pixel.numel()}, {int(view.hidden.sum())} of them hidden",
+        "Render noise": f"{view.noise:.2%} of the band mean",
+        "Read noise": f"{result.optics.read_noise:g} of full scale",
+        "Seed": f"scene {result.scene.recipe.seed}, sensor {result.seed}",
     }

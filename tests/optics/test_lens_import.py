@@ -75,7 +75,7 @@ def optiland(**first) -> str:
 def read(folder, ending: str, text: str | bytes, **how) -> tuple[CameraRecipe, list[str]]:
     path = folder / f"lens.{ending}"
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return camera_of(path, **{"told": TOLD, **how})
+    return camera_of(path, **{"glasses_by_name": TOLD, **how})
 
 
 def lens_of(recipe: CameraRecipe) -> PrescriptionLens:
@@ -234,14 +234,14 @@ def test_glass_that_is_not_known_is_asked_for(tmp_path):
         "surface 1: glass SK16",
         "surface 3: glass F2",
         "--glass SK16=ND,VD",
-        told={},
+        glasses_by_name={},
     )
     known = zemax().replace("SK16", "N-BK7").replace("F2", "fused-silica")
-    assert {each.glass for each in lens_of(read(tmp_path, "zmx", known, told={})[0]).surfaces} == {
+    assert {each.glass for each in lens_of(read(tmp_path, "zmx", known, glasses_by_name={})[0]).surfaces} == {
         "N-BK7", "fused-silica", None,
     }  # fmt: skip
     model = zemax().replace("GLAS SK16 0 0 1.5 40", "GLAS ___BLANK 1 0 1.62 60.3").replace("F2", "N-SF10")
-    recipe, notes = read(tmp_path, "zmx", model, told={})
+    recipe, notes = read(tmp_path, "zmx", model, glasses_by_name={})
     assert (lens_of(recipe).surfaces[0].nd, lens_of(recipe).surfaces[0].vd) == (1.62, 60.3)
     assert "by nd and Vd of the file alone" in " ".join(notes)
     for code, expected in (("620603", (1.620, 60.3)), ("620410.603236", (1.62041, 60.3236))):
@@ -256,7 +256,7 @@ def test_a_makers_catalogue_gives_the_formula_and_where_it_holds(tmp_path):
     agf = f"CC a maker\nNM SK16 2 517642.251 1.5168 64.17 0\n{line}\nLD 3.0E-01 2.5E+00\n"
     agf += "NM F2 1 620364 1.62004 36.37 0\nCD 2.5 0.1 0.2\nLD 0.4 1.0\n"
     (tmp_path / "maker.agf").write_text(agf)
-    how = {"told": {}, "catalogues": [tmp_path / "maker.agf"]}
+    how = {"glasses_by_name": {}, "catalogues": [tmp_path / "maker.agf"]}
     recipe, notes = read(tmp_path, "zmx", zemax(), **how)
     assert any("F2 by nd and Vd: formula Schott of its catalogue" in note for note in notes)
     first, third = (lens_of(recipe).surfaces[number] for number in (0, 2))

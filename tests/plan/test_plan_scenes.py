@@ -14,9 +14,10 @@ import pytest
 from edofsim.capture import blurring, capture, full_fidelity, layers
 from edofsim.capture.photo import Photo
 from edofsim.cli.shared import plan_lines
+from edofsim.core.stopwatch import Stopwatch
 from edofsim.experiments.predictions import camera_of, small_version
 from edofsim.optics import Camera, field
-from edofsim.pipeline import Stopwatch, planned_view
+from edofsim.pipeline import planned_view
 from edofsim.plan import Fidelity, Plan, look, parse_target, plan_figures, plan_photo, plan_scene, remember
 from edofsim.plan.coarse import Coarse
 from edofsim.plan.spectra import Spectra

@@ -8,14 +8,18 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import torch
 
-from edofsim.report import ImageScore, PlanRow, Psfs, RunReport, write_report
+from edofsim.capture import Fidelity
+from edofsim.pipeline import Run
+from edofsim.plan import Decision, Plan
+from edofsim.report import run_page, write_page
 from edofsim.report.words import distance
-from edofsim.restore.scores import score_by_depth
+from edofsim.restore.places import Method
 
 CHROMIUM = next(
     (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
@@ -82,35 +86,28 @@ addEventListener("message", (event) => {
 </script>"""
 
 
-def long_report() -> RunReport:
+def long_run(made_run: Callable[..., Run]) -> Run:
     """Long names and many rows: what could stick out."""
-    random = torch.Generator().manual_seed(0)
-    ideal = torch.rand(3, 60, 80, generator=random)
-    depth = torch.linspace(0, 2, 60)[:, None].expand(60, 80).contiguous()
-    photo = ideal + 0.05 * torch.randn(ideal.shape, generator=random)
-    scored = ImageScore(*score_by_depth(photo, ideal, "none", depth))
-    depths = tuple(0.5 + 0.2 * i for i in range(12))
-    return RunReport(
-        title="a-scene-with-a-name-that-is-as-long-as-a-recipe-allows-it-to-be-0123",
-        purpose="A purpose. " * 12,
-        camera="a-camera-with-a-long-name-too",
-        ideal=ideal, photo=photo, restored=photo, lens_alone=photo, inverse_depth=depth,
-        focused={0.5: ideal, 1.0: photo, 100.0: 0.5 * ideal},
-        scores={"photo": scored, "restored": scored, "lens_alone": scored},
-        psfs=Psfs(torch.full((12, 3, 65, 65), 1 / 65**2), depths, 6.0),
-        plan=(PlanRow("an effect", True, 0.01, 3.0, "because/of/a/path/without/any/blank/" * 4),),
-        seconds={"render": 100.0, "expose": 3.0},
-        recipes={"scene.toml": "x = " + "1234567890" * 40},
-        command="edofsim run " + "/a/very/long/path" * 12,
-        figures={"psnr_db." + "by_depth_" * 9: 1.0},
-        machine={"processor": "Some(R) Processor(TM) with a long name @ 2.50GHz " * 2},
-        restored_label="Restored (a network with a long name, trained on something)",
-    )  # fmt: skip
+    made = made_run(60, 80, restored_by=Method("a network with a long name, trained on something"))
+    long = made.scene.recipe.model_copy(
+        update={
+            "name": "a-scene-with-a-name-that-is-as-long-as-a-recipe-allows-it-to-be-0123",
+            "purpose": "A purpose. " * 12,
+        }
+    )
+    why = "because/of/a/path/without/any/blank/" * 4
+    plan = Plan((Decision("an effect", True, "", why, error=(0.01,) * 3, seconds=3.0),), Fidelity())
+    path = Path("/a/very/long/path" * 12) / "scene.toml"
+    scene = replace(made.scene, recipe=long, path=path, text="x = " + "1234567890" * 40)
+    return replace(made, scene=scene, plan=plan, plan_lens_alone=plan)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-def test_page_in_a_browser(tmp_path: Path):
-    page = write_report(tmp_path / "report.html", long_report())
+def test_page_in_a_browser(tmp_path: Path, made_run: Callable[..., Run]):
+    run = long_run(made_run)
+    ideal = run.photo.ideal
+    focused = {0.5: ideal, 1.0: run.photo.image, 100.0: 0.5 * ideal}
+    page = write_page(tmp_path / "report.html", run_page(run, focused))
     page.write_text(page.read_text(encoding="utf-8").replace("</body>", PROBE), encoding="utf-8")
     (tmp_path / "wrapper.html").write_text(WRAPPER, encoding="utf-8")
     command = [CHROMIUM, *SWITCHES, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
@@ -129,12 +126,11 @@ def test_page_in_a_browser(tmp_path: Path):
         assert "% Ideal" in entry["spoken"]
         assert entry["focused"] == distance(100.0) and len(entry["seen"]) == 1
         assert f"focused at {distance(100.0)}" in entry["seen"][0]
-        report = long_report()
         place, light = entry["values"].split(" · ")[:2]
         x, y = 50, 24  # 0.631 of 80 and 0.408 of 60
-        assert place == f"x {x}, y {y}, {1 / float(report.inverse_depth[y, x]):.3g} m"
+        assert place == f"x {x}, y {y}, {1 / float(run.view.mean_inverse_depth()[y, x]):.3g} m"
         found_light = [float(value) for value in light.removeprefix("Ideal ").replace("≥ ", "").split()]
-        assert found_light == pytest.approx(report.ideal[:, y, x].tolist(), abs=0.005)
+        assert found_light == pytest.approx(ideal[:, y, x].tolist(), abs=0.005)
         kinds = ("data:image/png", "data:image/png", "data:image/svg+xml", "data:text/csv")
         assert all(link.startswith(kind) for (_, link), kind in zip(entry["saved"], kinds, strict=True))
         assert [name.rpartition(".")[2] for name, _ in entry["saved"]] == ["png", "png", "svg", "csv"]

@@ -8,12 +8,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from skimage import data
 
+from edofsim.capture import Fidelity
 from edofsim.errors import InputError
+from edofsim.plan import Decision, Plan
 from edofsim.report import (
     Column,
     Compare,
@@ -21,19 +21,18 @@ from edofsim.report import (
     ImageScore,
     Link,
     Page,
-    PlanRow,
-    Psfs,
-    RunReport,
     Section,
+    Shown,
     Table,
+    image_page,
     index_page,
     page_html,
     picture,
-    report_page,
+    run_page,
     verdict,
     write_page,
-    write_report,
 )
+from edofsim.restore.places import Method
 from edofsim.restore.scores import DepthScore, Noise, Score, score_by_depth
 
 VOID = {"meta", "img", "input", "source", "br", "link"}
@@ -70,67 +69,14 @@ class Reader(html.parser.HTMLParser):
         return re.sub(r"\s+", " ", " ".join(self.text))
 
 
-def photographs(rows: int, columns: int) -> torch.Tensor:
-    """A linear photograph of scikit-image, [3, y, x]."""
-    encoded = torch.from_numpy(np.ascontiguousarray(data.astronaut()[:rows, :columns])).permute(2, 0, 1) / 255
-    return encoded.float() ** 2.2
-
-
-BARE = {"psfs": None, "height_m": None, "mask_width_m": None}  # quicker to write
-
-
 def image_score(image: torch.Tensor, ideal: torch.Tensor, depth: torch.Tensor) -> ImageScore:
     return ImageScore(*score_by_depth(image, ideal, "none", depth))
 
 
-def report(rows: int = 96, columns: int = 128, **changes) -> RunReport:
-    """A run with everything on its page: a photograph on three depths, with noise for a photo."""
-    random = torch.Generator().manual_seed(0)
-    ideal = photographs(rows, columns)
-    depth = torch.full((rows, columns), 1 / 4.46)
-    depth[: rows // 3] = 0.0
-    depth[rows // 2 :] = 2.0
-    photo = ideal + 0.05 * torch.randn(ideal.shape, generator=random)
-    restored = ideal + 0.02 * torch.randn(ideal.shape, generator=random)
-    lens = ideal.roll(2, -1)
-    psf = torch.zeros(3, 3, 33, 33)
-    psf[..., 12:21, 12:21] = 1 / 81
-    depths = (0.5, 1.5, math.inf)
-    images = {"photo": photo, "restored": restored, "lens_alone": lens}
-    made = RunReport(
-        title="table",
-        purpose="A scene for tests.",
-        camera="paper-cubic",
-        ideal=ideal,
-        photo=photo,
-        restored=restored,
-        lens_alone=lens,
-        inverse_depth=depth,
-        scores={name: image_score(image, ideal, depth) for name, image in images.items()},
-        psfs=Psfs(psf, depths, 6.0),
-        height_m=torch.rand(8, 8, generator=random) * 1e-6,
-        mask_width_m=5e-3,
-        focus_m=1.5,
-        plan=(
-            PlanRow("hidden surfaces", True, 0.012, 3.1, "edges"),
-            PlanRow("fabrication", False, None, None, ""),
-        ),
-        target="Below half of the noise.",
-        seconds={"render": 12.0, "expose": 0.4},
-        peak_memory_mib=812.3,
-        recipes={"table.toml": 'name = "table"\n'},
-        command="edofsim run table.toml",
-        facts={"Seed": "0"},
-        figures={"psnr_db.photo": 26.0},
-        versions={"edofsim": "0"},
-        machine={"processor": "some", "memory_gib": 3.9},
-    )
-    return replace(made, **changes)
-
-
 @pytest.fixture(scope="module")
-def written(tmp_path_factory) -> Path:
-    return write_report(tmp_path_factory.mktemp("page") / "out" / "report.html", report(384, 512))
+def written(tmp_path_factory, made_run) -> Path:
+    path = tmp_path_factory.mktemp("page") / "out" / "report.html"
+    return write_page(path, run_page(made_run(384, 512), {}))
 
 
 @pytest.fixture(scope="module")
@@ -169,11 +115,11 @@ def test_page_is_small_enough_to_send(written):
 
 
 def test_page_says_what_the_run_found(page):
-    assert all(text in page.words for text in ("table", "paper-cubic", "512 × 384 px", "Seed 0"))
+    assert all(text in page.words for text in ("table", "paper-cubic", "512 × 384 px", "sensor 3"))
     assert "dB above the photo" in page.words and "Restored" in page.words and "Lens alone" in page.words
     assert "up to 0.60 m" in page.words and "beyond 3.0 m" in page.words
     assert all(text in page.words for text in ("hidden surfaces", "0.012", "Below half of the noise."))
-    assert all(text in page.words for text in ("812 MiB", "3.9 GiB", "edofsim run table.toml"))
+    assert all(text in page.words for text in ("812 MiB", "GiB", "edofsim run table.toml", "--seed 3"))
 
 
 def test_menu_leads_to_sections(page):
@@ -191,92 +137,87 @@ def test_slider_finds_its_gallery(page):
     assert divider["type"] == "range"  # moves with the arrow keys
 
 
-def test_same_report_same_bytes(tmp_path):
-    small = report(24, 32, **BARE)
-    assert (
-        write_report(tmp_path / "a.html", small).read_bytes()
-        == write_report(tmp_path / "b.html", small).read_bytes()
-    )
+def test_same_run_same_bytes(tmp_path, made_run):
+    pages = [write_page(tmp_path / name, run_page(made_run(24, 32), {})) for name in ("a.html", "b.html")]
+    assert pages[0].read_bytes() == pages[1].read_bytes()
 
 
-def test_text_from_recipes_stays_text(tmp_path):
+def test_text_from_recipes_stays_text(made_run):
     evil = '</code></pre></script><script>alert("x")</script><img src=x onerror=alert(1)>&amp;'
-    mapping = {name: {evil: evil} for name in ("recipes", "versions", "facts", "machine", "figures")}
-    words = {name: evil for name in ("title", "purpose", "camera", "command", "restored_label", "target")}
-    plan = (PlanRow(evil, True, why=evil),)
-    made = report(24, 32, **words, **mapping, **BARE, notes=(evil,), plan=plan, seconds={evil: 1.0})
-    read = Reader(write_report(tmp_path / "report.html", made).read_text(encoding="utf-8"))
+    made = made_run(24, 32, restored_by=Method(evil), seconds={evil: 1.0})
+    recipe = made.scene.recipe.model_copy(update={"purpose": evil})
+    plan = Plan((Decision(evil, True, evil, evil),), Fidelity(), target=evil)
+    view = replace(made.view, metadata={"holes filled": evil})
+    scene = replace(made.scene, recipe=recipe, text=evil)
+    evils = replace(made, scene=scene, plan=plan, plan_lens_alone=plan, view=view)
+    read = Reader(page_html(run_page(evils, {})))
     assert read.open == []
     assert len(read.all("script")) == 1
     assert not any("onerror" in attributes for _, attributes in read.tags)
     assert read.words.count("alert(1)") >= 10
 
 
-def test_plan_without_predictions_has_no_empty_columns():
-    reasons = (PlanRow("occlusion", True, why="edges"), PlanRow("noise", False, why="none asked for"))
-    read = Reader(page_html(report_page(report(24, 32, **BARE, plan=reasons))))
+def test_plan_without_predictions_has_no_empty_columns(made_run):
+    decisions = (Decision("occlusion", True, "", "edges"), Decision("noise", False, "", "none asked for"))
+    plan = Plan(decisions, Fidelity())
+    read = Reader(page_html(run_page(made_run(24, 32, plan=plan, plan_lens_alone=plan), {})))
     heads = {a["data-column"] for _, a in read.tags if "data-column" in a}
     assert {"Effect", "Simulated", "Why"} <= heads and not {"Error if left out", "Time"} & heads
 
 
-def test_no_value_is_a_dash_and_equal_images_are_infinite(tmp_path):
+def test_no_value_is_a_dash_and_equal_images_are_infinite(made_run):
     whole = Score(math.inf, math.nan, 1)
     ranges = (
         DepthScore(0.0, 0.6, Score(math.nan, math.nan, 0)),
         DepthScore(0.6, 1.0, Score(math.inf, 1.0, 5)),
     )
-    made = report(
-        24,
-        32,
-        **BARE,
-        scores={"photo": ImageScore(whole, ranges)},
-        figures={"a": math.nan, "b": "inf"},
-        plan=(PlanRow("a", False, math.nan, math.inf), PlanRow("b", True, 0.0, 0.0)),
+    made = made_run(24, 32, scores={"photo": whole}, by_depth={"photo": ranges})
+    nan, zero = (math.nan,) * 3, (0.0,) * 3
+    decisions = (
+        Decision("a", False, "", "", error=nan, seconds=math.inf),
+        Decision("b", True, "", "", error=zero),
     )
-    read = Reader(write_report(tmp_path / "report.html", made).read_text(encoding="utf-8"))
+    plan = Plan(decisions, Fidelity())
+    read = Reader(page_html(run_page(replace(made, plan=plan, plan_lens_alone=plan), {})))
     assert "∞" in read.words and "–" in read.words
     assert not re.search(r"\bnan\b", read.words, re.IGNORECASE)
 
 
-def test_pixels_without_value_are_told(tmp_path):
-    restored = report(24, 32).restored.clone()
+def test_pixels_without_value_are_told(made_run):
+    made = made_run(24, 32)
+    restored = made.restored.clone()
     restored[0, 3, 4:9] = math.nan
-    read = Reader(
-        write_report(tmp_path / "report.html", report(24, 32, restored=restored, **BARE)).read_text()
-    )
-    assert "Restored: 5 pixels hold values that are not numbers" in read.words
+    read = Reader(page_html(run_page(replace(made, restored=restored), {})))
+    assert "Restored (a network): 5 pixels hold values that are not numbers" in read.words
 
 
 @pytest.mark.parametrize("depth", [1.0, 0.0])
 @pytest.mark.parametrize("shape", [(1, 1), (2, 9), (40, 30)])
-def test_smallest_report_of_any_size(tmp_path, depth, shape):
+def test_smallest_page_of_any_size(depth, shape):
     """One depth, infinity among them, and nothing known but two images."""
-    image = torch.rand(3, *shape, generator=torch.Generator().manual_seed(2))
-    made = RunReport(
-        "t",
-        "",
-        "c",
-        image,
-        image,
+    image, depths = (
+        torch.rand(3, *shape, generator=torch.Generator().manual_seed(2)),
         torch.full(shape, depth),
-        scores={"photo": image_score(image, image, torch.full(shape, depth))},
     )
-    read = Reader(write_report(tmp_path / "report.html", made).read_text(encoding="utf-8"))
+    scores = {"photo": image_score(image, image, depths)}
+    shown = Shown("t", "c", {"ideal": image, "photo": image}, depths, scores=scores)
+    read = Reader(page_html(image_page(shown, "", {})))
     assert read.open == []
     assert "Scene: " in read.words and "Farthest" not in read.words
-    assert verdict(made) == ""
+    assert verdict(scores) == ""
 
 
 def test_enlarged_parts_are_scored_without_the_noise_of_the_rendering():
     """A grey image, 20 dB off, whose truth has noise of 20 dB: without it, 20 dB in every square, not 17."""
-    grey = torch.full((3, 90, 90), 0.5)
+    grey, depth = torch.full((3, 90, 90), 0.5), torch.ones(90, 90)
     noise, half = (0.1 * torch.randn(3, 90, 90, generator=torch.Generator().manual_seed(n)) for n in (1, 2))
-    made = report(90, 90, ideal=grey + noise, photo=grey + 0.1, restored=None, lens_alone=None)
+    images = {"ideal": grey + noise, "photo": grey + 0.1}
     found = []
     for noises in ({}, {"photo": Noise(half, torch.zeros_like(half))}):
+        page = image_page(Shown("t", "c", images, depth, noises=noises), "", {})
         galleries = [
             block
-            for section in report_page(replace(made, noises=noises)).sections
+            for section in page.sections
             for block in section.blocks
             if isinstance(block, Gallery) and block.pixels
         ]
@@ -291,23 +232,14 @@ def test_verdict_tells_losses_too():
         n: ImageScore(Score(p, 0.9, 1))
         for n, p in (("photo", 25.0), ("restored", 24.0), ("lens_alone", 20.5))
     }
-    sentence = verdict(report(24, 32, scores=scored)).replace("\u00a0", " ")
-    assert sentence == (
+    assert verdict(scored).replace("\u00a0", " ") == (
         "Restored is 1.0 dB below the photo and 3.5 dB above the lens alone. "
         "The photo is better than the restored image."
     )
     scored |= {"restored": ImageScore(Score(26.5, 0.9, 1)), "wiener": ImageScore(Score(26.52, 0.9, 1))}
-    sentence = verdict(report(24, 32, scores=scored)).replace("\u00a0", " ")
-    assert sentence == (
+    assert verdict(scored).replace("\u00a0", " ") == (
         "Restored is 1.5 dB above the photo, 6.0 dB above the lens alone and as good as Wiener deconvolution."
     )
-
-
-def test_images_of_different_shapes_are_refused():
-    with pytest.raises(ValueError, match="photo has the shape"):
-        report(24, 32, photo=torch.zeros(3, 24, 31))
-    with pytest.raises(ValueError, match="depth, 3, y, x"):
-        Psfs(torch.zeros(2, 3, 5, 5), (1.0,), 6.0)
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):

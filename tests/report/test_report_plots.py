@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.report import ImageScore, Psfs, line_plot
+from edofsim.report import ImageScore, line_plot
 from edofsim.report.figures import depth_plot, score_plot, time_plot
 from edofsim.report.figures_optics import height_plot, psf_plot
 from edofsim.report.plot import DARK, darken, metre_ticks, spread
@@ -74,7 +74,7 @@ def test_scores_that_are_no_numbers_are_left_out(psnr):
 def test_psfs_of_any_size_and_number(side, depths):
     values = torch.zeros(len(depths), 3, side, side)
     values[..., side // 2, side // 2] = 0.8
-    plot = psf_plot(Psfs(values, depths, 6.0))
+    plot = psf_plot(values, depths, 6.0)
     assert plot.svg() and plot.svg(narrow=True)
     assert "least 80\u00a0% of the light" in plot.caption
     assert ("∞" in plot.alt) == (math.inf in depths)
@@ -84,13 +84,13 @@ def test_psf_picture_shows_as_much_as_holds_the_light():
     """A ring of radius 20 in a window of 101: the part shown must reach it, and not much farther."""
     y, x = torch.meshgrid(torch.arange(101) - 50, torch.arange(101) - 50, indexing="ij")
     ring = ((torch.hypot(y.float(), x.float()) - 20).abs() < 1).float()
-    plot = psf_plot(Psfs((ring / ring.sum()).expand(1, 3, -1, -1), (1.0,), 6.0))
+    plot = psf_plot((ring / ring.sum()).expand(1, 3, -1, -1), (1.0,), 6.0)
     side = int(re.search(r"Central (\d+) × \1 pixels", plot.caption).group(1))
     assert 39 <= side <= 43
 
 
 def test_dark_pages_of_psfs_that_are_all_zero():
-    assert psf_plot(Psfs(torch.zeros(2, 3, 9, 9), (1.0, 2.0), 6.0)).svg()
+    assert psf_plot(torch.zeros(2, 3, 9, 9), (1.0, 2.0), 6.0).svg()
 
 
 def test_height_map_says_its_span():

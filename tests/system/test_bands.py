@@ -15,7 +15,7 @@ from edofsim.core.images import read_exr
 from edofsim.optics import Camera
 from edofsim.recipe import load_camera
 from edofsim.render.view import View
-from edofsim.report import from_pipeline
+from edofsim.report.run_page import _focused, refocused
 
 SCENE = """
 name = "cards"
@@ -74,9 +74,9 @@ def test_the_slider_over_depth_shows_the_colours_of_the_photo():
     depth[:, :32] = 2.0
     view = View.from_image(rgb, depth.numpy(), pixel_angle=camera.pixel_angle)
     taken = SimpleNamespace(view=view, optics=camera, photo=SimpleNamespace(exposure=1.0))
-    pictures = from_pipeline._focused(taken)
+    pictures = _focused(taken)
     assert len(pictures) > 1
     for metres, picture in pictures.items():
-        lens = from_pipeline.refocused(camera.without_mask(), metres)
+        lens = refocused(camera.without_mask(), metres)
         truth = capture(view, lens, Fidelity(occlusion="normalised"), exposure=1.0).clean
         assert torch.allclose(picture.mean((1, 2)), truth.mean((1, 2)), rtol=0.005)
