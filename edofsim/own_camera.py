@@ -59,8 +59,8 @@ def camera(
     bits: of the quantisation.
     bayer: the mosaic's first four pixels, such as `RGGB`.
     window: width of the PSFs, pixels.
-    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative to the
-        working folder.
+    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative to
+        the working folder.
     name: of the camera.
     height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
     amplitude: what the mask also lets through of a wave, [n, n] from 0 to 1, by samples that just cover the

@@ -158,6 +158,9 @@ class Fidelity:
     scene_dispersion: bool = _knob(
         True, "dispersion of scene glass", "", "False: glass in the scene bends all wavelengths alike"
     )
+    without_sensor: tuple[str, ...] = _knob(
+        (), "", "", "kinds of the sensor's effects, of those in `sensor.effects`, that are left out"
+    )
     simplifications: tuple[Simplification, ...] = _knob(
         (), "", "", "what else is left out of the camera, by effects of other packages"
     )
@@ -180,11 +183,11 @@ class Fidelity:
             raise InputError(problems)
 
     def changed(self, change: Mapping[str, object]) -> Fidelity:
-        """The same but for some fields; simplifications are added to those that are there."""
+        """The same but for some fields; simplifications and kinds are added to those that are there."""
         change = dict(change)
-        if "simplifications" in change:
-            added = cast(tuple[Simplification, ...], change["simplifications"])
-            change["simplifications"] = (*self.simplifications, *added)
+        for name in ("simplifications", "without_sensor"):
+            if name in change:
+                change[name] = (*getattr(self, name), *cast(tuple[object, ...], change[name]))
         return replace(self, **change)
 
     def of_photo(self) -> Fidelity:

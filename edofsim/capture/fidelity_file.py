@@ -29,8 +29,11 @@ LOG = logging.getLogger(__name__)
 
 
 def values_of(fidelity: Fidelity) -> Json:
-    """All fields as JSON values; simplifications of other packages by their names."""
+    """All fields as JSON values; simplifications of other packages by their names, and kinds of the sensor's
+    effects where any is left out."""
     found = {each.name: getattr(fidelity, each.name) for each in fields(fidelity)}
+    if not found["without_sensor"]:
+        del found["without_sensor"]
     return {**found, "simplifications": [each.name for each in fidelity.simplifications]}
 
 
@@ -73,6 +76,8 @@ def fidelity_of_values(values: Mapping[str, object], where: str, kind: type[F]) 
         raise InputError(
             f"{where}: simplifications of other packages cannot be read from a file: give --without EFFECT"
         )
+    if isinstance(kinds := given.get("without_sensor"), list):
+        given["without_sensor"] = tuple(kinds)
     hints = get_type_hints(kind)
     known = {each.name: (hints[each.name], each.default) for each in fields(kind)}
     del known["simplifications"]

@@ -162,6 +162,10 @@ class Registry(Mapping[str, T], Generic[T]):
         """Whether another package adds what is called so."""
         return name in self._places and name not in self._own
 
+    def place(self, name: str) -> str:
+        """Where a thing is, `module:attribute`."""
+        return self._places[name]
+
     def code_of(self, name: str) -> str:
         """SHA-256 of the file that another package defines a thing in, for keys of what is kept of it; empty
         for a thing of this package, whose keys carry versions of their own."""

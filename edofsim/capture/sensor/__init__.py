@@ -84,7 +84,12 @@ def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[Se
         assert isinstance(effect, SensorEffect)  # what the registry holds
         kinds = [each.kind for each in found]
         found.insert(kinds.index(effect.before) if effect.before in kinds else len(found), effect)
-    return tuple(effect for effect in found if getattr(fidelity, LEFT_OUT_BY.get(effect.kind, ""), True))
+    return tuple(
+        effect
+        for effect in found
+        if getattr(fidelity, LEFT_OUT_BY.get(effect.kind, ""), True)
+        and effect.kind not in fidelity.without_sensor
+    )
 
 
 def noise_deviation(camera: Camera, light: Tensor | None = None) -> float:

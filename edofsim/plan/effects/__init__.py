@@ -2,17 +2,37 @@
 another package.
 
 An effect of another package leaves something out of the camera by a `Simplification` of `capture.fidelity`.
+An effect of the sensor needs none: it is left out by its kind.
 """
 
 from __future__ import annotations
 
 from ...core.registry import Registry
 from ...errors import InputError
+from ...recipe.kinds import SENSOR_EFFECTS
 from ..effect import Effect
+from .sensor import of_kind
 
 HERE = "edofsim.plan.effects"
 
-EFFECTS: Registry[Effect] = Registry(
+
+class _Effects(Registry[Effect]):
+    """Effects of plans, and one for each of the sensor's effects that other packages add without one."""
+
+    @property
+    def _sensor(self) -> list[str]:
+        known = {name.replace(" ", "-") for name in super()._places}
+        return [kind for kind in SENSOR_EFFECTS if SENSOR_EFFECTS.of_another(kind) and kind not in known]
+
+    @property
+    def _places(self) -> dict[str, str]:
+        return super()._places | {kind: SENSOR_EFFECTS.place(kind) for kind in self._sensor}
+
+    def __getitem__(self, name: str) -> Effect:
+        return of_kind(name) if name in self._sensor else super().__getitem__(name)
+
+
+EFFECTS: Registry[Effect] = _Effects(
     "edofsim.plan_effects",
     "effect",
     {

@@ -5,7 +5,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 
+import torch
+
+from ...capture.sensor import SensorEffect, Signal
 from ...recipe.camera import Sensor
 from ..effect import Effect, Errors, Level
 from ..facts import Facts, rms
@@ -112,3 +116,30 @@ MOSAIC = _effect(
     _mosaic,
     left_out="every channel in every pixel",
 )
+
+
+@cache
+def of_kind(kind: str) -> Effect:
+    """The effect of a plan for one of the sensor's of another package: what it makes of the photo."""
+
+    def listed(facts: Facts) -> list[SensorEffect]:
+        every = _of(facts).effects
+        return [each for each in every if each.kind == kind and isinstance(each, SensorEffect)]
+
+    def error(facts: Facts, level: Level) -> Errors:
+        photo = facts.blurred
+        signal = Signal(photo[:, :, None])
+        generator = torch.Generator().manual_seed(0)
+        for effect in listed(facts):
+            signal = effect.act(signal, generator)
+        return rms((signal.image[:, :, 0] - photo) / photo.shape[1] ** 0.5)
+
+    return Effect(
+        kind,
+        lambda facts: [Level("none", {"without_sensor": (kind,)}), Level("as the recipe says", {})],
+        lambda facts: "the recipe lists it among the sensor's effects",
+        lambda facts: "" if listed(facts) else "the recipe lists none",
+        error=error,
+        added="noise",
+        stage="sensor",
+    )
