@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -212,39 +212,39 @@ SYSTEM_HELP = (
     "knows distances), a Python function (module:function, file.py:function), or CAMERA+RESTORATION; "
     "repeatable; default: "
 )
+
+
+def systems_option(default: str) -> Any:  # pyrefly: ignore[explicit-any] - Typer's own kind
+    """The option of systems to compare. default: said in its help."""
+    names = ("--system", "--network")
+    help_ = SYSTEM_HELP + default
+    return typer.Option(*names, metavar="SYSTEM", help=help_, autocompletion=completion.systems)
+
+
+def cameras_option(help_: str) -> Any:  # pyrefly: ignore[explicit-any] - Typer's own kind
+    """The option of a camera, or of several."""
+    return typer.Option("--camera", metavar="CAMERA", help=help_, autocompletion=completion.cameras)
+
+
 NetworksOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--system",
-        "--network",
-        metavar="SYSTEM",
-        help=SYSTEM_HELP + "all networks that ship with a mask. A checkpoint's mask is put into the camera "
-        "where that has the lens of the training, otherwise it brings its own.",
-        autocompletion=completion.systems,
+    systems_option(
+        "all networks that ship with a mask. A checkpoint's mask is put into the camera where that has the "
+        "lens of the training, otherwise it brings its own."
     ),
 ]
 PicturesOption = Annotated[
     Path | None,
     typer.Option("--data", metavar="DIR", help="Folder of photographs; default: those of scikit-image."),
 ]
-SystemsOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--system",
-        "--network",
-        metavar="SYSTEM",
-        help=SYSTEM_HELP + "all that ship, paper-clear, paper-cubic.",
-        autocompletion=completion.systems,
-    ),
-]
+SystemsOption = Annotated[list[str] | None, systems_option("all that ship, paper-clear, paper-cubic.")]
 LensOption = Annotated[
     str | None,
-    typer.Option(
-        "--camera",
-        metavar="CAMERA",
-        help="Camera recipe or shipped name, for systems that name none; default paper-clear.",
-        autocompletion=completion.cameras,
-    ),
+    cameras_option("Camera recipe or shipped name, for systems that name none; default paper-clear."),
+]
+ChartOption = Annotated[
+    Path | None,
+    typer.Option("--chart", metavar="FILE", help="Picture of a test chart; default: USAF-1951, drawn."),
 ]
 ShowOption = Annotated[
     list[str] | None,

@@ -55,12 +55,11 @@ def camera(
     focus: the distance that is sharp [m].
     pixel: pitch of the sensor [m].
     read_noise: standard deviation, full scale 1.
-    full_well: electrons at full scale, for shot noise.
-    bits: of the quantisation.
+    full_well, bits: electrons at full scale, for shot noise; of the quantisation.
     bayer: the mosaic's first four pixels, such as `RGGB`.
     window: width of the PSFs, pixels.
-    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative to
-        the working folder.
+    mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative
+        to the working folder.
     name: of the camera.
     height: height map of the mask [n, n] in metres, row 0 the top of the pupil; gradients reach a tensor.
     amplitude: what the mask also lets through of a wave, [n, n] from 0 to 1, by samples that just cover the

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
@@ -26,7 +26,6 @@ import torch
 import typer
 from torch import Tensor
 
-from .. import completion
 from ..capture.sensor import automatic_exposure
 from ..core.images import developed, srgb_encode, write_png
 from ..core.json_values import Json
@@ -41,7 +40,7 @@ from ..render.colour import colour_matrix
 from ..restore.checkpoint import shipped_checkpoints
 from ..restore.scores import image_psnr
 from .chromatic import Chromatic, chromatic
-from .cubes import Cube, Reading, from_view, read_cubes
+from .cubes import Cube, CubesOption, PlanesOption, Reading, from_view, read_cubes
 from .experiment import Findings, in_paper, in_parts
 from .failures import Failures
 from .kept import Kept, key_of
@@ -104,25 +103,6 @@ def sensor_bands_nm() -> np.ndarray:
     return np.round(curves[0].numpy() * 1e9, 6)
 
 
-CubesOption = Annotated[
-    list[Path] | None,
-    typer.Option(
-        "--data",
-        metavar="PATH",
-        help="Spectral cube (folder with a picture a band, .mat, spectral .exr) or a folder of cubes.",
-    ),
-]
-PlanesOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--scene",
-        metavar="SCENE",
-        help="Scene to render, as one plane; repeatable.",
-        autocompletion=completion.scenes,
-    ),
-]
-
-
 @in_paper(
     lambda paper: {
         "data": [paper.cubes] if paper.cubes else None,
@@ -176,13 +156,9 @@ def run(
     """
     from .broadband_page import page
 
-    reading = Reading(key=key, start_nm=start_nm, step_nm=step_nm)
-    if bands is not None:
-        low, high = numbers(bands, "--bands", "430,690", 2)
-        reading = replace(reading, bands=(low, high))
-    if crop is not None:
-        left, top, right, bottom = (int(n) for n in numbers(crop, "--crop", "4,0,0,0", 4))
-        reading = replace(reading, crop=(left, top, right, bottom))
+    low_high = None if bands is None else numbers(bands, "--bands", "430,690", 2)
+    sides = None if crop is None else tuple(map(int, numbers(crop, "--crop", "4,0,0,0", 4)))
+    reading = Reading(key, start_nm, step_nm, low_high, sides or (0, 0, 0, 0))
     loaded = [load_scene(scene) for scene in scenes or ([] if data else ["desk"])]
     cubes: list[Cube] = []
     problems: list[str] = []

@@ -16,15 +16,13 @@ from pathlib import Path
 from typing import Annotated
 
 import torch
-import typer
 
-from .. import completion
 from ..capture.framing import framed
 from ..core.progress import Progress, part
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.sampling import plan_sampling
-from ..options import SYSTEM_HELP, CacheOption, LimitOption, PicturesOption, SeedOption
+from ..options import CacheOption, LimitOption, PicturesOption, SeedOption, cameras_option, systems_option
 from ..recipe import CameraRecipe, Loaded, SceneRecipe, load_camera, load_scene
 from ..render import render
 from ..report import Page, Section, Text
@@ -147,31 +145,25 @@ def _tested(name: str, camera: Camera, own: Restoration | None) -> TestedCamera:
     return TestedCamera(name, name, camera, own=own)
 
 
+CamerasOption = Annotated[
+    list[str] | None,
+    cameras_option("Camera recipe or shipped name; repeatable. Default: six cameras that no training used."),
+]
+AnySystemsOption = Annotated[
+    list[str] | None,
+    systems_option(
+        f"{ANY_CAMERA}. A system that names a camera is evaluated with that one, others with each --camera."
+    ),
+]
+
+
 def run(
     folder: Path,
     progress: Progress,
     data: PicturesOption = None,
     limit: LimitOption = None,
-    cameras: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--camera",
-            metavar="CAMERA",
-            help="Camera recipe or shipped name; repeatable. Default: six cameras that no training used.",
-            autocompletion=completion.cameras,
-        ),
-    ] = None,
-    systems: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--system",
-            "--network",
-            metavar="SYSTEM",
-            help=f"{SYSTEM_HELP}{ANY_CAMERA}. A system that names a camera is evaluated with that one, "
-            "others with each --camera.",
-            autocompletion=completion.systems,
-        ),
-    ] = None,
+    cameras: CamerasOption = None,
+    systems: AnySystemsOption = None,
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
@@ -203,23 +195,9 @@ def run(
     for source in (source for source in sources if source.names_camera):
         with failures.of(source.name):
             every.append(_tested(source.name, source.camera(None), source.restoration))
-    scores: dict[str, dict[str, dict[str, float]]] = {}
-    errors: dict[str, dict[str, float]] = {}
-    rows: list[PictureScore] = []
-    for number, tested in enumerate(every):
-        tell = part(progress, number / len(every), (number + 1) / len(every), tested.name)
-        judge = Judge(tested, {WIENER: ByWiener(), **restorers}, failures, folder, seed, cache)
-        with failures.of(tested.name):
-            own, planes = judge.planes(found, part(tell, 0.0, 0.6))
-            rows += planes
-            scores[tested.name] = {RANDOM: own}
-        for index, scene in enumerate(tested.scenes if tested.name in scores else ()):
-            tell(0.6 + 0.4 * index / len(tested.scenes), scene)
-            with failures.of(f"{tested.name}, {scene}"):
-                judged = judge.deep(scene)
-                scores[tested.name][scene] = {what: level for what, (level, _) in judged.items()}
-                errors[f"{tested.name}.{scene}"] = {what: error for what, (_, error) in judged.items()}
-    failures.check(len(scores))
+    by = {WIENER: ByWiener(), **restorers}
+    judges = [Judge(tested, by, failures, folder, seed, cache) for tested in every]
+    scores, errors, rows = _judged(judges, found, failures, progress)
     figures = figures_of(scores, errors)
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
     shown = table(scores, {tested.name: tested.said for tested in every}, errors)
@@ -234,6 +212,32 @@ def run(
     inputs = {"data": found.source, "systems": [source.name for source in sources]}
     problems = [*found.problems, *failures.sentences]
     return Findings(figures, page, [shown], outputs, problems, inputs)
+
+
+def _judged(
+    judges: Sequence[Judge], data: Photographs, failures: Failures, progress: Progress
+) -> tuple[dict[str, dict[str, dict[str, float]]], dict[str, dict[str, float]], list[PictureScore]]:
+    """Scores of each camera's pictures and scenes, standard errors of these, and the rows of pictures.
+
+    Raises InputError where nothing was judged."""
+    scores: dict[str, dict[str, dict[str, float]]] = {}
+    errors: dict[str, dict[str, float]] = {}
+    rows: list[PictureScore] = []
+    for number, judge in enumerate(judges):
+        name, scenes = judge.tested.name, judge.tested.scenes
+        tell = part(progress, number / len(judges), (number + 1) / len(judges), name)
+        with failures.of(name):
+            own, planes = judge.planes(data, part(tell, 0.0, 0.6))
+            rows += planes
+            scores[name] = {RANDOM: own}
+        for index, scene in enumerate(scenes if name in scores else ()):
+            tell(0.6 + 0.4 * index / len(scenes), scene)
+            with failures.of(f"{name}, {scene}"):
+                judged = judge.deep(scene)
+                scores[name][scene] = {what: level for what, (level, _) in judged.items()}
+                errors[f"{name}.{scene}"] = {what: error for what, (_, error) in judged.items()}
+    failures.check(len(scores))
+    return scores, errors, rows
 
 
 def by_name(restorations: Sequence[Restoration]) -> dict[str, Restoration]:

@@ -7,11 +7,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
+import typer
 from torch import Tensor
 
+from .. import completion
 from ..errors import InputError
 from ..recipe.sources import CubeFile
 from ..render.view import View
@@ -20,6 +23,25 @@ from ..scene.cubes import at_bands, stored_cube
 from .photographs import REACH_PX, SMALLEST_PX
 
 CAVE_BANDS, CAVE_START_NM, CAVE_STEP_NM = 31, 400.0, 10.0
+
+
+CubesOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--data",
+        metavar="PATH",
+        help="Spectral cube (folder with a picture a band, .mat, spectral .exr) or a folder of cubes.",
+    ),
+]
+PlanesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scene",
+        metavar="SCENE",
+        help="Scene to render, as one plane; repeatable.",
+        autocompletion=completion.scenes,
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -50,8 +72,8 @@ class Reading:
     key: str | None = None
     start_nm: float | None = None
     step_nm: float | None = None
-    bands: tuple[float, float] | None = None
-    crop: tuple[int, int, int, int] = (0, 0, 0, 0)
+    bands: tuple[float, ...] | None = None
+    crop: tuple[int, ...] = (0, 0, 0, 0)
 
 
 def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[list[Cube], list[str]]:

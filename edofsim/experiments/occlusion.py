@@ -41,7 +41,7 @@ from ..core.progress import Progress, part
 from ..core.store import keep
 from ..optics import Camera
 from ..optics.camera import focus_distance
-from ..options import CacheOption, Device, DeviceOption
+from ..options import CacheOption, Device, DeviceOption, cameras_option
 from ..recipe import Loaded, SceneRecipe, load_camera, load_scene
 from ..record import write_csv
 from ..reference import clipped_pupils, thin_lens
@@ -93,12 +93,7 @@ def run(
     ] = None,
     camera: Annotated[
         str | None,
-        typer.Option(
-            "--camera",
-            metavar="CAMERA",
-            help="Camera recipe or shipped name, in place of the paper's lens with three masks.",
-            autocompletion=completion.cameras,
-        ),
+        cameras_option("Camera recipe or shipped name, in place of the paper's lens with three masks."),
     ] = None,
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,

@@ -162,38 +162,23 @@ def run(
     many depth layers; scenes, scenes.failed; light_error: relative error of the mean, worst
     channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
-    from .scene3d_page import card, overview_page, scores_table, ways_table
+    from .scene3d_page import cards, overview_page, scores_table, ways_table
 
     loaded, broken = readable(scenes or list(shipped(shipped_folder("scenes"))))
     if broken and not loaded:
         raise InputError([text for texts in broken.values() for text in texts])
-    loaded = in_place_of(loaded, members, seed)
     sources, failures = sources_of(networks)
     names = [source.name for source in sources]
-
-    outcome = measured_scenes(
-        folder,
-        loaded,
-        networks=sources,
-        camera=camera,
-        quick=quick,
-        resample=resample,
-        seed=seed,
-        cache=cache,
-        show=partial(_show, writable_folder(folder / "scenes")),
-        progress=progress,
-    )
+    show = partial(_show, writable_folder(folder / "scenes"))
+    how = {"camera": camera, "quick": quick, "resample": resample, "seed": seed, "cache": cache}
+    loaded = in_place_of(loaded, members, seed)
+    outcome = measured_scenes(folder, loaded, networks=sources, show=show, progress=progress, **how)
     outcome = SceneScores(outcome.measured, {**broken, **outcome.failed})
     every = outcome.measured
     problems = [*failures.sentences, *outcome.problems]
     if not any(row.image == "restored" for m in every for row in m.rows):
         raise InputError(problems)
-    links = []
-    for m in every:
-        for name in (name for name in names if name not in m.problems):
-            title = m.scene if len(names) == 1 else f"{m.scene}, {name}"
-            picture = folder / "scenes" / f"{m.scene}.png"
-            links.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, picture))
+    links = cards(every, names, folder)
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
     shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
     worsts = [

@@ -20,7 +20,6 @@ from ..report.images_page import Shown, image_page
 from ..report.page import (
     Block,
     Code,
-    Column,
     Gallery,
     Key,
     Keys,
@@ -29,14 +28,14 @@ from ..report.page import (
     Notes,
     Page,
     Section,
-    Table,
     Text,
 )
 from ..report.pictures import Picture, display_gain, picture
-from ..report.words import DASH, decibels, distance, number, percent
-from ..restore.scores import DepthScore, Score
-from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, WAYS, Capture, System, Way
-from .scene_scores import AWAY, NEAR_EDGES, WHOLE, Measured, SceneScore, SceneScores, mean, worst
+from ..report.words import decibels, distance, number, percent
+from ..restore.scores import DepthScore
+from .protocols import LENS_ALONE, OURS, PAPER, PAPER_DB, Capture, System
+from .scene3d_tables import all_edges_table, average, edges_table, mean_of, mean_row, scores_table, ways_table
+from .scene_scores import Measured, SceneScore, SceneScores, mean, worst
 
 if TYPE_CHECKING:
     from .scene3d import Seen
@@ -89,7 +88,7 @@ def scene_page(
         (
             Text(ABOUT),
             ways_table([measured], system.name),
-            *_edges_table(measured, system.name),
+            *edges_table(measured, system.name),
             _paper_gallery(seen, system),
         ),
     )
@@ -114,7 +113,7 @@ def overview_page(
             Section(f"Scores{of}", (scores_table(every, network), Text(SCALE))),
             Section(f"Ways to simulate{of}", (Text(ABOUT), ways_table(every, network))),
             Section(f"By depth{of}", (_depth_plot(every, network),)),
-            Section(f"Depth edges{of}", (_all_edges_table(every, network),)),
+            Section(f"Depth edges{of}", (all_edges_table(every, network),)),
         ]
     sections.append(Section("Scenes", (Links(tuple(links)),)))
     return Page(
@@ -146,12 +145,23 @@ def strip(truth: torch.Tensor, alone: Capture, restored: torch.Tensor, name: str
     )
 
 
+def cards(every: Sequence[Measured], networks: Sequence[str], folder: Path) -> list[Link]:
+    """Cards of all scenes and networks that were measured, whose pages and pictures are in a folder."""
+    found = []
+    for m in every:
+        for name in (name for name in networks if name not in m.problems):
+            title = m.scene if len(networks) == 1 else f"{m.scene}, {name}"
+            picture = folder / "scenes" / f"{m.scene}.png"
+            found.append(card(m, name, f"scenes/{m.scene}-{name}.html", title, picture))
+    return found
+
+
 def card(measured: Measured, network: str, href: str, title: str, png: Path) -> Link:
     """A card that leads to a scene's page.
 
     png: the file with its `strip`, left out where it is missing.
     """
-    restored, gain = _mean([measured], OURS, network, "restored"), measured.gain(OURS, network)
+    restored, gain = mean_of([measured], OURS, network, "restored"), measured.gain(OURS, network)
     side = "above" if gain >= 0 else "below"
     text = f"{decibels(restored)} restored, {decibels(abs(gain))} {side} the lens alone"
     if not png.is_file():
@@ -166,155 +176,16 @@ def _keys(outcome: SceneScores, network: str) -> list[Key]:
     every = outcome.measured
     low = worst(outcome, network)
     keys = [
-        Key(f"Restored by {network}, mean", number(_mean(every, OURS, network, "restored")), "dB",
+        Key(f"Restored by {network}, mean", number(mean_of(every, OURS, network, "restored")), "dB",
             f"{counted(len(every), 'scene')}, ours", strong=True),
-        Key("By the paper's protocol, mean", number(_mean(every, PAPER, network, "restored")), "dB",
+        Key("By the paper's protocol, mean", number(mean_of(every, PAPER, network, "restored")), "dB",
             f"the paper on its one scene: {PAPER_DB}"),
         Key("Above the lens alone, mean", number(mean(m.gain(OURS, network) for m in every)), "dB", "ours"),
     ]  # fmt: skip
     if low is not None:
-        worst_db = _mean([low], OURS, network, "restored")
+        worst_db = mean_of([low], OURS, network, "restored")
         keys.append(Key("Worst scene", number(worst_db), "dB", low.scene))
     return keys
-
-
-def scores_table(every: Sequence[Measured], network: str) -> Table:
-    """A row a scene, and the mean."""
-    wanted = [
-        (OURS, network, LENS_ALONE),
-        (OURS, network, "photo"),
-        (OURS, network, "wiener"),
-        (OURS, network, "restored"),
-        (PAPER, network, LENS_ALONE),
-        (PAPER, network, "restored"),
-    ]
-    names = ("Scene", "Lens alone", "Photo", "Wiener", "Restored")
-    names += ("Gain over lens alone", "Gain over photo", "Gain over Wiener")
-    names += ("Lens alone, paper's", "Restored, paper's", "Light error", "Mean level", "Render noise")
-    columns = [Column(name) for name in (*names, "Layers against twice")]
-    rivals = (LENS_ALONE, "photo", "wiener")
-
-    def line(
-        name: str, cells: Sequence[SceneScore | Score | None], gains: Sequence[float], facts: Sequence[float]
-    ) -> tuple[str, ...]:
-        light, level, noise, layers = facts
-        shown = [DASH if c is None else f"{number(c.psnr_db)}\n{number(c.ssim, 3)}" for c in cells]
-        percent = DASH if math.isnan(light) else f"{number(100 * light, 1)} %"
-        of_truth = (percent, number(level, 2), number(noise, 0), number(layers, 0))
-        return (name, *shown[:4], *(number(gain) for gain in gains), *shown[4:], *of_truth)
-
-    def facts_of(measured: Measured) -> tuple[float, ...]:
-        row, facts = measured.score(OURS, network, "restored"), measured.facts_of(network)
-        of_row = (math.nan, math.nan) if row is None else (row.light_error, row.converged_db)
-        return of_row[0], facts["mean"], facts["noise_db"], of_row[1]
-
-    rows = []
-    for m in every:
-        gains, cells = m.gains(OURS, network), [m.score(*place) for place in wanted]
-        rows.append(line(m.scene, cells, [gains.get(rival, math.nan) for rival in rivals], facts_of(m)))
-    averages = [_mean_row(every, *place) for place in wanted]
-    means = [mean(m.gains(OURS, network).get(rival, math.nan) for m in every) for rival in rivals]
-    light, level = (mean(values) for values in list(zip(*map(facts_of, every), strict=True))[:2])
-    rows.append(line("mean", averages, means, (light, level, math.nan, math.nan)))
-    rows.append(("the paper's scene", *[DASH] * 8, f"{PAPER_DB}\n{DASH}", *[DASH] * 4))
-    return Table(
-        tuple(columns),
-        tuple(rows),
-        "PSNR in dB, below it SSIM; by our way to simulate, and by the paper's protocol. Gains: of what is "
-        "restored, ours. Layers against twice: PSNR between the photo and that of twice as many depth "
-        "layers, without noise. Light error: by what part of the truth's mean that of what is restored "
-        "is off, ours, in the channel where it is most off; light that crosses the frame's border and lamps "
-        "beyond full scale are in it. Mean level: of the truth, of full scale. Render noise: PSNR of the "
-        "truth against another rendering of it; detail of that kind is blurred away and cannot be "
-        "restored, so scores near it are limited by the rendering.",
-    )
-
-
-def ways_table(every: Sequence[Measured], network: str) -> Table:
-    """A row a way: means over scenes, and how far its conclusion is from ours."""
-    ours = {m.scene: m.gain(OURS, network) for m in every}
-    rows = []
-    for way in _ways(every, network):
-        gains = {m.scene: m.gain(way.name, network) for m in every}
-        off = {
-            scene: gains[scene] - ours[scene] for scene in gains if math.isfinite(gains[scene] - ours[scene])
-        }
-        far = max(off, key=lambda scene: abs(off[scene]), default=None)
-        near = [m.gain(way.name, network, NEAR_EDGES) for m in every]
-        alone = _mean(every, way.name, network, LENS_ALONE)
-        restored, photo, filtered = (
-            _mean(every, way.name, network, image) for image in ("restored", "photo", "wiener")
-        )
-        largest = DASH if far is None or off[far] == 0 else f"{_signed(off[far])}\n{far}"
-        rows.append(
-            (
-                way.title,
-                *(number(cell) for cell in (alone, restored, mean(gains.values()))),
-                _signed(mean(off.values())),
-                *([largest] if len(every) > 1 else []),
-                *(number(cell) for cell in (mean(near), photo, filtered)),
-            )
-        )
-    names = ["Lens alone", "Restored", "Gain", "Gain minus ours"]
-    names += ["Largest difference"] if len(every) > 1 else []
-    names += ["Gain near edges", "Photo", "Wiener"]
-    columns = [Column("Photo simulated by"), *(Column(name) for name in names)]
-    what = "Means over the scenes. " if len(every) > 1 else ""
-    return Table(
-        tuple(columns),
-        tuple(rows),
-        f"{what}PSNR in dB against the all-in-focus image of the same way. Gain: restored above the lens "
-        "alone, the conclusion that a simulation is made for. Near edges: within the blur radius of a depth "
-        "edge.",
-    )
-
-
-def _ways(every: Sequence[Measured], network: str) -> list[Way]:
-    """The ways that were measured."""
-    return [way for way in WAYS if any(m.score(way.name, network, "restored") for m in every)]
-
-
-def _edges_table(measured: Measured, network: str) -> tuple[Block, ...]:
-    """Scores near and away from edges of one scene, each way; nothing without edges."""
-    if measured.score(OURS, network, "restored", NEAR_EDGES) is None:
-        return ()
-    facts = measured.facts_of(network)
-    columns = [Column("Photo simulated by")]
-    for region in (NEAR_EDGES, AWAY):
-        columns += [Column(f"{label}, {region}") for label in ("Lens alone", "Restored")]
-    rows = []
-    for way in _ways([measured], network):
-        cells: list[SceneScore | None] = []
-        for region in (NEAR_EDGES, AWAY):
-            cells += [measured.score(way.name, network, LENS_ALONE, region)]
-            cells += [measured.score(way.name, network, "restored", region)]
-        rows.append((way.title, *(_cell(cell) for cell in cells)))
-    caption = (
-        f"PSNR in dB, below it SSIM. {percent(facts['edges'])} of the pixels lie within the blur "
-        "radius of a depth edge, that of the lens without a mask."
-    )
-    return (Table(tuple(columns), tuple(rows), caption),)
-
-
-def _all_edges_table(every: Sequence[Measured], network: str) -> Table:
-    """A row a scene: near edges by the best way that knows visible surfaces alone, and with hidden ones."""
-    columns = [Column("Scene"), Column("Pixels near edges")]
-    columns += [Column(f"Lens alone, {region}") for region in ("near", "away")]
-    columns += [Column(f"Restored, {region}") for region in ("near", "away")]
-    columns += [Column("Restored, near, nothing hides"), Column("Restored, near, without hidden surfaces")]
-    rows = []
-    for m in every:
-        places = [(OURS, network, LENS_ALONE, region) for region in (NEAR_EDGES, AWAY)]
-        places += [(OURS, network, "restored", NEAR_EDGES), (OURS, network, "restored", AWAY)]
-        places += [("none", network, "restored", NEAR_EDGES), ("normalised", network, "restored", NEAR_EDGES)]
-        share = percent(m.facts_of(network)["edges"])
-        rows.append((m.scene, share, *(_cell(m.score(*place)) for place in places)))
-    return Table(
-        tuple(columns),
-        tuple(rows),
-        "PSNR in dB, below it SSIM, of the pixels within the blur radius of a depth edge, and of the others. "
-        "Without hidden surfaces: layers of what is seen, normalised.",
-    )
 
 
 def _depth_plot(every: Sequence[Measured], network: str) -> Block:
@@ -330,14 +201,14 @@ def _image_scores(every: Sequence[Measured], network: str) -> dict[str, ImageSco
     """Scores by our way as the page of a run has them; means over several scenes."""
     found = {}
     for name in ("photo", "restored", "wiener", LENS_ALONE):
-        whole = _mean_row(every, OURS, network, name)
+        whole = mean_row(every, OURS, network, name)
         ranges: dict[tuple[float, float], list[SceneScore]] = {}
         for m in every:
             place = (m.lens(network), "photo") if name == LENS_ALONE else (network, name)
             for row in m.rows:
                 if (row.way, row.system, row.image, row.region) == (OURS, *place, "depth"):
                     ranges.setdefault((row.near_m, row.far_m), []).append(row)
-        parts = tuple(DepthScore(*limits, _average(ranges[limits])) for limits in sorted(ranges))
+        parts = tuple(DepthScore(*limits, average(ranges[limits])) for limits in sorted(ranges))
         if whole is not None:
             found[name] = ImageScore(whole, parts)
     return found
@@ -377,27 +248,3 @@ def _facts(measured: Measured, system: str) -> dict[str, str]:
         "Near depth edges": percent(facts["edges"]),
         "Render noise": noise,
     }
-
-
-def _mean(every: Sequence[Measured], way: str, system: str, image: str) -> float:
-    rows = (m.score(way, system, image) for m in every)
-    return mean(row.psnr_db for row in rows if row is not None)
-
-
-def _mean_row(every: Sequence[Measured], way: str, system: str, image: str) -> Score | None:
-    rows = [row for m in every if (row := m.score(way, system, image, WHOLE)) is not None]
-    return _average(rows) if rows else None
-
-
-def _average(rows: Sequence[SceneScore]) -> Score:
-    return Score(mean(r.psnr_db for r in rows), mean(r.ssim for r in rows), sum(r.pixels for r in rows))
-
-
-def _cell(row: SceneScore | None) -> str:
-    return DASH if row is None else f"{number(row.psnr_db)}\n{number(row.ssim, 3)}"
-
-
-def _signed(value: float) -> str:
-    """A difference with its sign."""
-    text = number(value, 2)
-    return f"+{text}" if value > 0 and text.strip("0.") else text

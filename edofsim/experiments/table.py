@@ -11,13 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from ..core.progress import Progress, part
 from ..core.words import counted
-from ..options import LensOption, LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
+from ..options import (
+    ChartOption,
+    LensOption,
+    LimitOption,
+    PicturesOption,
+    SeedOption,
+    ShowOption,
+    SystemsOption,
+)
 from ..report import Column, Key, Keys, Page, Section, Text
 from ..report import Table as PageTable
 from ..report.page import Block, Cell
@@ -88,10 +93,7 @@ def run(
     data: PicturesOption = None,
     systems: SystemsOption = None,
     camera: LensOption = None,
-    chart_file: Annotated[
-        Path | None,
-        typer.Option("--chart", metavar="FILE", help="Picture of a test chart; default: USAF-1951, drawn."),
-    ] = None,
+    chart_file: ChartOption = None,
     show: ShowOption = None,
     limit: LimitOption = None,
     seed: SeedOption = 0,
@@ -120,16 +122,8 @@ def run(
         whole = part(progress, index / len(every), (index + 1) / len(every))
         begin, rest = part(whole, 0.0, 0.1), part(whole, 0.1, 1.0)
         with failures.of(system.name):
-            first = measure(
-                system,
-                [target],
-                fixed,
-                folder,
-                seed=seed,
-                show=[target.name],
-                known_depth=True,
-                progress=begin,
-            )
+            how = {"seed": seed, "show": [target.name], "known_depth": True, "progress": begin}
+            first = measure(system, [target], fixed, folder, **how)
             rows += measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=rest)
             chart_rows += first
     every = [system for system in every if system.name not in failures.found]

@@ -1,0 +1,58 @@
+"""How long the package is: `python docs/sizes.py` prints lines by room, files above 400 lines and functions
+above 60, with their docstrings."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+LONGEST_FILE = 400
+LONGEST_FUNCTION = 60
+
+
+def files(root: Path = ROOT) -> dict[str, str]:
+    """Texts of the package's files, by their paths from the root."""
+    every = sorted((root / "edofsim").rglob("*.py"))
+    return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in every}
+
+
+def rooms(texts: dict[str, str]) -> Counter[str]:
+    """Lines of each folder of the package, and of its files outside any."""
+    found: Counter[str] = Counter()
+    for path, text in texts.items():
+        parts = path.split("/")
+        found[parts[1] if len(parts) > 2 else "."] += len(text.splitlines())
+    return found
+
+
+def long_files(texts: dict[str, str]) -> dict[str, int]:
+    """Lines of files that have too many."""
+    lines = {path: len(text.splitlines()) for path, text in texts.items()}
+    return {path: count for path, count in lines.items() if count > LONGEST_FILE}
+
+
+def long_functions(texts: dict[str, str]) -> dict[str, int]:
+    """Lines of functions that have too many, as `file:function`."""
+    found = {}
+    for path, text in texts.items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno:
+                found[f"{path}:{node.name}"] = node.end_lineno - node.lineno + 1
+    return {name: count for name, count in found.items() if count > LONGEST_FUNCTION}
+
+
+def main() -> None:
+    texts = files()
+    lines = rooms(texts)
+    for room, count in sorted(lines.items()):
+        print(f"{count:6d} {room}")
+    print(f"{lines.total():6d} in all")
+    for kind, found in (("file", long_files(texts)), ("function", long_functions(texts))):
+        for name, count in sorted(found.items(), key=lambda item: -item[1]):
+            print(f"{count:6d} {kind} {name}")
+
+
+if __name__ == "__main__":
+    main()
