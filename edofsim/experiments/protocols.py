@@ -3,19 +3,16 @@
 The paper (Akpinar et al., section "3D Scene") takes a picture with a depth a pixel, in steps of 1 mm. Its
 8-bit values are the intensities of three wavelengths, each depth's part is convolved with the PSF at that
 depth (Eq. `Forwardmodel`), and the sum is the photo (Eq. `SensorImage`): nothing hides anything. Ours has the
-linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges.
-In ours what lies behind is seen past an edge through one side of the pupil, as far as sub-apertures tell. The
-ways between change one thing at a time; all but the last two know only the surfaces that are seen.
+linear light of all bands, every surface that a pixel sees at its own depth, and what lies behind its edges,
+through sub-apertures. The ways between change one thing at a time.
 
-A sensor holds no more than full scale. Photos are clipped there as a camera's saturation clips them, and the
-all-in-focus image that they are judged against alike: what lies beyond is asked of nobody, and given to none.
+Photos are clipped at full scale, as is the all-in-focus image that they are judged against.
 
 Masks are as the paper tests them: made with a height error of 30 nm in samples of 3 um. What such errors
 scatter spreads over a thousand pixels, beyond any window of a PSF; so that light, known in closed form (see
 `unscattered_light`), becomes veiling glare: every surface gets its share of the picture's mean.
 
-Light is shared among depth layers, as many as the defocus of the camera at hand asks for; how far a photo is
-from one of twice as many is measured with it (see `converged_db`).
+Depth layers are as many as the camera's defocus asks for; `converged_db` measures what twice as many change.
 """
 
 from __future__ import annotations

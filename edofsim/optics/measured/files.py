@@ -1,5 +1,4 @@
-"""Files of measured PSFs: NPY, NPZ, MAT, EXR, and folders of pictures. What they say of themselves, and what
-they leave to the recipe, is put together, and what is wrong is named."""
+"""Files of measured PSFs: NPY, NPZ, MAT, EXR, and folders of pictures, with what the recipe says of them."""
 
 from __future__ import annotations
 
