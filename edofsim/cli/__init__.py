@@ -56,7 +56,7 @@ app.add_typer(cache_app, name="cache")
 app.add_typer(lens_app, name="lens")
 app.command("list")(list_)
 for command in (new, doctor, schema):
-    app.command()(command)
+    app.command()(grouped(command))
 
 
 @app.callback(invoke_without_command=True)

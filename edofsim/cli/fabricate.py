@@ -61,17 +61,15 @@ def fabricate(
         try:
             made = device(optics, pitch_um=pitch_um, levels=levels, limit_um=limit_um, wrap_nm=wrap_nm)
         except InputError as error:
-            named = (("fabrication.wrap_wavelength_nm", "--wrap"), ("fabrication.height_limit_um", "--limit"))
-            problems = list(error.problems)
-            for key, option in named:
-                problems = [problem.replace(key, option) for problem in problems]
-            raise InputError(problems) from None
+            wrap = [each.replace("fabrication.wrap_wavelength_nm", "--wrap") for each in error.problems]
+            limit = [each.replace("fabrication.height_limit_um", "--limit") for each in wrap]
+            raise InputError(limit) from None
         height = float(made.levels.max()) * made.level_height * 1e6
         paths = write_device(made, folder, name, gds=gds)
         figures = {"relief_um": height, "levels": int(made.levels.max()) + 1, "samples": len(made.levels)}
+        across = figures["samples"]
         lines = [
-            f"{len(made.levels)} x {len(made.levels)} squares of {pitch_um:g} um, {figures['levels']} "
-            "levels, "
+            f"{across} x {across} squares of {pitch_um:g} um, {figures['levels']} levels, "
             f"{height:.3g} um deep; row 0 is the top of the pupil, seen from the sensor"
         ]
         outputs = {path.suffix[1:] + (" " + path.stem.rpartition("-")[2]): path for path in paths}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,71 +26,85 @@ class Holds(StrEnum):
     disparity = "disparity"
 
 
-def new(
-    kind: Annotated[RecipeKind, typer.Argument(help="Kind of recipe.")],
-    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the recipe; NAME.toml is written.")],
+@dataclass(frozen=True)
+class PictureOptions:
+    """Options of a picture with a depth map."""
+
     image: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Picture to use as the scene, with --depth.")
-    ] = None,
+    ] = None
     depth: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Depth map of the picture. Without --unit, whole numbers are millimetres and others metres.",
         ),
-    ] = None,
+    ] = None
     key: Annotated[
         str | None, typer.Option(metavar="NAME", help="Array or channel of the depth map's file.")
-    ] = None,
-    holds: Annotated[Holds, typer.Option(help="Unit or kind of the depth map's numbers.")] = Holds.depth,
+    ] = None
+    holds: Annotated[Holds, typer.Option(help="Unit or kind of the depth map's numbers.")] = Holds.depth
     unit: Annotated[
         float | None,
         typer.Option(
             metavar="FACTOR", help="Factor on the depth map's numbers, such as 0.001 for millimetres."
         ),
-    ] = None,
-    offset: Annotated[float, typer.Option(metavar="NUMBER", help="Number added after the factor.")] = 0.0,
+    ] = None
+    offset: Annotated[float, typer.Option(metavar="NUMBER", help="Number added after the factor.")] = 0.0
     near: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Distance of the largest relative inverse depth, metres."),
-    ] = None,
+    ] = None
     far: Annotated[
         float | None,
         typer.Option(metavar="METRES", help="Distance of the smallest relative inverse depth, metres."),
-    ] = None,
+    ] = None
     focal_length_px: Annotated[
         float | None,
         typer.Option("--focal-px", metavar="PIXELS", help="Focal length in pixels, for disparities."),
-    ] = None,
+    ] = None
     baseline_mm: Annotated[
         float | None,
         typer.Option(
             "--baseline-mm", metavar="MM", help="Distance between the two cameras, for disparities."
         ),
-    ] = None,
+    ] = None
     resize: Annotated[
         bool, typer.Option("--resize", help="Enlarge a smaller depth map to the picture's size.")
-    ] = False,
+    ] = False
     layer: Annotated[
         str | None, typer.Option("--layer", metavar="NAME", help="Layer of an OpenEXR picture.")
-    ] = None,
+    ] = None
+
+    def given(self) -> dict[str, object]:
+        """Keys of the recipe's source."""
+        found: dict[str, object] = {"key": self.key, "unit": self.unit, "offset": self.offset or None}
+        found |= {"near_m": self.near, "far_m": self.far, "focal_length_px": self.focal_length_px}
+        found |= {"baseline_mm": self.baseline_mm, "resize": self.resize or None, "holds": self.holds.value}
+        return found
+
+
+def new(
+    kind: Annotated[RecipeKind, typer.Argument(help="Kind of recipe.")],
+    name: Annotated[Path, typer.Argument(metavar="NAME", help="Name of the recipe; NAME.toml is written.")],
+    *,
+    picture: PictureOptions,
 ) -> Done:
     """A commented recipe to start from, in the working folder."""
     from ..recipe.new import check_name, new_recipe
 
     check_name(name)
     lines: list[str] = []
-    given: dict[str, object] = {"key": key, "unit": unit, "offset": offset or None, "near_m": near}
-    given |= {"far_m": far, "focal_length_px": focal_length_px, "baseline_mm": baseline_mm}
-    given |= {"resize": resize or None, "holds": holds.value}
+    given = picture.given()
+    image, depth = picture.image, picture.depth
     if image is None and depth is None:
-        if layer is not None or {k for k, v in given.items() if v is not None} != {"holds"}:
+        if picture.layer is not None or {k for k, v in given.items() if v is not None} != {"holds"}:
             raise InputError("these options are for a picture with a depth map: give --image and --depth")
         path = new_recipe(kind.value, name)
     elif image is None or depth is None or kind is not RecipeKind.scene:
         raise InputError("--image and --depth go together, and with `new scene`: a picture and its depth map")
     else:
-        values, lines = _picture(image, depth, name.parent, layer, given)
+        values, lines = _picture(image, depth, name.parent, picture.layer, given)
         path = new_recipe("picture", name, values)
     use = {"scene": "edofsim look", "camera": "edofsim psf", "train": "edofsim train"}[kind.value]
     return Done([*lines, f"edit it, then: {use} {path}"], {"recipe": path})

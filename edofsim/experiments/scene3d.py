@@ -159,8 +159,8 @@ def run(
     {lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, and NETWORK.lens_alone where there are several lenses;
     gain_db.SCENE.WAY.NETWORK.over_{photo,lens_alone,wiener};
     converged_db.{SCENE,least}.WAY.{lens_alone,NETWORK.photo}: PSNR between the photo and that of twice as
-    many depth layers; scenes, scenes.failed; light_error: relative error of the mean, worst
-    channel; WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
+    many depth layers; scenes, scenes.failed; light_error: relative error of the mean, worst channel;
+    WAY: paper, linear, none, over, normalised, hidden, sub_apertures (ours).
     """
     from .scene3d_page import cards, overview_page, scores_table, ways_table
 
@@ -173,8 +173,7 @@ def run(
     how = {"camera": camera, "quick": quick, "resample": resample, "seed": seed, "cache": cache}
     loaded = in_place_of(loaded, members, seed)
     outcome = measured_scenes(folder, loaded, networks=sources, show=show, progress=progress, **how)
-    outcome = SceneScores(outcome.measured, {**broken, **outcome.failed})
-    every = outcome.measured
+    outcome = SceneScores(every := outcome.measured, {**broken, **outcome.failed})
     problems = [*failures.sentences, *outcome.problems]
     if not any(row.image == "restored" for m in every for row in m.rows):
         raise InputError(problems)

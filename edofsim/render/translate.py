@@ -161,10 +161,8 @@ def build_stage(mi: ModuleType, model: SceneModel) -> Stage:
     bsdfs = _Bsdfs(mi)
     weights = _light_weights(model)
     plugins = [bsdfs.instance(item) for item in model.objects]
-    lamps = [
-        None if item.emission is None else _lamp(weight)
-        for item, weight in zip(model.objects, weights, strict=False)
-    ]
+    lit = zip(model.objects, weights, strict=False)
+    lamps = [None if item.emission is None else _lamp(weight) for item, weight in lit]
     meshes, members = meshes_of(mi, model.objects, plugins, lamps)
     contents: dict[str, object] = {"type": "scene"}
     contents |= {f"object-{numbers[0]:06d}": mesh for mesh, numbers in zip(meshes, members, strict=True)}
