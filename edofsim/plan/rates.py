@@ -44,7 +44,7 @@ SHIPPED: Rates = {
         "moves": 0.0003522,
     },
 }
-"""Of one thread of an Intel Xeon with AMX, as `benchmarks/photo_rates.py` measures them. Machines differ in
+"""Of one thread of an Intel Xeon with AMX, as `docs/studies/photo_rates.py` measures them. Machines differ in
 each kind by itself."""
 KEPT = 9
 """Photos that the correction of a stage is the median of; the latest count."""

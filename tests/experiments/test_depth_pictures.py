@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.depth_pictures import (
+from docs.studies.depth_pictures import (
     INVERSE_DEPTHS_PER_M,
     OPENCV,
     disparities,
@@ -94,7 +94,7 @@ def test_a_wheel_that_cannot_be_used_is_one_message(
     others = [str(tmp_path / name) for name in ("opencv.tar.gz", "piano3d.mat", "out")]
     monkeypatch.setattr(sys, "argv", ["x", str(wheel), *others])
     with pytest.raises(SystemExit) as ended:
-        runpy.run_module("benchmarks.depth_pictures", run_name="__main__")
+        runpy.run_module("docs.studies.depth_pictures", run_name="__main__")
     last = capsys.readouterr().err.splitlines()[-1]
     assert ended.value.code == 2 and str(wheel) in last and "; name " in last
     assert not (tmp_path / "out").exists()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.noise_ways import (
+from docs.studies.noise_ways import (
     adaptive_bound,
     adaptive_gain,
     control_gain,

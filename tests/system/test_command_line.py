@@ -101,7 +101,7 @@ def test_the_help_lists_experiments_without_importing_them():
         ("psf pho", ["phone-5mm-f2"]),
         ("restore photo.exr --network wi", ["wiener"]),
         ("run desk --network my", ["mynet.safetensors"]),
-        ("train paper-u", ["paper-unet"]),
+        ("train univ", ["universal"]),
         ("evaluate table --network levin", ["levin-dcnn"]),
         ("evaluate predictions --mask le", ["learned"]),
         ("evaluate scene3d mot", ["motorcycle"]),

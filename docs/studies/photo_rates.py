@@ -1,6 +1,6 @@
 """How fast a machine does each kind of work of a photo, in seconds of the processor on one thread.
 
-`python -m benchmarks.photo_rates` prints what `edofsim.plan.rates.SHIPPED` holds; it takes about a minute.
+`python -m docs.studies.photo_rates` prints what `edofsim.plan.rates.SHIPPED` holds; it takes about a minute.
 """
 
 from __future__ import annotations

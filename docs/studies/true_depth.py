@@ -1,6 +1,6 @@
 """How much of what a deep scene costs a restoration is its depth: a ceiling for the networks that go by PSFs.
 
-`python -m benchmarks.true_depth [--json FILE]` photographs the middles of the shipped scenes as `evaluate
+`python -m docs.studies.true_depth [--json FILE]` photographs the middles of the shipped scenes as `evaluate
 scene3d --quick` does (all bands, sub-apertures). `depth-dcnn` and `paper-bank` restore them, given depths by
 the photo's own blur, as in use, and `depth-dcnn` also given the true ones. The same pictures are planes, too,
 at the mean inverse depth of their scenes: without depth edges.
@@ -103,10 +103,10 @@ def _listed(values: dict[str, float]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.true_depth")
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.true_depth")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     figures = restored()
     if asked.json:
-        typed = shlex.join(["python", "-m", "benchmarks.true_depth", *sys.argv[1:]])
+        typed = shlex.join(["python", "-m", "docs.studies.true_depth", *sys.argv[1:]])
         write_record(asked.json, record("true_depth", figures=figures, typed=typed))

@@ -1,8 +1,8 @@
 """What ways to take down Monte-Carlo noise would gain: adaptive samples, denoising, direct light as a control
 variate, and care for the noisiest light.
 
-`python -m benchmarks.noise_ways [SCENE...] [--truth N] [--json FILE]` renders 96 x 72 pixels from the middle
-of the frame of shipped scenes, one surface a pixel, and judges the three channels of the camera
+`python -m docs.studies.noise_ways [SCENE...] [--truth N] [--json FILE]` renders 96 x 72 pixels from the
+middle of the frame of shipped scenes, one surface a pixel, and judges the three channels of the camera
 `paper-clear`, without optics, exposed automatically, full scale 1. Each figure is there twice: of unclipped
 images, where lamps beyond full scale count as they are, and of images (truth and what is judged) clipped at
 full scale.
@@ -319,7 +319,7 @@ def table(figures: Mapping[str, Mapping[str, float]]) -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """The command: see the top."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.noise_ways", description="Ways against noise."
+        prog="python -m docs.studies.noise_ways", description="Ways against noise."
     )
     parser.add_argument("scenes", nargs="*", default=SCENES)
     parser.add_argument("--truth", type=int, default=4096, help="samples a pixel of the truth")
@@ -335,7 +335,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if asked.json:
         flat = {f"{scene}.{name}": value for scene, each in found.items() for name, value in each.items()}
         figures = {name: value for name, value in flat.items() if np.isfinite(value)}
-        typed = shlex.join(["python", "-m", "benchmarks.noise_ways", *(arguments or sys.argv[1:])])
+        typed = shlex.join(["python", "-m", "docs.studies.noise_ways", *(arguments or sys.argv[1:])])
         about = record("noise_ways", figures=figures, typed=typed, truth_samples=asked.truth)
         write_record(asked.json, about)
 

@@ -1,6 +1,6 @@
 """What fewer sub-apertures, and their change in coarse pixels, leave out of what sub-apertures change.
 
-`python -m benchmarks.sub_apertures [SCENE...] [--json FILE]` photographs the middles of shipped scenes
+`python -m docs.studies.sub_apertures [SCENE...] [--json FILE]` photographs the middles of shipped scenes
 (`--whole`: all of them, which takes long) through three masks and prints what the constants of
 `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over that of the whole change: what a
 coarse photo shows of it (`seen`); what fewer sub-apertures leave out (`fewer`), and pixels of two and four
@@ -86,7 +86,7 @@ def measured(scenes: Iterable[str], whole: bool = False) -> dict[str, dict[str, 
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.sub_apertures")
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.sub_apertures")
     parser.add_argument("scenes", nargs="*", default=SCENES)
     parser.add_argument("--whole", action="store_true")
     parser.add_argument("--json", type=Path)
@@ -101,5 +101,5 @@ if __name__ == "__main__":
             for case, left in by_case.items()
             for name, value in left.items()
         }
-        typed = shlex.join(["python", "-m", "benchmarks.sub_apertures", *sys.argv[1:]])
+        typed = shlex.join(["python", "-m", "docs.studies.sub_apertures", *sys.argv[1:]])
         write_record(asked.json, record("sub_apertures", figures=flat, typed=typed))

@@ -1,9 +1,10 @@
 """What knowing how far a chart is is worth to the filter that restores it.
 
-`python -m benchmarks.distances [--json FILE]` photographs the USAF chart at half a metre through the learned
-mask and restores it by the linear filter of 25 pixels, as many as the paper's D-CNN sees, with the least mean
-square error for photographs: one for all distances from half a metre to infinity, and those for the nearest
-half, quarter, eighth and sixteenth of that range (in inverse distance). Wider filters of 35 pixels beside.
+`python -m docs.studies.distances [--json FILE]` photographs the USAF chart at half a metre through the
+learned mask and restores it by the linear filter of 25 pixels, as many as the paper's D-CNN sees, with the
+least mean square error for photographs: one for all distances from half a metre to infinity, and those for
+the nearest half, quarter, eighth and sixteenth of that range (in inverse distance). Wider filters of 35
+pixels beside.
 Figures: `psnr_db.WIDTH.PARTS`, and each colour's.
 """
 
@@ -62,10 +63,10 @@ def restored() -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.distances")
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.distances")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
     figures = restored()
     if asked.json:
-        typed = shlex.join(["python", "-m", "benchmarks.distances", *sys.argv[1:]])
+        typed = shlex.join(["python", "-m", "docs.studies.distances", *sys.argv[1:]])
         write_record(asked.json, record("distances", figures=figures, typed=typed))

