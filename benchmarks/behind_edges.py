@@ -4,7 +4,7 @@
 of members of families, three bands, through shipped cameras, and prints PSNR in dB near depth edges (within
 the blur radius, see `near_edges`) of photos without noise, against the photo with the hidden fragments that
 were rendered: `none` adds all light, `over` and `normalised` know visible surfaces, `guessed` continues what
-is behind edges from beside them (the default). Last, the processor seconds of the guess over those of the
+is behind edges from next to them (the default). Last, the processor seconds of the guess over those of the
 photo; the guess with other ways to fill in light, where `--fills` asks for them.
 """
 

@@ -48,7 +48,7 @@ def run(progress: Progress | None = None) -> dict[str, float]:
     throughput_per_s.*: PSFs a second of this package and of prysm in its own precision (float64) and in
     float32; throughput_ratio.*: this package over prysm; difference.prysm: relative L2 between the two;
     bank.*_mib: size of the bank, memory that computing it took in all, and the limit of each thread's work
-    beside it; seconds.depths_N, seconds.bands_N, seconds.pupil_N: a bank of which one number changes;
+    next to it; seconds.depths_N, seconds.bands_N, seconds.pupil_N: a bank of which one number changes;
     backward.*: seconds and MiB kept for the backward pass of 12 PSFs, by hand and by automatic
     differentiation of the same transform as one complex matrix product.
     """
@@ -126,7 +126,7 @@ def prysm_bank(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, bits
         still = pupil_function(camera, opening, wavelength, dtype=torch.float64).numpy().astype(complex_)
         for d, psi in enumerate(defocus(camera, wavelength, inverse_depths).tolist()):
             pupil = still * np.exp(1j * (rho_squared * real(psi))).astype(complex_)
-            # prysm's inverse transform looks the right way up, and half a sample puts pixels beside the axis
+            # prysm's inverse transform looks the right way up, and half a sample puts pixels next to the axis
             field = mdft.idft2(pupil, padding, (count, count), shift=(0.5, 0.5))
             images[d, b] = _pixel_integrals(_pixel_integrals(field.real**2 + field.imag**2).T).T * scale
     config.precision = 64

@@ -85,7 +85,7 @@ GALLERY = Path(__file__).parent / "gallery"
 ZIP = re.compile(r"\n    \.\. container:: sphx-glr-download sphx-glr-download-zip\n\n      :download:.*\n")
 """A third way to download a tutorial, whose bytes hold the time of day."""
 
-if RAN:  # seconds that plans foretell are those of the rates that ship, on any machine
+if RAN:  # seconds that plans predict are those of the rates that ship, on any machine
     from edofsim.plan import rates
 
     rates.paces = lambda repeats=4: rates.SHIPPED[rates.PACE]

@@ -105,7 +105,7 @@ def run(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Run:
-    """Photograph a scene, restore the photo, and score both, beside a photo through the lens alone.
+    """Photograph a scene, restore the photo, and score both, next to a photo through the lens alone.
 
     Either photo has a plan of its own: what a mask evens out, the bare lens may show, and nothing is restored
     from its photo (see `plan_alone`).

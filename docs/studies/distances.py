@@ -4,7 +4,7 @@
 learned mask and restores it by the linear filter of 25 pixels, as many as the paper's D-CNN sees, with the
 least mean square error for photographs: one for all distances from half a metre to infinity, and those for
 the nearest half, quarter, eighth and sixteenth of that range (in inverse distance). Wider filters of 35
-pixels beside.
+pixels next to.
 Figures: `psnr_db.WIDTH.PARTS`, and each colour's.
 """
 

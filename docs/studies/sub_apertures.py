@@ -4,7 +4,7 @@
 (`--whole`: all of them, which takes long) through three masks and prints what the constants of
 `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over that of the whole change: what a
 coarse photo shows of it (`seen`); what fewer sub-apertures leave out (`fewer`), and pixels of two and four
-(`coarse, 2`), beside what is foretold of these (`foretold, fewer`, `foretold, 2`).
+(`coarse, 2`), next to what is predicted of these (`foretold, fewer`, `foretold, 2`).
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
     whole, fewer, *foretold = map(_size, differences(facts, [Level("", change) for change in asked]))
     found = {"seen": _size(seen) / change}
     found["fewer"] = _size(_per_pixel(photo(FEWER, 1) - best)) / change
-    found["foretold, fewer"] = fewer / whole
+    found["predicted, fewer"] = fewer / whole
     for side, said in zip(SIDES, foretold, strict=True):
         found[f"coarse, {side}"] = _size(_per_pixel(photo(full, side) - best)) / change
-        found[f"foretold, {side}"] = said / whole
+        found[f"predicted, {side}"] = said / whole
     return found
 
 

@@ -54,7 +54,7 @@ left.plot(asked, found, "o-")
 left.plot(asked, asked, "--", color="grey")
 left.set(xlabel="asked for / dB", ylabel="found / dB")
 right.plot(seconds, found, "o")
-right.set(xlabel="seconds of the photo, foretold", ylabel="found / dB")
+right.set(xlabel="seconds of the photo, predicted", ylabel="found / dB")
 
 # %%
 # ``edofsim cost SCENE`` measures all of this for a scene, the seconds too, with every effect left out in

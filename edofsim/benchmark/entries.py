@@ -58,7 +58,7 @@ class Entry:
     """Who enters.
 
     name: in figures.
-    uses: what it knows besides the photo.
+    uses: what it knows in addition to the photo.
     source: what restores, and its camera if it has one.
     folder: of restored images, in its place.
     """

@@ -69,7 +69,7 @@ class Simplification:
 class Fidelity:
     """How a photo is simulated. The defaults leave nothing out that recipe and view hold, but that the pupil
     is taken as a whole. Where a view does not hold what lies behind its edges, that is guessed: continued
-    from beside them.
+    from their surroundings.
 
     `describe` lists the fields with unit, default and meaning. Read-only; `changed` gives another one. Raises
     InputError for values that no photo can be simulated with.

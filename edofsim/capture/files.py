@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def write_photo(path: Path, photo: Photo) -> Path:
-    """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`) beside it,
+    """The sensor image as R, G, B, with the noise-free (`clean.R`) and the ideal image (`ideal.R`),
     and the depth of each pixel along the axis in metres (`Z`, infinity is legal).
 
     Attributes: exposure, how the photo was made, and the matrix to sRGB (`colours`), as JSON.

@@ -2,7 +2,7 @@
 without hidden surfaces.
 
 What is behind an edge is continued into where the front hides it, as wide as the two blurs that meet there:
-its depth from the plane through what is known on all four sides, or from the nearest pixel beside the front;
+its depth from the plane through what is known on all four sides, or from the nearest pixel next to the front;
 its light by a pyramid of averages of all that lies behind (push and pull: Gortler et al. 1996, *The
 Lumigraph*, Sec. 3.4). The composite then treats it as what was rendered. Levels of depth tell what is behind,
 those that part the most edges at the least cost.
@@ -48,7 +48,7 @@ def guessed_fragments(view: View) -> int:
 
 
 def with_guessed(view: View, camera: Camera) -> View:
-    """The view with what lies behind its depth edges continued from beside them; the same one where that is
+    """The view with what is behind its depth edges continued from around; the same one where that is
     known.
 
     What was added is hidden; the metadata say under `hidden` what it is, and under `guessed_fragments` how
@@ -304,7 +304,7 @@ def _joined(view: View, found: list[_Filled]) -> View:
     order = order[torch.argsort(pixel[order], stable=True)]
     hidden = torch.arange(len(pixel), device=pixel.device) >= view.pixel.numel()
     was = view.metadata.get("hidden", "missing: the view holds none")
-    said = _said(view, f"guessed: {count} fragments continued from beside the edges; {was}", count)
+    said = _said(view, f"guessed: {count} fragments continued from the edges' surroundings; {was}", count)
     half = view.half_difference
     if half is not None:  # what is guessed has the noise of nothing
         half = torch.cat([half, half.new_zeros(len(half), count)], 1).index_select(1, order)

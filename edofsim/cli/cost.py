@@ -40,7 +40,7 @@ def cost(
     of rendering with more and more samples; every network's restoration. Tables, CSV, charts and a page of
     each scene. The same command resumes interrupted work.
 
-    With --jobs, scenes are measured beside each other, and their seconds are longer than alone.
+    With --jobs, scenes are measured at the same time, and their seconds are longer than alone.
 
     Figures, of several scenes with .SCENE behind: psnr_db.CASE, predicted_db.CASE, seconds.CASE[.STAGE],
     predicted_seconds.CASE for each case target.N_dB, chosen, target.restored, without.EFFECT and full;

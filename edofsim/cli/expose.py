@@ -247,7 +247,7 @@ def _fidelity(planned: Fidelity, view: View, asked: Asked) -> Fidelity:
         return planned
     if asked.bands > view.bands:
         raise InputError(f"--bands {asked.bands}: the view has {view.bands} bands; give 1 to {view.bands}")
-    # the reference has one wavelength a group, and so has the photo beside it
+    # the reference has one wavelength a group, and so has the photo next to it
     wavelengths = 1 if asked.reference == "pupil" else 0
     return planned.changed({"band_groups": asked.bands, "group_wavelengths": wavelengths})
 

@@ -92,7 +92,7 @@ def recipes_of(
 
 
 def check_alone(simulated: Simulated, **more: object) -> None:
-    """Refuse a fidelity that cannot be read, and what would choose beside it. Raises InputError."""
+    """Refuse a fidelity that cannot be read, and what would choose next to it. Raises InputError."""
     from ..capture.fidelity import Fidelity
     from ..capture.presets import PRESETS
 
@@ -160,7 +160,7 @@ def plan_lines(plan: Plan, planning: float | None = None) -> list[str | Table]:
 
 
 def _as_text(table: PageTable) -> Table:
-    """A page's table for a terminal: the units beside the names, the remarks below the values."""
+    """A page's table for a terminal: the units next to the names, the remarks below the values."""
     heads = (f"{column.name} / {column.unit}" if column.unit else column.name for column in table.columns)
     text = Table(*heads, box=None)
     for cells in table.cells():

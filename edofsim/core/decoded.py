@@ -245,7 +245,7 @@ def _tiff(path: Path, what: str, measured: bool) -> Decoded | None:
             values = np.moveaxis(values, 0, -1)
         extra = [int(kind) for kind in page.extrasamples or ()]
         if values.ndim == 3 and extra and not any(kind in EXTRA_ALPHA for kind in extra):
-            said.append(f"{len(extra)} channels besides its colours are not used")
+            said.append(f"{len(extra)} channels in addition to its colours are not used")
             values = values[..., : values.shape[-1] - len(extra)]
         if page.photometric == PHOTOMETRIC_WHITE_IS_ZERO and values.dtype.kind in "bu":
             values = ~values if values.dtype == bool else np.iinfo(values.dtype).max - values

@@ -31,7 +31,7 @@ def is_hdf5(path: Path) -> bool:
 
 def read_hdf5(path: Path, key: str | None, what: str) -> dict[str, np.ndarray]:
     """Numeric arrays of an HDF5 file by name, such as `scene/depth`: the one that `key` names, dots or
-    slashes between its parts, with all lists of numbers beside it; or, without a key, all that are small or
+    slashes between its parts, with all lists of numbers next to it; or, without a key, all that are small or
     alone.
 
     Arrays of MATLAB 7.3 have their axes as in MATLAB. Raises InputError for a file that is no HDF5, that

@@ -44,7 +44,7 @@ class DataForecast:
     core_seconds: of one core.
     seconds: with `jobs` processes on this machine.
     bytes: of the finished data.
-    working: of what is on the disk meanwhile besides.
+    working: of what is on the disk meanwhile as well.
     free: on the disk.
     """
 

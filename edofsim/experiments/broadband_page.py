@@ -53,7 +53,7 @@ def page(result: Result) -> Page:
     notes = (Notes(result.problems),) if result.problems else ()
     return Page(
         "Broadband imaging",
-        "What becomes of the restoration when light has all wavelengths, not the three of the training.",
+        "Restoration of light of all wavelengths by networks trained with three.",
         tuple(sections),
         (Keys(keys), Text(ABOUT), *notes),
     )

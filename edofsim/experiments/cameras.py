@@ -1,10 +1,10 @@
-"""What restores photos of any camera beside Wiener deconvolution, on cameras that are named or on six.
+"""What restores photos of any camera, against Wiener deconvolution, on cameras that are named or on six.
 
 The six are cameras that no network was trained for, and none of which a training drew: two with ordinary
 lenses, a cubic mask, rings, a height map of another training, and the paper's with its mask at another focus.
 Each camera photographs pictures as planes at random depths (see `planes`), and the middle of shipped scenes
 with depth, rendered for its pixels, as `scene3d` does. All know the camera, as designed, and the range of
-depths, and nothing more. Beside them stand the photo, that of the lens alone, and what was trained for that
+depths, and nothing more. Next to them stand the photo, that of the lens alone, and what was trained for that
 camera alone, where there is such a thing.
 """
 

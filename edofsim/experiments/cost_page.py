@@ -28,7 +28,7 @@ BESIDE = (
 """Where the name of a point may stand: across and up in points, and which side of it is there."""
 SHIFTS = (
     "How far the PSNR of the restored photo, and its gain over the lens alone, lie from those of everything "
-    "in full with the same noise; beside it, the standard deviation of the score itself over seeds of noise."
+    "in full with the same noise; next to it, the standard deviation of the score itself over seeds of noise."
 )
 
 
@@ -80,7 +80,7 @@ def cost_plot(rows: Sequence[Measured], scene: str, width: float = WIDE_IN) -> P
 
 
 def name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None:
-    """Write the name of each point (x, y, name) beside it, where it covers the least of the lines and markers
+    """Write the name of each point (x, y, name) where it covers the least of the lines and markers
     of these axes and of other names. Limits, scales and the legend must be there already."""
     figure = axes.get_figure(root=True)
     assert figure is not None

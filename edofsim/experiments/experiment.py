@@ -22,7 +22,7 @@ class Findings:
     outputs: files that the experiment wrote, by what they are.
     problems: a sentence for each input that could not be used while the rest was finished; the command then
         ends with status 2.
-    inputs: for the JSON, beside or in place of the options.
+    inputs: for the JSON, in addition to or in place of the options.
     record: more for it.
     """
 

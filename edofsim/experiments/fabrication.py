@@ -68,7 +68,7 @@ STUDY = Study(
     labels={f"{sigma:g}nm": sigma for sigma in SIGMAS_D_NM},
     paper=FABRICATION,
     title="Fabrication errors",
-    purpose="How much error in the height of the mask the restoration bears.",
+    purpose="Effect of height errors of the mask on restored images.",
     axis="height error σd (nm)",
     said="σd = {} nm",
     setting="an object at the green focus, read noise 0.005; one draw of height errors at every strength; "

@@ -105,7 +105,7 @@ def run(
 
     camera: whose lens varies.
     fields_deg, wavelengths_nm: as in `Asked`.
-    depths_m: beside that in focus; curves against depth go from the least to the largest.
+    depths_m: in addition to that in focus; curves against depth go from the least to the largest.
     per_mm: frequency of MTFs against depth, cycles/mm; None for half of what the pixels resolve.
 
     `psf_field.exr` holds a channel for each place, depth and wavelength, `10deg.0.5m.543nm`. `mtf_field.csv`

@@ -194,7 +194,7 @@ def page(camera: Camera, classic: Sequence[Curve], own: Sequence[Curve], plots: 
 
 
 def _panels(curves: Sequence[Curve], camera: Camera, what: str) -> Plot:
-    """One panel beside another."""
+    """One panel next to another."""
     titles = list(dict.fromkeys(curve.title for curve in curves))
     frequencies, nyquist = frequencies_of(camera).tolist(), nyquist_per_mm(camera)
 

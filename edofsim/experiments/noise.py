@@ -48,7 +48,7 @@ STUDY = Study(
     labels={f"{sigma:g}": sigma for sigma in SIGMAS_S},
     paper=NOISE,
     title="Sensor noise",
-    purpose="How much read noise of the sensor the restoration bears.",
+    purpose="Effect of the sensor's read noise on restored images.",
     axis="read noise σs (of full scale)",
     said="σs = {}",
     setting="an object at the green focus, height errors of 30 nm; the paper trained with σs from 0.001 to "

@@ -1,4 +1,4 @@
-"""Ways to composite depth edges, each by its best setting, beside a truth."""
+"""Ways to composite depth edges, each by its best setting, next to a truth."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LAYERS = (2, 3, 4, 5, 6, 8, 12, 16, 24, None)
 
 @dataclass(frozen=True)
 class Judged:
-    """A crop photographed each way, noise-free, beside its truth, both exposed: [channel, y, x].
+    """A crop photographed each way, noise-free, next to its truth, both exposed: [channel, y, x].
 
     layers: of the ways `SNAPPED`, the number that is best.
     exposure: factor, automatic for the crop.
@@ -49,7 +49,7 @@ class Judged:
 
 
 def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged:
-    """The crop photographed each way, beside a truth [channel, y, x] that is not exposed.
+    """The crop photographed each way, next to a truth [channel, y, x] that is not exposed.
 
     truth: [channel, y, x], not exposed.
 

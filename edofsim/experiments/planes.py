@@ -49,9 +49,9 @@ SCORES = ("photo_db", "restored_db", "whole_photo_db", "whole_restored_db")
 SHOWN_PX = 240
 ABOUT = (
     "8-bit values are taken as intensities; red, green and blue are 611, 543 and 482 nm; the mask is sampled "
-    "every 3 µm and has height errors. A frame is the middle of a larger picture, of which the photo is "
-    "formed: the world goes on beyond it, and no system is given how. By the paper's protocol a frame is a "
-    "whole picture, which mirror images continue. PSNR over all channels, averaged over the pictures."
+    "every 3 µm and has height errors. A frame is a crop of a larger picture: the photo includes "
+    "light from outside the crop. By the paper's protocol a frame is a whole picture, which mirror images "
+    "continue. PSNR over all channels, averaged over the pictures."
 )
 MIDDLES = "The middle of the frame, pixel for pixel; the PSNR is of the whole frame."
 
@@ -384,7 +384,7 @@ def sharp(rows: Sequence[PictureScore], name: str) -> Gallery:
     """The middle of a picture as it is."""
     shown = next(r.shown for r in rows if r.picture == name and r.shown)
     truth = picture_file(shown.sharp, "truth", f"{name}, the middle of the picture as it is.")
-    return Gallery((truth,), "What is photographed.", columns=4, pixels=True)
+    return Gallery((truth,), "The scene.", columns=4, pixels=True)
 
 
 def left_out(data: Photographs) -> tuple[Block, ...]:

@@ -1,4 +1,4 @@
-"""Are plans right? What they predict beside what is measured, over scenes and masks.
+"""Are plans right? What they predict next to what is measured, over scenes and masks.
 
 For each scene and mask: every effect left out in turn, and the accuracies that are promised, against the full
 simulation. Counted are the effects that matter (measured below `MATTERS_DB`). Times are seconds of the
@@ -267,7 +267,7 @@ def _share(of: Iterable[bool]) -> float:
 
 
 def _table(outcomes: Sequence[Outcome]) -> Table:
-    """Effects that matter and targets: measured beside predicted."""
+    """Effects that matter and targets: measured next to predicted."""
     names = (
         ("PSNR", "dB", 1),
         ("predicted", "dB", 1),

@@ -108,7 +108,7 @@ def gallery(out: Path, progress: Progress = silent) -> Path:
                 axis.set_title(depth, fontsize=7)
         return figure
 
-    about = "Every kind of mask beside its PSF at 0.5 m, 1.3 m and infinity."
+    about = "Every kind of mask next to its PSF at 0.5 m, 1.3 m and infinity."
     return Plot(paint, about, about).save(out / "masks.png")
 
 

@@ -36,7 +36,7 @@ class Study:
     name: of the files.
     column: of the CSV, that names the strength.
     conditions: for a system and a seed, from the least to the most.
-    labels: those strengths as numbers, others stand beside.
+    labels: those strengths as numbers, others stand next to.
     paper: PSNR by strength, of its one image.
     title, purpose, setting: for the page.
     axis, said: the strength with its unit, and in a text.
@@ -108,7 +108,7 @@ def measured(
 
 
 def page(study: Study, result: Result) -> Page:
-    """Scores by strength beside the paper's, and the pictures."""
+    """Scores by strength next to the paper's, and the pictures."""
     systems = list(dict.fromkeys(row.system for row in result.rows))
     conditions = list(dict.fromkeys(row.condition for row in result.rows))
     figures = result.figures

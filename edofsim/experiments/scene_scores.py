@@ -180,7 +180,7 @@ def scores_of(
 
 
 def facts_of(view: View, edges: Tensor, taken: Capture) -> dict[str, float]:
-    """What decides scores besides the camera. mean: of the truth; clipped: share of its values beyond full
+    """What decides scores in addition to the camera. mean: of the truth; clipped: share of values beyond full
     scale before it was clipped; noise_db: PSNR between the truth and itself rendered with another seed.
 
     edges: [y, x], bool.

@@ -2,7 +2,7 @@
 
 Akpinar et al., section "Test Images": read noise 0.005, height error 30 nm. For the average each picture
 stands at a random depth, uniform in inverse depth over [0.5 m, infinity], the same for all systems. Scores
-are taken twice: of frames in a world that goes on, and of pictures as they are, as the paper does (see
+are taken twice: of frame crops of larger pictures, and of pictures as they are, as the paper does (see
 `planes`).
 """
 
@@ -80,7 +80,7 @@ class Protocol:
     of_row: Callable[[PictureScore], float]
 
 
-GOES_ON = Protocol("", "In a world that goes on", lambda row: row.restored_db)
+GOES_ON = Protocol("", "Frame crops of larger pictures", lambda row: row.restored_db)
 WHOLE = Protocol("whole.", "By the paper's protocol: whole pictures", lambda row: row.whole_restored_db)
 
 
@@ -248,8 +248,8 @@ def chart_table(result: Result) -> PageTable:
         for row in result.chart_rows
     )
     said = (
-        "The chart in a world that goes on. Given the depth: a filter over all colours and the whole photo "
-        "that knows the distance and the mask as it was made. Where a system has less, its mask is not why."
+        "The chart as a frame crop. Given the depth: a linear filter over all colours and the whole photo, "
+        "which knows the distance and the mask as made. A system below it does not lose that by its mask."
     )
     return PageTable(columns, rows, said)
 
@@ -267,7 +267,7 @@ def _paper_mean(place: int, depth: str, of: str) -> float:
 
 
 def _singles(result: Result, systems: Sequence[str], scenes: Sequence[str], protocol: Protocol) -> PageTable:
-    """Every shown picture at the three depths; the paper's proposed system on its own scenes beside them."""
+    """Every shown picture at the three depths; the paper's proposed system on its own scenes next to them."""
     rows_of = {(r.system, r.picture, r.condition): r for r in (*result.chart_rows, *result.rows)}
     fixed = [f"{m:g}m" for m in DEPTHS_M]
     theirs = list(dict.fromkeys(scene for scene, depth in TABLE if depth != RANDOM))

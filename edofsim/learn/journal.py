@@ -46,7 +46,7 @@ class Journal:
 
     def picture(self, step: int, rows: list[list[Tensor]], height: Tensor | None) -> Path:
         """Rows of images, each [3, y, x] in [0, 1] and of one size, side by side (8-bit values are
-        intensities); beside them the height map [n, n], dark is low.
+        intensities); next to them the height map [n, n], dark is low.
 
         rows: of images [3, y, x] in [0, 1].
         height: [n, n], metres; None for none.

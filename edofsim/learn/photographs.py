@@ -79,7 +79,7 @@ class PlaneSource:
     of the steps each one is in front of another, and a share of them has saturated highlights.
 
     broadband: share of the steps, and of validation.
-    vary: of exposure and colours, of which validation has the exposures beside the pictures as they are.
+    vary: of exposure and colours, of which validation has the exposures next to the pictures as they are.
     """
 
     training: Images

@@ -279,7 +279,7 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
 def _beside(
     recipe: TrainRecipe, camera: CameraRecipe, network: Restorer, height: Tensor | None
 ) -> tuple[Restorer, tuple[Json, ...]]:
-    """The network with that of the checkpoint beside it which the recipe names, and the history of that.
+    """The network with the auxiliary network that the recipe names, and the history of that.
     height: [n, n] in metres, of the training's mask, which is to be the checkpoint's, too."""
     source = recipe.network.beside
     if source is None:

@@ -179,7 +179,7 @@ class Camera:
 
     @property
     def mask_given(self) -> bool:
-        """Whether a mask was given in Python, in place of the recipe's or beside it."""
+        """Whether a mask was given in Python, in place of the recipe's or in addition."""
         return self.height_map is not None or self.amplitude is not None
 
     def without_gradients(self) -> Camera:

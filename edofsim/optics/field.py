@@ -140,7 +140,7 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
 
     psfs: of a camera, [..., y, x].
     step: tangent to the places on both sides, from whose PSFs it follows how they change with the place. A
-        PSF says where light from one place goes; on the sensor, light that lands u pixels beside its place is
+        PSF says where light from one place goes; on the sensor, light that lands u pixels from its place is
         from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope.
         Light, relative to that of the camera's place, changes likewise.
     """

@@ -47,7 +47,7 @@ class Wave:
     pupil: the pupil function without defocus, complex [s, s].
     chirps: the defocus of each depth along half an axis of the pupil, complex [depth, half].
     bases: what turns them into pixels.
-    bend: what defocus is beside that, phases [2, s, s] that grow with the steps [depth] from one depth to
+    bend: what defocus is in addition, phases [2, s, s] that grow with the steps [depth] from one depth to
         each, and with their squares.
     """
 

@@ -23,7 +23,7 @@ PRESETS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "paper-test": {"pitch_um": 3.0, "height_noise_nm": 30.0},
     }
 )
-"""Values that a preset stands for; a key given beside it wins. `paper-device` is the photoresist mask that
+"""Values that a preset stands for; a key given next to it wins. `paper-device` is the photoresist mask that
 Akpinar et al. made and measured (section Experimental Results), the others what they simulate."""
 
 

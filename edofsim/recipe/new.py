@@ -16,7 +16,7 @@ def new_recipe(kind: str, path: Path, values: Mapping[str, str] | None = None) -
     """Write a recipe to start from, a `scene`, `picture`, `camera` or `train`, named after its file. Returns
     the path, with the suffix `.toml` where it had none.
 
-    values: what stands for @KEY@ in the template, beside @NAME@, by KEY.
+    values: what stands for @KEY@ in the template, next to @NAME@, by KEY.
 
     Raises InputError for a name that no recipe can have and for a file that is there already, and what
     `core.files.whole` raises.

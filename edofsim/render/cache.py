@@ -118,9 +118,9 @@ def _damage(path: Path, key: str | None = None) -> str:
         expected = record["sha256"]
         stored_key = record["key"]
     except FileNotFoundError:
-        return "no checksum beside it"
+        return "no checksum next to it"
     except (OSError, ValueError, KeyError, TypeError):
-        return "the checksum beside it is unreadable"
+        return "the checksum next to it is unreadable"
     if key is not None and stored_key != key:
         return "it belongs to another recipe"
     try:

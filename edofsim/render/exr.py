@@ -84,7 +84,7 @@ def coarsely(noise: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _about(view: Fragments) -> Json:
-    """What a file says of a view besides its fragments."""
+    """What a file says of a view in addition to its fragments."""
     return {
         "format": FORMAT,
         "pixel_angle": view.pixel_angle,

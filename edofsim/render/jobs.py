@@ -122,7 +122,7 @@ def check_scenes(tasks: Sequence[Task], progress: Progress | None = None) -> Non
 
 
 def _rates(folder: Path) -> tuple[float, float, float, bool]:
-    """Thread seconds a sample, seconds a view beside them, and bytes a value, of what this machine rendered
+    """Thread seconds a sample, seconds a view in addition, and bytes a value, of what this machine rendered
     before."""
     host = platform.node()
     works: list[tuple[int, int, float, float]] = []
@@ -137,7 +137,7 @@ def _rates(folder: Path) -> tuple[float, float, float, bool]:
         except (KeyError, TypeError, ZeroDivisionError):
             continue
     per_sample, per_view = SECONDS_A_SAMPLE, SECONDS_A_VIEW
-    if works:  # large views tell what a sample takes; what small ones take beside that is their set-up
+    if works:  # large views tell what a sample takes; what small ones take in addition is their set-up
         per_sample = sum(paths * threads for _, threads, paths, _ in works) / sum(work[0] for work in works)
         per_view = statistics.median(
             max(0.0, total - count * per_sample / threads) for count, threads, _, total in works

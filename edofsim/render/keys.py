@@ -121,7 +121,7 @@ def _strings(data: object) -> list[str]:
 def _file_digest(path: Path, seen: set[Path], folders: tuple[Path, ...] = ()) -> str:
     """Checksum of a file and, if it is a scene of Mitsuba's or a mesh, of the files that it names.
 
-    folders: where those may lie besides its own folder."""
+    folders: where those may lie in addition to its own folder."""
     seen.add(path.resolve())
     digest = hashlib.sha256()
     with path.open("rb") as file:

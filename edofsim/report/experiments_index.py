@@ -59,7 +59,7 @@ def _card(path: Path, folder: Path) -> Link | None:
 
 
 def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
-    """The middle of the page's last picture, which is what came out; else all of the plot beside it."""
+    """The middle of the page's last picture, which is what came out; else all of the plot next to it."""
     found = _PICTURE.findall(text)
     beside = path.with_suffix(".png")
     if not found and not beside.is_file():

@@ -33,7 +33,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a page. `label` stands above it, `note` beside the label, `alt` is read out instead."""
+    """A picture of a page. `label` stands above it, `note` next to the label, `alt` is read out instead."""
 
     png: bytes
     width: int

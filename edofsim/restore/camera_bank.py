@@ -107,7 +107,7 @@ class CameraBank(FilterBank):
         """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
         makes; at first it ignores what that was not given. Raises InputError for another network."""
         if not isinstance(network, FilterBank) or network.sees_linear or network.dcnn is not None:
-            beside = " with a D-CNN beside it" if isinstance(network, FilterBank) and network.dcnn else ""
+            beside = " with an auxiliary D-CNN" if isinstance(network, FilterBank) and network.dcnn else ""
             raise InputError(
                 f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{beside}"
             )

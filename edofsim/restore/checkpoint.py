@@ -10,7 +10,7 @@ The card is JSON in the metadata entry `card`, with the keys
     them), figures, `weights` where they are not what that training ended with, `chosen`: what else was, on
     which pictures, and `history` where they come from an
     earlier training: these of each one before, the first first; `beside`: the same of the network that stands
-    beside it
+    next to it
 """
 
 from __future__ import annotations

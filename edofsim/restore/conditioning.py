@@ -99,7 +99,7 @@ def _conditioned(network: Restorer, camera: Camera, wavelengths: Tensor, inverse
 
 def _enough(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     """Wavelengths [n] that stand for all of wavelengths [band], and the colours' weights [channel, n] of
-    those beside them; weights: [channel, band]."""
+    those next to them; weights: [channel, band]."""
     groups = torch.arange(len(wavelengths)).split(max(1, len(wavelengths) // ENOUGH))
     middles = torch.stack([few[len(few) // 2] for few in groups])
     return wavelengths[middles], torch.stack([weights[:, few].sum(1) for few in groups], 1)

@@ -261,7 +261,7 @@ def _places(few: Sequence[int], many: Sequence[int]) -> list[int] | None:
 
 
 def _hand_on(convolution: nn.Module, normalisation: nn.Module, kernels: int) -> None:
-    """Make a block give its first `kernels` channels as it gets them, whatever it gets besides."""
+    """Make a block give its first `kernels` channels as it gets them, whatever else it gets."""
     assert isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d)
     assert convolution.bias is not None and normalisation.running_var is not None
     convolution.weight[:kernels] = 0

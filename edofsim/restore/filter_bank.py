@@ -47,7 +47,7 @@ class FilterBank(DepthConditioned):
     support: width of the filters in pixels, odd.
     distances: this many for each filter are given apart.
     width, blocks, kernel: of the U-Net, see `LocalUNet`.
-    dcnn: settings of the `DCnn` beside it, which is not trained with it; None for none. Untaught, it returns
+    dcnn: settings of the auxiliary `DCnn`, which is not trained with it; None for none. Untaught, it returns
         the photo.
 
     filters: [groups * 3 out, 3 in, support, support], not trained (`set_filters`).
@@ -74,7 +74,7 @@ class FilterBank(DepthConditioned):
         self.belief = nn.Parameter(torch.tensor(BELIEF).log())
         # pyrefly: ignore[bad-argument-type] - those of its own class
         self.dcnn = None if dcnn is None else DCnn(**dcnn).eval().requires_grad_(False)
-        # it gives what filters do not have; with a D-CNN beside, it sees its image, too, and says how much
+        # it gives what filters do not have; with an auxiliary D-CNN it sees its image, too, and says how much
         # it counts
         images, given = (6, 3) if self.dcnn is None else (9, 4)
         self.trunk = Trunk(images, given, width, blocks, kernel, side=groups)
@@ -177,7 +177,7 @@ class FilterBank(DepthConditioned):
         return sharp[..., reach : reach + photo.shape[-2], reach : reach + photo.shape[-1]]
 
     def _with_dcnn(self, photo: Tensor, reach: int) -> Tensor:
-        """The photo continued by this many pixels; in three more channels what a D-CNN beside makes of it."""
+        """The photo continued by this many pixels; in three more channels, as restored by the D-CNN."""
         beyond = continued(photo, reach) if reach else photo
         if self.dcnn is None:
             return beyond

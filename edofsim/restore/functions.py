@@ -35,7 +35,7 @@ HOW = "def NAME(photo, psfs, info) returns the sharp image, [channel, y, x] as t
 
 @dataclass(frozen=True)
 class PhotoInfo:
-    """What a function knows of a photo besides its PSFs.
+    """What a function knows of a photo in addition to its PSFs.
 
     camera: with its mask as designed.
     wavelengths: [band] in metres.

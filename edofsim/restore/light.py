@@ -27,7 +27,7 @@ ROUNDS = 2  # in this many steps, as some of it is clamped again
 REACH = int(3 * (SMOOTH_PX + BLUR_PX + ROUNDS * DARK_PX)) + 2 * (1 + ROUNDS) * CELL
 """Pixels: what is farther away changes nothing."""
 
-# beside what is brighter than full scale, photo and restoration do not hold the same light
+# next to what is brighter than full scale, photo and restoration do not hold the same light
 SPILL_PX = 12.0  # how far its light spreads,
 BRIGHTEST = 5.0  # how bright it counts at most,
 NOTICED = 5e-3  # how much of it halves the weight of a place

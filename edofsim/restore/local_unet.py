@@ -53,7 +53,7 @@ class LocalUNet(Restorer):
 class Trunk(nn.Module):
     """The U-Net itself, [batch, inputs, y, x] to [batch, outputs, y, x]; untrained, it returns zeros.
 
-    side: channels of coarse maps that it is given besides.
+    side: channels of coarse maps that it is given as well.
     width, blocks, kernel: see `LocalUNet`. multiple: images are padded to a multiple of this many pixels.
         radius: how far in pixels an output pixel sees, at most.
     """

@@ -44,8 +44,8 @@ def restore(
     inverse_depths: [depth], 1/m.
     psfs: [depth, channel, y, x], known ones in place of the camera's; `channel_psfs` at the inverse depths,
         which are nodes then; None where they are still to be made.
-    glare: [channel], the part of the light that is spread evenly over the photo besides what the camera's own
-        PSFs do not have: by a mask that was made otherwise.
+    glare: [channel], light that a mask made otherwise spreads evenly over the photo, in addition to what the
+        camera's own PSFs do not have.
     truncated: [channel], the part that leaves the windows of the PSFs, where that is known
         (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths.
     frame: where the photo looks, None: about the optical axis; through a lens that varies over the field each

@@ -15,7 +15,7 @@ from .photograph_statistics import FALL
 
 BEYOND_PX = 4
 """The filter is given so much of what may lie beyond a photo, see `borders`, before mirror images go on.
-Those alone leave lines on borders that bright things lie beyond. Farther out the slope foretells little, and
+Those alone leave lines on borders that bright things lie beyond. Farther out the slope predicts little, and
 the filter of a lens without a mask, which raises some frequencies a lot, makes more of the guess."""
 
 

@@ -1,7 +1,7 @@
 """The USAF-1951 resolution chart, drawn from the geometry of MIL-STD-150A.
 
 An element of group g and number e has 2^(g + (e - 1) / 6) line pairs a millimetre: three horizontal and
-three vertical bars, each as wide as the space beside it and five times as long. Bars are kept as rectangles
+three vertical bars, each as wide as the space next to it and five times as long. Bars are kept as rectangles
 and rasterised by the exact area that they cover of each texture pixel, so edges are grey where they should.
 The groups are arranged as on the printed charts: an even group's elements 2 to 6 at one side and its first
 below, the odd group at the other side, and in the middle the next pair, four times smaller and mirrored.
@@ -31,7 +31,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class Label:
-    """A number beside an element: left and bottom in millimetres, height of the digits, text."""
+    """A number next to an element: left and bottom in millimetres, height of the digits, text."""
 
     x: float
     y: float

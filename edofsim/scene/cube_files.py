@@ -243,7 +243,7 @@ def _tiff(path: Path, what: str) -> StoredCube:
 
 
 def _envi(path: Path, what: str) -> StoredCube:
-    """ENVI: a header in text and the numbers in a file beside it."""
+    """ENVI: a header in text and the numbers in a file next to it."""
     header = path if path.suffix.lower() == ".hdr" else path.with_suffix(".hdr")
     header = header if header.is_file() else path.with_name(path.name + ".hdr")
     if not header.is_file():

@@ -125,7 +125,7 @@ def _said(
     own = visual.vertex_attributes.get("color")
     if image is not None:
         if own is not None:
-            left["its colours of corners, beside a picture"] = None
+            left["colours of corners where there is a picture"] = None
         return colours, image, factor
     if own is not None and len(own) == len(mesh.vertices):
         return (_light(own, True) * factor)[mesh.faces], None, factor

@@ -139,7 +139,7 @@ def _parts(path: Path, content: bytes, what: str, allow_outside: bool) -> list[P
         if "escapes resolver root" in str(error):
             raise InputError(
                 f"{what}: the mesh {str(path)!r} names a file outside its folder; set allow_outside = true "
-                "beside its path if you trust it"
+                "next to its path if you trust it"
             ) from error
         text = (str(error).strip() or type(error).__name__).splitlines()[0][:160]
         raise InputError(f"{what}: {str(path)!r} cannot be read as a mesh: {text}") from error

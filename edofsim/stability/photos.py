@@ -2,8 +2,8 @@
 (`true_photos`), in float32 as in float64.
 
 Errors are relative to the local value, or to the sensor's noise where that is more (`measures`): a pixel
-beside a lamp counts as much as the lamp. What float32, bfloat16 and derivatives are compared with is the code
-itself in float64, and such findings are marked `alike`.
+next to a lamp counts as much as the lamp. float32, bfloat16 and derivatives are compared with the code itself
+in float64, and such findings are marked `alike`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SHIPPED: Mapping[str, object] = {"layers_db": 50.0}
 """How accurately depth nodes are asked for, unless a case says otherwise."""
 
 SINGLE = 5e-4
-"""float32 against float64, at the worst pixel: 1.3e-4 were seen, beside a lamp of 1e12."""
+"""float32 against float64, at the worst pixel: 1.3e-4 were seen, next to a lamp of 1e12."""
 EXACT = 1e-3
 """Against the photo written out, at the worst pixel, where nothing is interpolated over depth: 2e-4 were
 seen, which is what pixels integrate from 2 x 2 samples (`transform.pixel_weights`). 1 % of anything shows."""

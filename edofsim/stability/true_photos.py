@@ -187,7 +187,7 @@ def normalised(view: View, camera: Camera, nodes: Sequence[float], source: Sourc
 
 def uncovered(view: View, camera: Camera, cut: float | None, source: Source = OWN) -> Tensor:
     """Two surfaces, one nearer than the inverse depth `cut`, and the far one also where it is hidden; where
-    its fragments do not have, light from beside fills them.
+    its fragments do not have, light from their surroundings fills them.
 
     cut: None for nothing that hides anything.
     """

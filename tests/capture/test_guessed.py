@@ -259,7 +259,7 @@ def test_a_slanted_plane_has_no_edge(camera: Camera):
 
 
 def test_background_is_behind_what_stands_before_it(clear: Camera):
-    """`inf` in a depth map is background: inverse depth 0 behind the disc; holes are filled from beside."""
+    """`inf` in a depth map is background: inverse depth 0 behind the disc; holes are filled from around."""
     y, x = grid()
     metres = np.where(np.hypot(y, x) < 20, 0.6, np.inf)
     metres[:4, :4] = np.nan

@@ -138,9 +138,9 @@ def test_what_cannot_stand_beside_is_refused() -> None:
         bank.with_auxiliary(DCnn(distances=3))
     with pytest.raises(InputError, match="takes no auxiliary network"):
         dcnn.with_auxiliary(bank)
-    with pytest.raises(InputError, match="cannot stand beside this 'camera-bank'"):
+    with pytest.raises(InputError, match="does not fit this 'camera-bank'"):
         CameraBank(groups=2, width=4, blocks=(1,)).with_auxiliary(dcnn)
-    with pytest.raises(InputError, match="not out of a 'filter-bank' with a D-CNN beside it"):
+    with pytest.raises(InputError, match="not out of a 'filter-bank' with an auxiliary D-CNN"):
         CameraBank.grown(bank.with_auxiliary(dcnn))
 
 

@@ -146,7 +146,7 @@ def test_cubes_that_claim_too_much_or_lack_their_file_are_refused(tmp_path: Path
         "ENVI\nsamples = 60000\nlines = 60000\nbands = 31\nheader offset = 0\ndata type = 4\n"
         "interleave = bsq\nbyte order = 0\n"
     )
-    with pytest.raises(InputError, match="no file of numbers beside it"):
+    with pytest.raises(InputError, match="no file of numbers next to it"):
         stored_cube(CubeFile(path="c.hdr"), tmp_path)
     (tmp_path / "c.raw").write_bytes(b"123")
     with pytest.raises(InputError, match="more than"):

@@ -4,7 +4,7 @@
 
 with L_s the blurred light of slab s (near to far), A_s its blurred coverage, and K the coverage of all that
 the slabs behind hold. Where the hidden fragments are complete, K is 1 and this is the exact image of
-geometric optics for two surfaces of which one is in focus. Where not, light from beside the hole fills it:
+geometric optics for two surfaces of which one is in focus. Where not, light from next to the hole fills it:
 f(K) = min(1, K / ENOUGH), and 1 behind the nearest slab. Without that bound the tails of a few far pixels'
 blur would fill whatever lies between them and a nearer slab.
 

@@ -1,7 +1,7 @@
 """Occlusion as RGB-D compositors do it: layers at the depth nodes, of what is visible, front to back.
 
 What a near surface hides is not known to them. `over` leaves a dark fringe where light of the hidden surface
-is missing; `normalised` fills it with light from beside it, which is better, and wrong where the front is
+is missing; `normalised` fills it with light from next to it, which is better, and wrong where the front is
 blurred over something sharp.
 """
 

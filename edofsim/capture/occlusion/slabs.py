@@ -55,7 +55,7 @@ def hides(view: View, gap: float) -> Hides:
 
 def cuts(view: View, gap: float, found: Hides | None = None) -> list[float]:
     """Inverse depths at which the view is cut into slabs, from near to far: those at which the light that
-    cuts leave wrong is least. A cut is wrong in as much coverage as lies beside it, and costs time besides
+    cuts leave wrong is least. A cut is wrong in as much coverage as lies next to it, and costs time as well
     (`PRICE`); a pair that no cut parts is wrong in the coverage of what hides, for each `gap` between the two
     once.
 

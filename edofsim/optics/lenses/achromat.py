@@ -143,7 +143,7 @@ def _path(lens: AchromatLens, wavelength: float, heights: np.ndarray) -> np.ndar
     with np.errstate(invalid="ignore"):
         for number, radius in enumerate(radii):
             before, after = indices[number : number + 2]
-            # from the sphere's centre the ray has the foot m beside it: half of the chord is what is left
+            # from the sphere's centre the ray has the foot m off it: half of the chord is what is left
             middle = (vertex + radius - z) * along - y * across
             foot = (vertex + radius - z) ** 2 + y**2 - middle**2
             way = middle - math.copysign(1.0, radius) * np.sqrt(radius**2 - foot)

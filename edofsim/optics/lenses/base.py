@@ -27,7 +27,7 @@ RIM_SAMPLES = 65
 
 @dataclass(frozen=True)
 class Bend:
-    """What defocus is beside the parabola.
+    """What defocus is in addition to the parabola.
 
     focus: inverse depth [1/m] where it is nothing.
     paths: float64 [2, ...], what grows with the inverse depth less that [m^2], and with the square of it
@@ -152,7 +152,7 @@ class Lens(KindModel):
         return 0.0
 
     def illumination(self, field: Field) -> float:
-        """Light on the sensor from `field` over that from the axis, beside what `field_open` shuts out."""
+        """Light on the sensor from `field` over that from the axis, but for what `field_open` shuts out."""
         return 1.0
 
     def chief(self, place: Field) -> Field:

@@ -151,7 +151,7 @@ class PrescriptionLens(Lens):
         return 0.0 if tangent < NEARBY else _slant(self, tangent)
 
     def illumination(self, field: Field) -> float:
-        """What is left beside `field_open`, whose area in direction cosines counts cosines and the pupil's
+        """What is left but for `field_open`, whose area in direction cosines counts cosines and the pupil's
         size: the light through parts of the pupil that lie beyond the disc of the aperture."""
 
         def outside(tangent: float) -> float:

@@ -1,4 +1,4 @@
-"""A camera's PSFs as a file that the lens kind `measured` reads, and a recipe beside it that does."""
+"""A camera's PSFs as a file that the lens kind `measured` reads, and a recipe next to it that does."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def save_bank(
     fields_deg: Sequence[float],
     device: str = "cpu",
 ) -> dict[str, Path]:
-    """Write PSFs of a camera as .exr or .npz, and as .toml beside it the recipe of a camera that has them.
+    """Write PSFs of a camera as .exr or .npz, and as .toml next to it the recipe of a camera that has them.
 
     fields_deg: angles above the axis, of a lens that varies, by where their light lands without distortion,
         which such a file does not hold; where its mask is not clear, PSFs do not turn with the place, and are

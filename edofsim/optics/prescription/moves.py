@@ -1,4 +1,4 @@
-"""Surfaces that stand beside their place: decentred, tilted, shifted along the axis. Lengths in
+"""Surfaces out of their place: decentred, tilted, shifted along the axis. Lengths in
 millimetres."""
 
 from __future__ import annotations

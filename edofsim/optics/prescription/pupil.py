@@ -42,7 +42,7 @@ class Pupil:
 
     @property
     def rims(self) -> tuple[int, ...]:
-        """Surfaces beside the stop that shut out light."""
+        """Surfaces other than the stop that shut out light."""
         lens = self.held.lens
         return tuple(n for n, clear in enumerate(lens.clear) if clear is not None and n != lens.stop)
 

@@ -135,7 +135,7 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     residual = torch.sqrt(left.square().sum(-1) / inside.sum(-1))
     chief = (
         -rays.middle / size
-    )  # of the reference wavelength; the others' go through the stop's centre beside it
+    )  # of the reference wavelength; the others' go through the stop's centre next to it
     for _ in range(3):
         at = basis(torch.zeros(2, 1, dtype=torch.float64), torch.stack([chief, chief + 1e-4]))
         height, beyond = (at * even[..., 1]).sum(-1)

@@ -30,13 +30,13 @@ OCCLUSION = Effect(
     lambda facts, levels: photo_changes(facts, [level.change for level in levels]),
 )
 
-# layers that are filled from beside lie at the depth nodes: it would take many of them
+# layers that are filled from their surroundings lie at the depth nodes: it would take many of them
 BESIDE = {"occlusion": "normalised", "hidden_surfaces": False}
 
 HIDDEN = Effect(
     "hidden surfaces",
     lambda facts: [
-        Level("filled from beside", BESIDE, allowed=False),
+        Level("filled from around", BESIDE, allowed=False),
         Level(f"{facts.hidden} fragments{' guessed' * bool(facts.guessed)}", {}),
     ],
     _behind,

@@ -133,7 +133,7 @@ MUTANTS: tuple[Mutant, ...] = (
     ),
     Mutant("plain blur", "nothing hides anything", HIDING, _composed(none, "over", "normalised", "hidden")),
     Mutant("plain blur for hidden surfaces", "they are left out", HIDING, _composed(none, "hidden")),
-    Mutant("hidden fragments ignored", "what a blur uncovers is filled from beside", HIDING, _visible_alone),
+    Mutant("hidden fragments ignored", "what a blur uncovers is filled from around", HIDING, _visible_alone),
     Mutant(
         "back before front",
         "slabs are merged from near to far",
