@@ -15,14 +15,13 @@ from torch import Tensor
 from ..core.files import whole, write_text
 from ..core.json_values import Json
 from ..core.progress import Progress, part
-from ..core.words import counted
+from ..core.words import counted, duration
 from ..errors import EdofsimError, InputError
 from ..optics import Camera, psf_bank, response
 from ..optics.nodes import nodes_between
 from ..render.engine import thread_count
 from ..render.jobs import Task
 from ..render.jobs import forecast as views_forecast
-from ..render.spread import duration
 from .kept import ABOUT, FILES, FORMAT, SUMS, Folder, blocks_of, needed, pack, write_sums
 from .parts import Work
 

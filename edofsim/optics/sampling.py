@@ -8,6 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ..core.words import metres
 from ..errors import InputError
 from .camera import Camera, defocus
 from .grid import PupilGrid
@@ -235,7 +236,7 @@ def _check_fixed(
     if pitch > bound * (1 + 1e-9):
         problems.append(
             f"psf.pupil_sampling_um = {pitch * 1e6:g} is too coarse: at {float(wavelengths[band]) * 1e9:g} nm"
-            f" and {_metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"
+            f" and {metres(float(inverse_depths[depth]))} Psi is {worst:.4g}, which needs"
             f' {bound * 1e6:.3g} um or finer; use that or "auto"'
         )
     shortest = float(wavelengths.min())
@@ -248,7 +249,3 @@ def _check_fixed(
         )
     if problems:
         raise InputError(problems)
-
-
-def _metres(inverse_depth: float) -> str:
-    return "infinity" if inverse_depth == 0 else f"{1 / inverse_depth:.4g} m"

@@ -281,11 +281,6 @@ def photo_changes(facts: Facts, changes: Sequence[Mapping[str, object]], **rest:
     ]
 
 
-def metres(inverse_depth: float) -> str:
-    """A depth as text."""
-    return "infinity" if inverse_depth <= 0 else f"{1 / inverse_depth:.2f} m"
-
-
 def rms(image: Tensor) -> tuple[float, ...]:
     """Root mean square of each channel of a difference [channel, n], see `Effect.differences`.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..core.progress import Progress, silent
-from ..core.words import counted
+from ..core.words import counted, duration
 from ..errors import EdofsimError, InputError
 from ..record import writable_folder
 from . import cache as store
@@ -22,7 +22,7 @@ from .batch import RenderOutcome, Task, batch, note, rendered
 from .engine import thread_count
 from .fetch import fetch, is_picture, place_of
 from .settings import RenderSettings
-from .spread import duration, shard_of
+from .spread import shard_of
 
 SECONDS_A_SAMPLE, SECONDS_A_VIEW = 5e-6, 5.0
 """Of one thread, and for building, loading and compiling: for a forecast on a machine that has rendered

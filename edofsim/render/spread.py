@@ -22,6 +22,7 @@ from multiprocessing import Queue
 from typing import Generic, TypeAlias, TypeVar
 
 from ..core.progress import Progress
+from ..core.words import duration
 from ..errors import DiskFullError, EdofsimError, EngineError, InputError
 from .engine import set_threads, thread_count
 from .orphans import at_work, end_with_parent
@@ -66,13 +67,6 @@ def shard_of(parts: Sequence[T], shard: tuple[int, int] | None) -> list[T]:
             f"there is no shard {number}/{count}: the first of {count} is 1/{count}, the last {count}/{count}"
         )
     return list(parts[number - 1 :: count])
-
-
-def duration(seconds: float) -> str:
-    """A time in words."""
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
 
 
 class Workers(Generic[T, R]):

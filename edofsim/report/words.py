@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import SupportsFloat
 
+from ..core import words
+
 DASH = "–"  # no value
 NBSP = "\u00a0"  # keeps a number and its unit on one line
 MINUS = "\u2212"
@@ -53,17 +55,7 @@ def duration(seconds: SupportsFloat | None) -> str:
     """A time a person reads at a glance: `85 ms`, `1.4 s`, `24 s`, `3 min 05 s`, `2 h 10 min`."""
     if seconds is None or not math.isfinite(float(seconds)):
         return number(seconds)
-    s = float(seconds)
-    if s < 0.0995:
-        return f"{1e3 * s:.0f}{NBSP}ms"
-    if s < 9.95:
-        return f"{s:.1f}{NBSP}s"
-    if s < 99.5:
-        return f"{s:.0f}{NBSP}s"
-    minutes = round(s / 60) if s >= 3600 else int(s // 60)
-    if s >= 3600:
-        return f"{minutes // 60}{NBSP}h {minutes % 60:02d}{NBSP}min"
-    return f"{minutes}{NBSP}min {int(s % 60):02d}{NBSP}s"
+    return words.duration(float(seconds)).replace(" ", NBSP)
 
 
 def shorten(text: str, most: int) -> str:

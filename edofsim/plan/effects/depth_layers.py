@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
+from ...core.words import metres
 from ..effect import Effect, Level
-from ..facts import Facts, metres
+from ..facts import Facts
 
 LAYERS = (1, 2, 3, 4, 5, 7, 9, 13, 15, 17, 21, 25, 29, 33)
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
+from ...core.words import metres
 from ...optics import best_focus_distance, focus_distance
 from ...optics.field import STEPS
 from ..effect import Effect, Level
@@ -28,12 +28,8 @@ def _aberration(facts: Facts) -> str:
     best = best_focus_distance(facts.camera, wavelength)
     return (
         f"the wave of the lens departs from a parabola's by {waves:.2g} waves within the aperture, whose"
-        f" best focus is at {_metres(best)}, near the axis at {_metres(paraxial)}"
+        f" best focus is at {metres(1 / best)}, near the axis at {metres(1 / paraxial)}"
     )
-
-
-def _metres(distance: float) -> str:
-    return f"{distance:.3g} m" if 0 < distance < math.inf else "infinity"
 
 
 SPHERICAL_ABERRATION = _effect(
