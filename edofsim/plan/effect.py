@@ -148,7 +148,7 @@ class Plan:
     def summary(self) -> str:
         """What they come to as a whole, a sentence."""
         if self.replayed:
-            return f"simulated as {self.replayed} says; nothing was planned"
+            return f"simulated as {self.replayed} says, without a plan"
         stages = ", ".join(f"{stage} {value:.2g} s" for stage, value in self.seconds.items() if value)
         whole = sum(self.seconds.values())
         return (

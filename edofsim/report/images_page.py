@@ -154,7 +154,7 @@ def _images(shown: Shown, crops: tuple[Detail, ...]) -> tuple[Block, ...]:
     framed = {**pictures, "ideal": with_boxes(pictures["ideal"], boxes, width)}
     how = "The sensor's own colours (raw)"
     if shown.colours is not None:
-        how = "White-balanced to the scene's light, from the sensor's colours to sRGB by a 3 × 3 matrix"
+        how = "White-balanced to the scene's light and converted to sRGB by a 3 × 3 matrix"
     gain = shown.gain
     exposure = "as exposed" if gain == 1 else f"brightened {gain:g} times for display"
     white = ", ".join(
@@ -162,9 +162,8 @@ def _images(shown: Shown, crops: tuple[Detail, ...]) -> tuple[Block, ...]:
         for name, image in shown.images.items()
     )
     caption = (
-        f"{how}, {exposure}, the same for all; encoded with the sRGB curve. Values brighter than "
-        f"the screen's white: {white}. "
-        + ("The frames in the ideal image are the parts enlarged below." if crops else "")
+        f"{how}; {exposure}, alike for all images. Values brighter than the screen's white: {white}. "
+        + ("The frames in the ideal image mark the parts enlarged below." if crops else "")
     )
     right = "restored" if "restored" in shown.images else "ideal"
     return (

@@ -103,8 +103,8 @@ def _focus(shown: Shown, focused: Mapping[float, Tensor]) -> tuple[Block, ...]:
 
     pictures = tuple(in_threads(one, list(focused.items()), torch.device("cpu")))
     caption = (
-        f"What {shown.camera} sees without its mask when it is focused at another distance, without "
-        "noise, in two groups of bands a channel and few depth layers."
+        f"{shown.camera} without its mask, focused from near to far: without noise, with two groups of bands "
+        "a channel and few depth layers."
     )
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
 
@@ -263,7 +263,7 @@ def _facts(result: Run) -> dict[str, str]:
     nm = view.wavelengths * 1e9
     return {
         "Bands": f"{view.bands}, {nm[0]:.0f} to {nm[-1]:.0f} nm",
-        "Fragments": f"{view.pixel.numel()}, {int(view.hidden.sum())} of them hidden",
+        "Fragments": f"{view.pixel.numel():,}, {int(view.hidden.sum()):,} of them hidden",
         "Render noise": f"{view.noise:.2%} of the band mean",
         "Read noise": f"{result.optics.read_noise:g} of full scale",
         "Seed": f"scene {result.scene.recipe.seed}, sensor {result.seed}",

@@ -78,7 +78,7 @@ def test_what_a_run_wrote_gives_its_photo_again(edofsim: Command, card: Path, tm
     status, said = edofsim("run", card, "--fidelity", tmp_path / "run.json", "--out", again)
     assert status == 0, said
     assert float((photo_of(first) - photo_of(again)).abs().max()) < 1e-6
-    assert "run.json says; nothing was planned" in (again / "report.html").read_text()
+    assert "run.json says, without a plan" in (again / "report.html").read_text()
     fields = {name: value for name, value in written["fidelity"].items() if value is not None}
     del fields["simplifications"]
     lines = (f"{name} = {json.dumps(value)}" for name, value in fields.items())

@@ -111,7 +111,7 @@ document.querySelectorAll("img.depth").forEach((depth) => {
   const output = (figure) => {
     const made = document.createElement("output");
     made.className = "values";
-    made.textContent = "Point at a picture for the sensor's red, green, blue (full scale 1, from 8 bits).";
+    made.textContent = "Point at a picture to read the sensor's red, green and blue (full scale 1, from 8 bits).";
     figure.append(made);
     return made;
   };
