@@ -125,7 +125,7 @@ def _spread(
     experiment = _run_of(name)
     assert isinstance(experiment, InParts)
     given = options.get(experiment.option)
-    typed = [str(each) for each in given] if isinstance(given, list) and given else experiment.every()
+    typed = [str(each) for each in given] if isinstance(given, list) and given else experiment.every(options)
     names = share_of(typed, how)
     chosen = {**options, experiment.option: names}
     if how.alone:

@@ -29,6 +29,7 @@ EXPERIMENTS: "Registry[Callable[..., Findings] | InPaper[...]]" = Registry(
         "bench-scene": "edofsim.experiments.bench_scene:run",
         "occlusion": "edofsim.experiments.occlusion:run",
         "predictions": "edofsim.experiments.predictions:run",
+        "tolerances": "edofsim.experiments.tolerances:run",
         "stability": "edofsim.experiments.stability:run",
         "bench": "edofsim.experiments.bench:run",
     },

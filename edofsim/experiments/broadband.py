@@ -112,7 +112,7 @@ def sensor_bands_nm() -> np.ndarray:
         "cache": paper.cache,
     }
 )
-@in_parts("systems", lambda: [*shipped_checkpoints(), *WITHOUT_TRAINING])
+@in_parts("systems", lambda options: [*shipped_checkpoints(), *WITHOUT_TRAINING])
 def run(
     folder: Path,
     progress: Progress,

@@ -89,14 +89,14 @@ class InParts(Generic[P]):
 
     run: Callable[P, Findings]
     option: str
-    every: Callable[[], Sequence[str]]
+    every: Callable[[Mapping[str, object]], Sequence[str]]
 
     def __call__(self, *given: P.args, **options: P.kwargs) -> Findings:
         return self.run(*given, **options)
 
 
 def in_parts(
-    option: str, every: Callable[[], Sequence[str]]
+    option: str, every: Callable[[Mapping[str, object]], Sequence[str]]
 ) -> Callable[[Callable[P, Findings]], InParts[P]]:
     """Gives an experiment the options --jobs, --cluster and --shard; see `InParts`."""
     return lambda run: InParts(run, option, every)

@@ -79,7 +79,7 @@ BOUNDS = {"noise_db": "noise of the truth", "view_db": "clipped pupils"}
 """What stands between any way and the thin lens, by the name of its figures."""
 
 
-@in_parts("scenes", lambda: SCENES)
+@in_parts("scenes", lambda options: SCENES)
 def run(
     folder: Path,
     progress: Progress,

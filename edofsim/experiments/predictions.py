@@ -93,7 +93,7 @@ def small_version(recipe: SceneRecipe, size: tuple[int, int, int] = QUICK) -> Sc
     )
 
 
-@in_parts("scenes", lambda: SCENES)
+@in_parts("scenes", lambda options: SCENES)
 def run(
     folder: Path,
     progress: Progress,

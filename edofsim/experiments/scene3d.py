@@ -133,7 +133,7 @@ def _show(folder: Path, measured: Measured, seen: Seen) -> None:
 
 
 @in_paper(lambda paper: {"quick": not paper.full, "seed": paper.seed, "cache": paper.cache})
-@in_parts("scenes", lambda: list(shipped(shipped_folder("scenes"))))
+@in_parts("scenes", lambda options: list(shipped(shipped_folder("scenes"))))
 def run(
     folder: Path,
     progress: Progress,

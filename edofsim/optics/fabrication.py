@@ -74,7 +74,8 @@ def made_height(designed: Tensor, fabrication: Fabrication, material: Material) 
 
 
 def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor:
-    """By how much [m] each sample of a surface comes out too high: a Gaussian error of its own.
+    """By how much [m] each sample of a surface comes out too high: by `height_scale`, and a Gaussian error of
+    its own.
 
     surface: [..., y, x], metres.
 
@@ -82,11 +83,13 @@ def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor
     precision.
 
     """
+    scaled = surface * (fabrication.height_scale - 1)
     if not (fabrication.height_noise_nm or fabrication.height_bias_nm):
-        return torch.zeros_like(surface)
+        return scaled
     generator = torch.Generator().manual_seed(seed)
     error = torch.randn(surface.shape, generator=generator, dtype=torch.float64)
-    return (error * (fabrication.height_noise_nm * 1e-9) + fabrication.height_bias_nm * 1e-9).to(surface)
+    noise = error * (fabrication.height_noise_nm * 1e-9) + fabrication.height_bias_nm * 1e-9
+    return scaled + noise.to(surface)
 
 
 def _limit(

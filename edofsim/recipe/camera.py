@@ -9,6 +9,7 @@ from pydantic import Field
 from .base import NotNegative, Positive, RecipeModel
 from .fabrication import Fabrication
 from .kinds import AnyLens, AnyMask, AnySensorEffect, named
+from .tolerances import Tolerances
 
 
 class Focus(RecipeModel):
@@ -83,3 +84,5 @@ class CameraRecipe(RecipeModel):
     """the sensor"""
     psf: PsfSettings = PsfSettings()
     """how finely PSFs are computed"""
+    tolerances: Tolerances | None = None
+    """how far it may be from all this where it is made; without it `evaluate tolerances` takes defaults"""

@@ -53,7 +53,7 @@ def restore(
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
     if not camera.lens.varies:
-        return _restored(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
+        return restored_here(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
     nodes = (
         inverse_depths if psfs is not None else nodes_between(camera, wavelengths, *inverse_depths.aminmax())
     )
@@ -62,7 +62,7 @@ def restore(
 
     def one(part: Tensor, there: Camera) -> tuple[Tensor, Method]:
         own = channel_psfs(there, few, nodes, weights=weights)
-        return _restored(part, there, wavelengths, nodes, psfs=own, **how)
+        return restored_here(part, there, wavelengths, nodes, psfs=own, **how)
 
     given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
     return restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
@@ -78,7 +78,7 @@ def _fewer_bands(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     return torch.tensor(means, dtype=torch.float64), shares
 
 
-def _restored(
+def restored_here(
     image: Tensor,
     camera: Camera,
     wavelengths: Tensor,
@@ -89,7 +89,14 @@ def _restored(
     glare: Tensor | None,
     truncated: Tensor | None,
 ) -> tuple[Tensor, Method]:
-    """`restore` by the PSFs of the camera's place in the field."""
+    """`restore` of a photo that the camera's place in the field has all the PSFs of. Raises as that.
+
+    image: [channel, y, x].
+    wavelengths: [band], metres.
+    inverse_depths: [depth], 1/m.
+    psfs: [depth, channel, y, x].
+    glare, truncated: [channel].
+    """
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:

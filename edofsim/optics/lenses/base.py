@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import torch
-from pydantic import SerializeAsAny
+from pydantic import PrivateAttr, SerializeAsAny
 from torch import Tensor
 
 from ...errors import InputError
@@ -311,6 +311,42 @@ class WithoutDispersion(_Simpler):
     @property
     def disperses(self) -> bool:
         return False
+
+
+Longer = Callable[[Tensor, Tensor, float, Field], Tensor]
+"""A way of light [m] at places of the pupil, at a wavelength, from a place in the field, as `field_phase`."""
+
+
+class ChangedLens(_Simpler):
+    """Another lens as it is made: with more to its phase. Its pupil, and how defocus changes with depth, stay
+    those of the other."""
+
+    kind: Literal["changed"] = "changed"
+    errors: str
+    """what it differs by, in words that tell it from all others"""
+    _longer: Longer = PrivateAttr()
+
+    @classmethod
+    def of(cls, lens: Lens, errors: str, longer: Longer) -> ChangedLens:
+        """A lens whose light takes a `longer` way, by what is said in `errors`."""
+        made = cls(lens=lens, errors=errors)
+        made._longer = longer
+        return made
+
+    def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
+        return self.lens.phase(radius_squared, wavelength)
+
+    @property
+    def varies(self) -> bool:
+        return True
+
+    @property
+    def round(self) -> bool:
+        return False
+
+    def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
+        more = self._longer(right, up, wavelength, field) * (2 * torch.pi / wavelength)
+        return self.lens.field_phase(right, up, wavelength, field) + more
 
 
 def refracting(key: str, name: str, problems: list[str]) -> Material | None:

@@ -199,6 +199,11 @@ class PrescriptionLens(Lens):
         image."""
         return _held(self)
 
+    def traced(self, tangent: float, wavelength: float) -> tuple[Pupil, Wave]:
+        """Of light of a wavelength [m] in focus, from a place in the field. Raises InputError where there is
+        none."""
+        return _pupil(self, tangent, 0.0), _wave(self, tangent, wavelength)
+
     def focused_at(self, distance: float, wavelength: float) -> PrescriptionLens:
         """The same lens with its aberrations at a distance [m] before the entrance pupil, and at a wavelength
         [m], but for what its recipe says of either."""

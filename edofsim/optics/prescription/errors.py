@@ -16,15 +16,13 @@ from torch import Tensor
 
 from .aim import on_sphere
 from .moves import Move
-from .polynomials import basis, fit
+from .polynomials import REACH, basis, fit
 from .pupil import Pupil
 from .surfaces import Stack
 from .trace import Hit
 from .waves import Sample, Wave, sample, starts
 
 CENTRE, INDEX, RADIUS, SPACING, TILT, FOCUS = "decentre", "index", "radius", "spacing", "tilt", "focus"
-TINY = 1e-9
-"""Of a change with each unit, below which there is none."""
 
 
 @dataclass(frozen=True)
@@ -142,17 +140,10 @@ def slopes(seen: Pupil, wavelength: float) -> Slopes:
     for surface in range(len(lens)):
         even[RADIUS, surface] = -axial[surface] * _stretched(lens, surface, hits[surface])
     even[FOCUS, 0] = rays.slant[0]
-    even = {name: each - each[0] for name, each in even.items()}
-    lit = rays.inside[0]
-    real = [name for name, each in even.items() if float(each[lit].abs().max()) > TINY]
-    none = torch.zeros_like(even[FOCUS, 0])
-    used = rays.used[0][:, None]
-    return Slopes(
-        rays,
-        tuple(real),
-        torch.stack([even[name] for name in real], -1).where(used, 0.0),
-        torch.stack([odd.get(name, none) for name in real], -1).where(used, 0.0),
-    )
+    used, none = rays.used[0][:, None], torch.zeros_like(rays.slant[0])
+    mirrored = torch.stack([each - each[0] for each in even.values()], -1).where(used, 0.0)
+    turned = torch.stack([odd.get(name, none) for name in even], -1).where(used, 0.0)
+    return Slopes(rays, tuple(even), mirrored, turned)
 
 
 def _stretched(lens: Stack, surface: int, hit: Hit) -> Tensor:
@@ -180,9 +171,36 @@ def first_order(found: Slopes, errors: Errors) -> Tensor:
     return torch.stack([even + odd, even - odd])
 
 
-def exact(seen: Pupil, wavelength: float, wave: Wave, errors: Errors) -> tuple[Tensor, Tensor, Tensor]:
-    """The same by rays through the lens as it is made, [2, ray], and where these are in the disc of the wave,
-    a and b; NaN where they are lost. errors: in the frame of the place; wave: of the lens as designed."""
+def fitted_slopes(found: Slopes) -> tuple[Tensor, Tensor]:
+    """Polynomials [term, error] of the even and the odd changes with each error."""
+    rays = found.rays
+    even = fit(rays.a, rays.b, rays.weight, found.even[None])[0]
+    return even, fit(rays.a, rays.b, rays.weight, found.odd[None], odd=True)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Exact:
+    """The change of the path [mm] at rays through a lens as it is made, and at rays that start mirrored, all
+    [2, ray]; where they are in the disc of the wave, a and b; weight: of each in a fit, 0 of lost ones."""
+
+    change: Tensor
+    a: Tensor
+    b: Tensor
+    weight: Tensor
+    half: float
+
+    def fitted(self) -> Change:
+        """Polynomials nearest to it."""
+        terms = basis(self.a, self.b) * self.weight[..., None]
+        both = torch.cat([terms, terms * self.a[..., None]], -1).flatten(0, 1)
+        values = (self.change * self.weight).flatten()[:, None]
+        even, odd = torch.linalg.lstsq(both, values, driver="gelsy").solution.chunk(2)
+        return Change(even, odd)
+
+
+def exact(seen: Pupil, wavelength: float, wave: Wave, errors: Errors) -> Exact:
+    """What `first_order` is the first order of, at the places of its own rays. errors: in the frame of the
+    place; wave: of the lens as designed."""
     held, at = seen.held, torch.tensor([wavelength], dtype=torch.float64)
     own = sample(seen, at)
     index = held.lens.index(at)[:, None, :].clone()
@@ -194,26 +212,22 @@ def exact(seen: Pupil, wavelength: float, wave: Wave, errors: Errors) -> tuple[T
     across, up, back = on_sphere(held, rays, seen.landing[:, 0].expand(2))
     a = across * held.scale / own.half
     b = ((up - own.up) * held.scale - own.middle) / own.half
-    designed = basis(a.nan_to_num(0.0), b.nan_to_num(0.0)) @ wave.even[:, 0]
     slant = torch.sqrt(1 - across.square() - up.square())
-    change = path - back - designed + errors.focus * slant
-    return change - change[:, :1].mean(), a, b
+    longer = path - back + errors.focus * slant
+    weight = own.weight * (longer.isfinite() & (torch.hypot(a, b) < REACH))
+    a, b, longer = (each.where(weight > 0, 0.0) for each in (a, b, longer))
+    change = (longer - basis(a, b) @ wave.even[:, 0]).where(weight > 0, 0.0)
+    return Exact(change - change[:, :1].mean(), a, b, weight, float(own.half))
 
 
-def fitted(a: Tensor, b: Tensor, weight: Tensor, values: Tensor) -> Change:
-    """Polynomials nearest to values at places on both sides, all [2, ray].
+def planes(a: Tensor, b: Tensor, weight: Tensor, values: Tensor) -> Tensor:
+    """Slopes (across, along) of the planes nearest to values [place, quantity], [2, quantity]: by where what
+    is far from their middle moves the image.
 
-    a, b, weight, values: [2, ray].
+    a, b: [place], across and along.
+    weight: [place].
+    values: [place, quantity].
     """
-    terms = basis(a, b) * weight[..., None]
-    both = torch.cat([terms, terms * a[..., None]], -1).flatten(0, 1)
-    found = torch.linalg.lstsq(both, (values * weight).flatten()[:, None], driver="gelsy").solution
-    even, odd = found.chunk(2)
-    return Change(even, odd)
-
-
-def fitted_slopes(found: Slopes) -> tuple[Tensor, Tensor]:
-    """Polynomials [term, error] of the even and the odd changes with each error."""
-    rays = found.rays
-    even = fit(rays.a, rays.b, rays.weight, found.even[None])[0]
-    return even, fit(rays.a, rays.b, rays.weight, found.odd[None], odd=True)[0]
+    root = weight.sqrt()[:, None]
+    terms = torch.stack([torch.ones_like(a), a, b], -1) * root
+    return torch.linalg.lstsq(terms, values * root, driver="gelsy").solution[1:]
