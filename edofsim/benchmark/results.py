@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, fields
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -12,9 +13,10 @@ from matplotlib.figure import Figure
 
 from ..core.json_values import Json
 from ..core.sources import PACKAGE, code_of
+from ..experiments.cost_page import name_points
 from ..record import write_csv
 from ..report.page import Cell, Column, Notes, Page, Section, Table, Text
-from ..report.plot import Plot, new_figure
+from ..report.plot import NARROW_IN, WIDE_IN, Plot, new_figure
 from .definition import Benchmark
 from .entries import Entry
 from .score import WHOLE, Row
@@ -23,9 +25,9 @@ from .statistics import Interval, differences, interval
 MEASURES = ("psnr_db", "ssim", "flip")
 WORST = 5
 SAID = (
-    "Means over scenes, of each the mean over its photos; below each its 95 % interval by 2,000 resamples of "
-    "scenes and noise seeds. A failure is scored as a black image. PSNR and SSIM are without the noise of "
-    "the rendering, but for folders of images, from which it cannot be separated; FLIP is with it."
+    "Means over scenes, each the mean of its photos. Below each is its 95 % interval from 2,000 resamples of "
+    "scenes and noise seeds. A failure is scored as a black image. PSNR and SSIM leave out the noise of the "
+    "rendering, except for folders of images, from which it cannot be separated. FLIP includes it."
 )
 
 
@@ -152,19 +154,24 @@ class Results:
         """Quality against time."""
         figures = self.figures()
 
-        def paint() -> Figure:
-            figure = new_figure(6.4, 3.6)
+        points = [
+            (figures[f"seconds.{entry.name}"], figures[f"psnr_db.{entry.name}.{WHOLE}"], entry.name)
+            for entry in self.entries
+        ]
+
+        def paint(inches: float = WIDE_IN) -> Figure:
+            figure = new_figure(inches, 4.2)
             axes = figure.subplots()
-            for entry in self.entries:
-                x, y = figures[f"seconds.{entry.name}"], figures[f"psnr_db.{entry.name}.{WHOLE}"]
-                axes.plot(x, y, "o", color="C0")
-                axes.annotate(entry.name, (x, y), fontsize=7, xytext=(3, 3), textcoords="offset points")
+            axes.plot([x for x, _, _ in points], [y for _, y, _ in points], "o", linestyle="")
             axes.set_xscale("log")
-            axes.set_xlabel("seconds of the processor a photo")
-            axes.set_ylabel("PSNR / dB")
+            axes.margins(0.12)
+            axes.set_xlabel("processor time per photo (s)")
+            axes.set_ylabel("PSNR (dB)")
+            name_points(axes, points)
             return figure
 
-        return Plot(paint, "PSNR of each entry against its seconds a photo.", "Quality against time.")
+        said = "PSNR of each entry against its processor time per photo."
+        return Plot(paint, said, "Quality against time.", paint_narrow=partial(paint, NARROW_IN))
 
 
 def page_of(results: Results, benchmark: Benchmark) -> Page:
@@ -172,18 +179,21 @@ def page_of(results: Results, benchmark: Benchmark) -> Page:
     failed = [line for entry in results.entries for line in results.failures(entry.name)]
     sections = (
         Section("Entries", (results.table(), Text(SAID), results.scatter())),
-        Section("Where", (results.where(),)),
+        Section("By depth, edges and family", (results.where(),)),
         Section(
             "Differences",
-            (results.differences_table(), Text("Photo by photo; sure: the interval leaves 0 out.")),
+            (results.differences_table(), Text("Paired by photo. Sure: the interval does not include 0.")),
         ),
         Section("Worst photos", (results.worst(),)),
     )
     head = (Notes(tuple(failed)),) if failed else ()
+    identity = benchmark.identity  # in full in benchmark.json
     facts = {
         "Scenes": str(len(results.scenes)),
-        "Photos a scene": str(len(results.noises)),
-        **benchmark.identity,
+        "Photos per scene": str(len(results.noises)),
+        "Version": identity["name"],
+        "Definition": identity["definition"][:16],
+        "Data": identity["data"][:16],
     }
     return Page(f"Benchmark {benchmark.recipe.name}", benchmark.recipe.purpose, sections, head, facts)
 
