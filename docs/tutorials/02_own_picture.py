@@ -14,8 +14,8 @@ import edofsim
 # %%
 # Here the picture is the left one of a stereo pair that comes with scikit-image, and the depth follows from
 # its disparity and the calibration of the pair (Scharstein et al., 2014). Yours may come from any sensor or
-# network: what is needed is an array of metres. ``inf`` is background; NaN, 0 and negative values are
-# holes, which are filled with the farther of their neighbours.
+# network, as an array in metres. ``inf`` is background; NaN, 0 and negative values are holes, which are
+# filled with the farther of their neighbours.
 
 left, _, disparity = stereo_motorcycle()
 rgb = left[200:392, 300:556]
@@ -27,7 +27,7 @@ view = edofsim.View.from_image(rgb, depth)
 view
 
 # %%
-# The lens alone is sharp at 1.5 m only; the cubic mask trades that for one blur at all depths.
+# The lens alone is sharp only at 1.5 m. The cubic mask gives the same blur at all depths instead.
 
 figure, axes = pyplot.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
 edofsim.show(view.picture(), "all in focus", axes[0])
@@ -36,15 +36,15 @@ for name, ax in (("paper-clear", axes[1]), ("paper-cubic", axes[2])):
     edofsim.show(photo.image, name, ax, photo.colours)
 
 # %%
-# One pixel of the picture becomes one pixel of the photo, whatever angle it saw when it was taken. With a
-# camera whose pixels see another angle than the paper's, say so:
+# One pixel of the picture becomes one pixel of the photo. If the camera's pixels see another angle than the
+# paper's, say so:
 #
 # .. code-block:: python
 #
 #    view = edofsim.View.from_image(rgb, depth, pixel_angle=camera.pixel_angle)
 #
-# A picture holds no light from behind its edges, and its colours become smooth spectra. Both are guesses,
-# and a plan says what they leave out.
+# A picture holds no light from behind its edges, and its colours become smooth spectra. Both are guesses, and
+# a plan says what they leave out.
 
 holes = np.isinf(disparity[200:392, 300:556]).mean()
 print(f"{holes:.1%} of the depths were holes")

@@ -2,7 +2,7 @@
 Your own mesh
 =============
 
-A scene is a TOML file of objects; one of them can be a mesh that you made elsewhere.
+A scene is a TOML file of objects. An object can be a mesh from another program.
 """
 
 import tempfile
@@ -14,14 +14,14 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# Any OBJ, PLY, STL or GLB file will do. Here it is a ring that trimesh makes.
+# OBJ, PLY, STL and GLB files are read. Here trimesh makes a ring.
 
 folder = Path(tempfile.mkdtemp())
 ring = trimesh.creation.torus(major_radius=1.0, minor_radius=0.35)
 ring.export(folder / "ring.glb")
 
 # %%
-# ``edofsim new scene NAME`` writes a commented recipe to start from. The shortest that has a mesh in it:
+# ``edofsim new scene NAME`` writes a commented recipe to start from. The shortest recipe with a mesh is:
 
 (folder / "ring.toml").write_text("""
 name = "ring"
@@ -55,14 +55,14 @@ surface = { kind = "plastic", reflectance = "#2471a3", roughness = 0.1 }
 """)
 
 # %%
-# The path is relative to the recipe; ``size_mm`` is the longest side, whatever units the file is in. A
-# frame of 128 pixels is 15 mm wide at 0.7 m: the paper's camera looks through a long lens.
+# The path is relative to the recipe; ``size_mm`` is the longest side, whatever units the file is in. A frame
+# of 128 pixels is 15 mm wide at 0.7 m: the paper's camera looks through a long lens.
 
 view = edofsim.view(folder / "ring.toml", cache=folder)
 view
 
 # %%
-# Rendered views know what is behind an edge: the wall goes on behind the ring, and a blur uncovers it.
+# Rendered views hold what is behind an edge: the wall continues behind the ring, and a blur uncovers it.
 
 photo = edofsim.photograph(view, edofsim.camera("paper-clear"))
 figure, axes = pyplot.subplots(1, 2, figsize=(8, 3.1), layout="constrained")

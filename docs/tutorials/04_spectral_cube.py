@@ -16,8 +16,8 @@ from skimage.io import imsave
 import edofsim
 
 # %%
-# Cubes come as a folder with one picture a band, as a MAT file, or as OpenEXR. To have one at hand, here
-# each band of a photograph is a mixture of its red, green and blue that moves with the wavelength.
+# Cubes come as a folder with one picture a band, as a MAT file, or as OpenEXR. For an example, each band is a
+# mixture of a photograph's red, green and blue that changes with the wavelength.
 
 folder = Path(tempfile.mkdtemp())
 (folder / "cube").mkdir()
@@ -63,7 +63,7 @@ for ax, psf, nm in zip(axes, bank.values[0], bands, strict=True):
     ax.set_axis_off()
 
 # %%
-# One depth and no edges: the plan leaves occlusion and depth layers out, and says so.
+# There is one depth and no edge, so the plan leaves occlusion and depth layers out.
 
 plan = edofsim.plan_for(view, camera)
 plan

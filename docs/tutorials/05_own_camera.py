@@ -13,14 +13,13 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# Lengths are in metres. What is not given is the paper's: here the sensor's response and its read noise.
+# Lengths are in metres. The paper's values stand for all others: here the sensor's response and read noise.
 
 camera = edofsim.camera(focal_length=0.025, f_number=2.8, focus=1.0, pixel=4.5e-6, window=64)
 camera
 
 # %%
-# How far the blur of a point spreads, from near to far: its PSFs at 550 nm, and the square root of their
-# second moment.
+# The PSFs at 550 nm from near to far, and the square root of their second moment: how far the blur spreads.
 
 depths = [0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0]
 bank = edofsim.psfs(camera, depths, [550e-9])
@@ -40,9 +39,8 @@ axes.set_ylabel("blur / pixels, rms")
 axes.legend()
 
 # %%
-# In a recipe the same camera can be kept, and given to every command: ``edofsim new camera mine`` writes
-# one with a remark to each key, and ``edofsim psf mine.toml`` shows it. A shipped camera with one number
-# changed:
+# A recipe holds a camera for all commands. ``edofsim new camera mine`` writes one with a remark to each key,
+# and ``edofsim psf mine.toml`` shows its PSFs. This is a shipped camera with one number changed:
 
 noisy = edofsim.camera("paper-learned", read_noise=0.02)
 noisy

@@ -20,8 +20,8 @@ view = edofsim.View.from_image(rgb, depth)
 camera = edofsim.camera("paper-cubic", window=64)
 
 # %%
-# The plan names every effect, how far the photo would be off without it, what it takes, and why. It asks
-# for less error than half of the sensor's noise.
+# The plan names every effect, the photo's error without it, its time, and why. It allows an error of half of
+# the sensor's noise.
 
 plan = edofsim.plan_for(view, camera)
 plan
@@ -38,7 +38,7 @@ chosen = edofsim.plan_for(view, camera, time="0.1s")
 print(f"in 0.1 s: {chosen.error_db:.1f} dB predicted")
 
 # %%
-# Is it true? The photos of these plans against a simulation in which next to nothing is left out:
+# Compare the photos of these plans with a nearly full simulation:
 
 plan = edofsim.plan_for(view, camera, accuracy="65dB")
 true = edofsim.photograph(view, camera, plan).clean

@@ -16,8 +16,7 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# A card in front of a page of text, at one wavelength, and a lens without aberrations, which rays can
-# judge.
+# A card in front of a page of text, at one wavelength, and a lens without aberrations, which rays can judge.
 
 folder = Path(tempfile.mkdtemp())
 (folder / "card.toml").write_text("""
@@ -83,8 +82,8 @@ subprocess.run(run, check=True, cwd=folder, stdout=subprocess.DEVNULL)
 truth = edofsim.read_image(folder / "reference.exr")
 
 # %%
-# Compared are adding all light up (``none``), what a picture with a depth map allows (``normalised``), and
-# what views that know hidden surfaces allow (``hidden``).
+# Compare three ways: add all light (``none``), use visible surfaces, as for a picture with a depth map
+# (``normalised``), and use hidden surfaces (``hidden``).
 
 camera = edofsim.camera(folder / "clear.toml")
 photos = {}
@@ -100,8 +99,7 @@ for ax, (title, photo) in zip(axes, photos.items(), strict=True):
     edofsim.show(photo, title, ax, colours)
 
 # %%
-# Across the edge, from the bright page to the dark card: light from behind the card reaches into its picture,
-# which only ``hidden`` knows of.
+# Along a line across the edge, light from behind the card reaches into its picture. Only ``hidden`` has it.
 
 # sphinx_gallery_thumbnail_number = 2
 figure, axes = pyplot.subplots(figsize=(6, 3.2), layout="constrained")

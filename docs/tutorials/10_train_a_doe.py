@@ -13,8 +13,8 @@ from matplotlib import pyplot
 import edofsim
 
 # %%
-# The whole training, mask and network together, is a command. It writes checkpoints, pictures of its way,
-# and the files that the mask is made from, and what was interrupted goes on with ``--resume``:
+# One command trains mask and network together. It writes checkpoints, pictures, and fabrication files of the
+# mask. ``--resume`` continues an interrupted training:
 #
 # .. code-block:: console
 #
@@ -22,8 +22,8 @@ import edofsim
 #    $ edofsim train mine.toml --max-minutes 5 --out out/mine
 #    $ edofsim run desk --network out/mine/mine.safetensors
 #
-# What happens inside can be seen in a smaller case. Wanted: a height map whose PSFs are as alike as can be
-# from 0.7 m to infinity. The heights are a sum of a few odd powers, whose weights learn.
+# A smaller case shows what happens inside. We want a height map whose PSFs are as alike as possible from 0.7
+# m to infinity. The heights are a sum of a few odd powers, and their weights learn.
 
 depths = torch.tensor([0.7, 1.0, 1.5, 3.0, math.inf], dtype=torch.float64)
 across = torch.linspace(-1, 1, 63, dtype=torch.float64)

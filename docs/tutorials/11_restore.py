@@ -13,7 +13,7 @@ from skimage.data import stereo_motorcycle
 import edofsim
 
 # %%
-# A photo through the learned mask, to begin with.
+# Begin with a photo through the learned mask.
 
 left, _, disparity = stereo_motorcycle()
 depth = 0.3 * 0.193001 * 994.978 / (disparity[200:328, 320:480] + 31.086)
@@ -32,9 +32,9 @@ def psnr(image) -> float:
 
 
 # %%
-# ``paper-bank`` restores by default: it finds how far each place is, as ``depth-dcnn`` does. ``paper-dcnn``
-# is the paper's own network, which learned together with this mask. Wiener deconvolution knows the PSFs
-# alone.
+# ``paper-bank`` restores by default. Like ``depth-dcnn``, it estimates the distance of each place.
+# ``paper-dcnn`` is the paper's own network, which learned together with this mask. Wiener deconvolution uses
+# only the PSFs.
 
 far = (0.6, 1.5)
 images = {
@@ -48,8 +48,8 @@ for ax, (name, image) in zip(axes.flat, images.items(), strict=True):
     edofsim.show(image, f"{name}: {psnr(image):.2f} dB", ax, photo.colours)
 
 # %%
-# For cameras that no network was trained for there is ``universal``, which knows a camera by its PSFs. A
-# network for a camera of your own is trained by ``edofsim train``.
+# ``universal`` is for cameras that no network was trained for. It is conditioned on their PSFs.
+# ``edofsim train`` trains a network for your own camera.
 
 own = edofsim.camera("paper-cubic")
 of_own = edofsim.photograph(view, own, accuracy="40dB")

@@ -15,7 +15,7 @@ from distributed import LocalCluster
 from matplotlib import pyplot
 
 # %%
-# A family is a recipe of which some values are drawn from ranges: each member is another scene.
+# A family is a recipe with values drawn from ranges. Each member is another scene.
 
 folder = Path(tempfile.mkdtemp())
 (folder / "balls.toml").write_text("""
@@ -65,15 +65,15 @@ if __name__ == "__main__":
         subprocess.run(run, check=True, cwd=folder, stdout=subprocess.DEVNULL)
 
 # %%
-# What is finished is in the cache: the same command renders only what is missing, after an interrupt too,
-# and a worker that dies loses nothing that is complete.
+# Finished views are in the cache. The same command renders only what is missing, also after an interrupt. If
+# a worker dies, complete views are kept.
 
 if __name__ == "__main__":  # a worker reads this file too
     print(len(list(folder.glob("*.exr"))), "views")
 
 # %%
-# The manifest says of each view where it was rendered, with how many samples and how much noise, and how
-# long it took.
+# The manifest says of each view where it was rendered, with how many samples and how much noise, and how long
+# it took.
 
 if __name__ == "__main__":
     lines = (folder / "manifest.jsonl").read_text().splitlines()

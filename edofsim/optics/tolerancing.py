@@ -2,7 +2,7 @@
 
 The wave of each draw is the designed one with the sum of its changes, to first order (`prescription.errors`),
 or that of rays through the lens as it is made. The image as a whole may move: where points land is not
-counted, but how the colours land beside each other is. Edges of the pupil stay where they are, and a change
+counted, but how the colours land next to each other is. Edges of the pupil stay where they are, and a change
 is that of light in focus, from any distance.
 """
 
