@@ -3,6 +3,7 @@
 import statistics
 import sys
 
+import matplotlib.pyplot as plt
 import skimage.data
 import torch
 from torch import nn
@@ -59,16 +60,23 @@ def main(steps, seeds):
         "cubic mask": lambda: (edofsim.camera("paper-cubic", window=64), None),
         "mask that learns": lambda: (lens, Cubic()),
     }
+    levels = {name: [] for name in systems}
     for name, system in systems.items():
-        found = []
         for seed in range(seeds):
             torch.manual_seed(seed)
             camera, mask = system()
             how = {"mask": mask, "loss": loss, "steps": steps, "patch_px": 64, "mask_learning_rate": 0.02}
             done = fit(camera, UNet(), Pictures(), seed=seed, out=f"out/{name}/{seed}", **how)
-            found.append(evaluate(done.checkpoint, camera, count=8, patch_px=128))
-        level = [each.psnr_db for each in found]
-        print(f"{name:17} {statistics.mean(level):.2f} dB +- {statistics.stdev(level):.2f}")
+            levels[name].append(evaluate(done.checkpoint, camera, count=8, patch_px=128).psnr_db)
+    means, spread = (
+        [kind(found) for found in levels.values()] for kind in (statistics.mean, statistics.stdev)
+    )
+    for name, mean, deviation in zip(levels, means, spread, strict=True):
+        print(f"{name:17} {mean:.2f} dB +- {deviation:.2f}")
+    figure, axes = plt.subplots(figsize=(5, 1.8), layout="constrained")
+    axes.errorbar(means, list(levels), xerr=spread, fmt="o", capsize=4)
+    axes.set(xlabel=f"PSNR [dB], {seeds} seeds of {steps} steps", ylim=(2.5, -0.5))
+    figure.savefig("systems.svg")
 
 
 if __name__ == "__main__":

@@ -354,6 +354,17 @@ def test_the_script_of_the_page_ends_in_its_table(
     rows = capsys.readouterr().out.splitlines()
     assert [row[:17].strip() for row in rows] == ["lens alone", "cubic mask", "mask that learns"]
     assert all(float(row[17:].split()[0]) > 10 for row in rows)
+    assert (tmp_path / "systems.svg").read_text(encoding="utf-8").count("</svg>") == 1
+
+
+def test_the_work_of_a_step_is_counted(page: ModuleType) -> None:
+    """Twice as many channels add to it what their convolutions do: two operations a product, in the forward
+    pass and twice in the backward one."""
+    narrow, wide = (9 * (3 * w + w * w + 2 * w * w / 16 + 2 * w * 3) for w in (4, 8))
+    count = import_module("count_steps")
+    products = 4 * 128**2 * (wide - narrow)
+    assert count.work("cpu", 8) - count.work("cpu", 4) == pytest.approx(6 * products / 1e9, rel=1e-3)
+    sys.modules.pop("count_steps")
 
 
 @pytest.mark.slow
