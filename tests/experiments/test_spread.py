@@ -19,6 +19,7 @@ from edofsim.cli import invoke
 from edofsim.cli.evaluate import _absolute
 from edofsim.cli.many import share_of, spread_of, work_on
 from edofsim.errors import InputError
+from edofsim.options import Spreading
 from edofsim.render.spread import Spread
 
 SCENE = """
@@ -121,13 +122,13 @@ def busy(address: str) -> dict[str, int]:
 
 def test_shares_are_all_of_the_parts_once():
     parts = list("abcde")
-    shares = [share_of(parts, spread_of(1, None, f"{number}/3")) for number in (1, 2, 3)]
+    shares = [share_of(parts, spread_of(Spreading(1, None, f"{number}/3"))) for number in (1, 2, 3)]
     assert sorted(sum(shares, [])) == parts and max(map(len, shares)) - min(map(len, shares)) <= 1
     with pytest.raises(InputError, match="only 5 parts"):
-        share_of(parts, spread_of(1, None, "6/6"))
+        share_of(parts, spread_of(Spreading(1, None, "6/6")))
     for wrong in ("0/3", "4/3", "1", "a/b"):
         with pytest.raises(InputError, match="shard"):
-            spread_of(1, None, wrong)
+            spread_of(Spreading(1, None, wrong))
 
 
 def test_a_part_that_fails_leaves_the_others():
