@@ -153,16 +153,15 @@ class Series:
     light gets through."""
 
     def __init__(self, camera: Camera, fields: Sequence[float]) -> None:
-        self.camera = camera
+        self.camera, self.fields = camera, tuple(fields)
         self.tolerances = camera.recipe.tolerances or Tolerances()
         self.parts = parts_of(camera, self.tolerances)
         self._axes = [(part, axis) for part in self.parts for axis in range(1 + part.directed)]
         self._slopes = cache(self._slopes_at)
         unit = torch.eye(len(self._axes), dtype=torch.float64)
         each = [*(self._draw(row, 0.0).errors for row in unit), Errors(focus=1.0)]
-        lens = camera.lens
-        traced = isinstance(lens, PrescriptionLens)
-        self._alike = self._by_rays(lens, fields, each) if traced else self._by_parabolas()
+        traced = isinstance(camera.lens, PrescriptionLens)
+        self._alike = self._by_rays(each) if traced else self._by_parabolas()
 
     def draw(self, seed: int, number: int) -> Draw:
         """One of the series; each number is a camera of its own, whatever others there are."""
@@ -205,9 +204,13 @@ class Series:
         return math.sqrt(total)
 
     def made(self, draw: Draw, *, exactly: bool = False) -> Camera:
-        """A camera of the series; exactly: by rays through its own lens, not to first order."""
+        """A camera of the series; exactly: by rays through its own lens, not to first order, and focused by
+        these."""
         camera, lens = self.camera, self.camera.lens
-        longer = self._traced(lens, draw, exactly) if isinstance(lens, PrescriptionLens) else self._bowl(draw)
+        if not isinstance(lens, PrescriptionLens):
+            longer = self._bowl(draw)
+        else:
+            longer = self._traced(lens, self._again(draw) if exactly else draw, exactly)
         said = f"{draw.said} exactly" if exactly else draw.said
         made = replace(camera, lens=ChangedLens.of(lens, said, longer))
         if all(part.kind != MASK for part in self.parts):
@@ -232,16 +235,39 @@ class Series:
     def difference(self, draw: Draw, field: Field) -> tuple[float, float]:
         """Root mean square over the pupil, in waves, of the change of the wave from a place in the field: of
         the exact one, and of what the first order leaves of it."""
+        true, told, _ = self._on_grid(self._again(draw), draw, field)
+        return float(true.std()), float((true - told).std())
+
+    def _again(self, draw: Draw) -> Draw:
+        """With the sensor where the exact wave is as near the designed one as the first order takes it to
+        be."""
+        if not self.tolerances.refocused:
+            return draw
+        parts = [self._on_grid(draw, draw, field) for field in self._all_round()]
+        left = torch.cat([(true - told) - (true - told).mean() for true, told, _ in parts])
+        back = torch.cat([each - each.mean() for _, _, each in parts])
+        focus = draw.errors.focus - float(left @ back / (back @ back))
+        return replace(draw, errors=replace(draw.errors, focus=focus))
+
+    def _all_round(self) -> list[Field]:
+        """Places in the field that the sensor is focused for."""
+        turns = [
+            (tangent, turn) for tangent in self.fields for turn in (QUARTERS if tangent else QUARTERS[:1])
+        ]
+        return [(tangent * math.cos(turn), tangent * math.sin(turn)) for tangent, turn in turns]
+
+    def _on_grid(self, true: Draw, told: Draw, field: Field) -> tuple[Tensor, Tensor, Tensor]:
+        """Changes of the wave [place], in waves, from a place in the field: by rays, to first order, and with
+        each mm that the sensor is moved back."""
         lens = self.camera.lens
         assert isinstance(lens, PrescriptionLens)
         grid = PupilGrid(66, 2 * lens.aperture_radius / 64, lens.aperture_radius)
         right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
         lit = (lens.field_open(right, up, field) > 0.5) & (right.hypot(up) < lens.aperture_radius)
-        true, told = (
-            self._traced(lens, draw, exactly)(right, up, self.wavelength, field)[lit] / self.wavelength
-            for exactly in (True, False)
-        )
-        return float(true.std()), float((true - told).std())
+        ways = self._traced(lens, true, True), self._traced(lens, told, False)
+        first, second = (way(right, up, self.wavelength, field)[lit] / self.wavelength for way in ways)
+        squared = (right.square() + up.square())[lit]
+        return first, second, squared * (self._back() / 2 / self.wavelength)
 
     def _slopes_at(self, tangent: float, wavelength: float) -> tuple[Slopes, Tensor, Tensor]:
         """How a wave changes with each error, and polynomials of it, less what moves the image."""
@@ -313,12 +339,13 @@ class Series:
         waves = torch.tensor([*factors, each[FOCUS]], dtype=torch.float64) * scale
         return torch.outer(waves, waves)
 
-    def _by_rays(self, lens: PrescriptionLens, fields: Sequence[float], each: Sequence[Errors]) -> Tensor:
+    def _by_rays(self, each: Sequence[Errors]) -> Tensor:
         """Mean products [error, error] of the waves of errors over pupil and field, less what moves the
         image."""
         total = torch.zeros(len(each), len(each), dtype=torch.float64)
-        seen = [(tangent, turn) for tangent in fields for turn in (QUARTERS if tangent else QUARTERS[:2])]
-        for tangent, turn in seen:
+        places = self._all_round()
+        for right, up in places:
+            tangent, turn = math.hypot(right, up), math.atan2(up, right)
             found = self._slopes(tangent, self.wavelength)[0]
             a, b = found.rays.a[0], found.rays.b[0]
             weight = area(a, b, found.rays.inside[0])
@@ -326,7 +353,7 @@ class Series:
             turned = (errors.turned(math.sin(turn), math.cos(turn)) for errors in each)
             waves = torch.stack([first_order(found, errors).flatten() for errors in turned], -1)
             total += _products(a, b, weight, waves / (self.wavelength / MM))
-        return total / len(seen)
+        return total / len(places)
 
     def _mask_waves(self) -> float:
         """Waves, root mean square, of the mask's relief, less what moves the image."""
