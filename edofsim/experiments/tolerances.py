@@ -100,8 +100,8 @@ def run(
     """Cameras as they are made, by the recipe's `tolerances`: PSNR and MTF that 10, 50 and 90 % of them fall
     short of, and what matters most.
 
-    Each draw photographs the first picture of --data (256 x 192 pixels of it) at each angle. Interrupt it at
-    any time: the same command goes on from there.
+    Each draw photographs the first picture of --data (256 x 192 pixels of it) at each angle. The same command
+    resumes interrupted work.
 
     Figures, by angle (0deg): psnr_db.{photo,restored} and mtf.{tangential,sagittal}, each with p10, p50, p90
     and designed; waves_rms.ERROR and share_percent.ERROR of the errors by surfaces, by one standard deviation

@@ -224,7 +224,10 @@ class System(nn.Module):
         return draw.scenes.photograph(self.optics.with_mask(maps))
 
     def restore(self, photo: Tensor, maps: MaskMaps) -> Tensor:
-        """What the network sees, photo [batch, channel, y, x], to [batch, 3, y, x], float32."""
+        """What the network sees, photo [batch, channel, y, x], to [batch, 3, y, x], float32.
+
+        photo: [batch, channel, y, x].
+        """
         if self.network.psfs == "designed":
             return self.network.restored_with(photo, self._designed_psfs(maps))
         photo = photo.contiguous(memory_format=torch.channels_last)

@@ -26,7 +26,10 @@ class DepthRange:
     name: str = ""
 
     def mask(self, inverse_depth: Tensor) -> Tensor:
-        """Where inverse_depth [y, x] in 1/m lies inside: bool [y, x]. NaN lies nowhere."""
+        """Where inverse_depth [y, x] in 1/m lies inside: bool [y, x]. NaN lies nowhere.
+
+        inverse_depth: [y, x], 1/m.
+        """
         nearest = math.inf if self.near_m <= 0 else 1 / self.near_m
         slack = 1e-6  # float32 depths that equal a bound belong to the range
         return (inverse_depth <= nearest * (1 + slack)) & (inverse_depth >= 1 / self.far_m * (1 - slack))

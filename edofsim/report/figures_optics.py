@@ -54,7 +54,10 @@ def _draw_scale(figure: Figure, norm: LogNorm, place: Sequence[float]) -> None:
 
 
 def psf_plot(psfs: Tensor, depths_m: Sequence[float], pixel_um: float) -> Plot:
-    """Point spread functions as small multiples: channels by depths, logarithmic brightness, scale bar."""
+    """Point spread functions as small multiples: channels by depths, logarithmic brightness, scale bar.
+
+    psfs: [depth, channel, y, x].
+    """
     values = psfs.detach().cpu().double()
     order = sorted(range(len(depths_m)), key=lambda i: depths_m[i])
     side = _part_with_energy(values, PSF_ENERGY)

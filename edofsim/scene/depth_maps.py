@@ -87,7 +87,11 @@ def resized(inverse: np.ndarray, shape: tuple[int, int], source: DepthMap) -> np
 
 def inverse_of(depths: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Inverse depth in 1/m, [y, x] of the shape, of metres [y, x] or one number for all, holes filled from
-    behind. Raises InputError for whole numbers, whose unit nobody knows, for another shape, and for no depth.
+    behind.
+
+    depths: [y, x] in metres, or one number [].
+
+    Raises InputError for whole numbers, whose unit nobody knows, for another shape, and for no depth.
     """
     if depths.ndim and usual_unit(depths) != 1:
         raise InputError(
