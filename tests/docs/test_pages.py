@@ -53,7 +53,7 @@ def test_the_python_on_a_page_runs(path: Path, tmp_path: Path, monkeypatch: pyte
     write_png(tmp_path / "photo.png", np.random.default_rng(0).random((3, 96, 128)))
     np.save(tmp_path / "depth.npy", np.linspace(0.6, 3.0, 128) * np.ones((96, 1)))
     monkeypatch.setenv("MPLBACKEND", "agg")
-    exec(compile(blocks(path, "python"), str(path), "exec"), {"__name__": path.stem})
+    exec(compile(blocks(path, "python"), str(path), "exec", dont_inherit=True), {"__name__": path.stem})
 
 
 @pytest.mark.parametrize("path", named(PAGES))
