@@ -62,7 +62,7 @@ class Views(TrainingReader):
     sub_apertures: Annotated[int, Field(ge=1, le=8)] = 1
     """sub-apertures along each axis of the pupil, as in `expose`"""
     guess: bool = False
-    """whether what lies behind depth edges is guessed where a view does not hold it, as in `expose`; without,
+    """whether what is behind depth edges is guessed if a view does not hold it, as in `expose`; without,
     pictures with a depth map add all light there"""
     exposure: tuple[Positive, Positive] = (0.5, 1.0)
     """range of factors on the automatic exposure, drawn evenly in their logarithm"""

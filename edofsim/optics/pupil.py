@@ -67,7 +67,7 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         regions = [(amplitude, surface(camera, grid, seed))]
     if camera.amplitude is not None:
         own = _own_amplitude(camera.amplitude, grid)
-        regions = [(part * own, relief) for part, relief in regions]
+        regions = [(part * own, height) for part, height in regions]
         light = light * own.square()
     lens = camera.lens.phases(grid.radius_squared())
     seen_from = ""
@@ -90,7 +90,7 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
         )
     bend = camera.lens.bend(right, up, camera.field)
     if shone.requires_grad:  # PSFs are parts of the light, which learns, too
-        regions = [(part * (total / shone).sqrt(), relief) for part, relief in regions]
+        regions = [(part * (total / shone).sqrt(), height) for part, height in regions]
     return Aperture(grid, lens, bend, tuple(regions), total, total / whole)
 
 

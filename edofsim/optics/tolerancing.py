@@ -136,7 +136,7 @@ def _curved(stack: Stack, surface_: int) -> bool:
 @dataclass(frozen=True)
 class Draw:
     """A camera as it is made. errors: of its lens, in mm, radians, or relative, with the place of the sensor;
-    power, mask: how much longer the focal length and higher the relief is, relative."""
+    power, mask: relative changes of the focal length and of the mask's heights."""
 
     errors: Errors
     power: float = 0.0
@@ -356,7 +356,7 @@ class Series:
         return total / len(places)
 
     def _mask_waves(self) -> float:
-        """Waves, root mean square, of the mask's relief, less what moves the image."""
+        """Waves, root mean square, of the mask's heights, less what moves the image."""
         radius = self.camera.aperture_radius
         grid = PupilGrid(MASK_SAMPLES, 2 * radius / (MASK_SAMPLES - 2), radius)
         height = surface(self.camera, grid)

@@ -102,7 +102,7 @@ class DatasetRecipe(RecipeModel):
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
     """seed of exposures, noise and drawn cameras"""
     scenes: Annotated[tuple[DatasetScene, ...], Field(min_length=1)]
-    """what is photographed"""
+    """the scenes"""
     cameras: tuple[str, ...] = ()
     """cameras that photograph every scene: files or shipped names"""
     drawn: CamerasTable | None = None

@@ -48,7 +48,7 @@ class Fabrication(RecipeModel):
     height_noise_nm: NotNegative = 0.0
     """standard deviation of the Gaussian height error, nm"""
     height_scale: Positive = 1.0
-    """how many times as high as it is meant the relief comes out"""
+    """factor on all heights"""
     seed: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
     """seed of the height error"""
 

@@ -46,7 +46,7 @@ class Tolerances(RecipeModel):
     power_percent: NotNegative = 0.5
     """focal length of a lens without surfaces, percent"""
     mask_height_percent: NotNegative = 2.0
-    """height of the mask's relief as a whole, percent"""
+    """all heights of the mask, percent"""
     focus_um: NotNegative = 5.0
     """place of the sensor along the axis, after it was focused, um"""
     refocused: bool = True

@@ -221,7 +221,7 @@ class TrainRecipe(RecipeModel):
     network: NetworkTable = NetworkTable()
     """the restoring network"""
     doe: DoeTable = DoeTable()
-    """what becomes of the camera's mask"""
+    """training of the camera's mask"""
     loss: LossTable = LossTable()
     """weights of the loss"""
     data: DataTable = Field(default_factory=DataTable)

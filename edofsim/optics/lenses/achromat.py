@@ -26,7 +26,7 @@ class AchromatLens(Lens):
     """A cemented doublet, scaled to `focal_length_mm` at 587.6 nm; `f_number` is that over the aperture's
     diameter.
 
-    Radii of its three surfaces (positive where the centre lies behind), thicknesses of its two glasses on the
+    Radii of its three surfaces (positive if the centre is behind it), thicknesses of its two glasses on the
     axis; as they stand, those of Thorlabs' catalogue for AC254-050-A (50.2 mm, 25.4 mm wide, for 486 to
     656 nm). Spherical aberration and the shift of the focus with wavelength are those of exact rays from a
     point at infinity; they are taken to be the same for nearer ones.
@@ -38,7 +38,7 @@ class AchromatLens(Lens):
     f_number: Positive
     """focal length over the aperture's diameter"""
     radii_mm: Triple = (33.3, -22.28, -291.07)
-    """radii of the three surfaces, mm; positive where the centre lies behind"""
+    """radii of the three surfaces, mm; positive if the centre is behind it"""
     thicknesses_mm: tuple[Positive, Positive] = (9.0, 2.5)
     """thicknesses of the two glasses on the axis, mm"""
     materials: tuple[str, str] = ("N-BAF10", "N-SF10")

@@ -42,7 +42,7 @@ class MeasuredLens(IdealLens):
     pixel_um: Positive | None = None
     """pitch of the samples of the PSFs, um"""
     orientation: Literal["upright", "sensor"] | None = None
-    """"upright": as a picture that people look at, "sensor": as the lens throws it, upside down"""
+    """"upright": as a picture that people look at, "sensor": as on the sensor, upside down"""
     centre: Literal["pixel", "middle", "peak", "centroid"] | None = None
     """where the chief ray lands: "pixel" n // 2, "middle" of the array, or of the light of each PSF"""
     normalisation: Literal["light", "sum"] | None = None

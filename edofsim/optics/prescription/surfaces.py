@@ -29,7 +29,7 @@ class Surface(RecipeModel):
     that is air; without a radius, it is a plane."""
 
     radius_mm: float | None = None
-    """radius of curvature at the axis, mm; positive where the centre lies behind; left out for a plane"""
+    """radius of curvature at the axis, mm; positive if the centre is behind it; left out for a plane"""
     thickness_mm: float = 0.0
     """way on the axis to the next surface, mm; of the last one, the focus decides"""
     glass: str | None = None
