@@ -9,7 +9,7 @@ from ..plan import EFFECTS
 def effects_page() -> str:
     """The text of docs/effects.md."""
     lines = [
-        "# Effects, and the knobs that simulate them",
+        "# Effects and their fields",
         "",
         "A plan decides on these effects; each sets fields of `edofsim.capture.Fidelity`. Written by",
         "`python -m edofsim.report.effects_page > docs/effects.md`; a test holds the page to the code.",
