@@ -188,7 +188,7 @@ def axial(
     None for that in focus, on the sensor's plane, and their paths from a sphere about that point to the
     sensor's plane.
 
-    index: [batch, 1, surface + 1].
+    index: [wavelength, surface + 1].
     heights: [batch, ray], millimetres.
     """
     vergence = torch.tensor(1 / (held.distance if distance is None else distance), dtype=torch.float64)
