@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..capture.fidelity import describe
-from ..plan import EFFECTS
+from edofsim.capture.fidelity import describe
+from edofsim.plan import EFFECTS
 
 
 def effects_page() -> str:
@@ -12,7 +12,7 @@ def effects_page() -> str:
         "# Effects and their fields",
         "",
         "A plan decides on these effects; each sets fields of `edofsim.capture.Fidelity`. Written by",
-        "`python -m edofsim.report.effects_page > docs/effects.md`; a test holds the page to the code.",
+        "`python docs/effects_page.py > docs/effects.md`; a test holds the page to the code.",
         "",
         "| effect | field | unit | default | meaning |",
         "|---|---|---|---|---|",
