@@ -42,7 +42,9 @@ def make(
     device: DeviceOption = Device.auto,
     to: Output,
 ) -> Done:
-    """Make views, photos and sharp images of a benchmark, with checksums, as `edofsim dataset make` does.
+    """Make the photos of a benchmark.
+
+    It writes views, photos and sharp images with checksums, as `edofsim dataset make` does.
 
     Figures: those of `edofsim dataset make`.
     """
@@ -54,7 +56,7 @@ def make(
 def enter(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the entry; NAME.py is written.")],
 ) -> Done:
-    """Write the skeleton of an entry: a Python function that restores photos."""
+    """Write a Python function to enter with."""
     path = Path(f"{name}.py")
     if not path.stem.isidentifier() or path.name != f"{name}.py":
         raise InputError(f"{name}: give letters, digits and _, beginning with a letter")
@@ -77,9 +79,11 @@ def score(
     *,
     to: Output,
 ) -> Done:
-    """Score entries on the photos of a benchmark: with intervals, by depth, by distance from depth edges and
-    by family, with paired differences. The same command resumes interrupted work. Failures of an
-    entry are named at the end (status 1), and scored as black images.
+    """Score entries on the photos of a benchmark.
+
+    Scores have intervals and paired differences, by depth, by distance from depth edges and by family. The
+    same command resumes interrupted work. Failures of an entry are named at the end (status 1), and scored as
+    black images.
 
     Figures: {psnr_db,ssim,flip}.ENTRY.REGION, also .low and .high (95 %); psnr_db.ENTRY.family.FAMILY;
     difference_db.ENTRY.ENTRY, also .low and .high; {failures,seconds,peak_mib,gmacs,parameters}.ENTRY;

@@ -34,7 +34,7 @@ def ls(cache: CacheOption = None, json: JsonOption = None) -> Done:
 
 @cache_app.command()
 def verify(cache: CacheOption = None, json: JsonOption = None) -> Done:
-    """Check every entry against its checksum, and set damaged ones aside."""
+    """Check all entries; set damaged ones aside."""
     with begun("cache verify", json, quiet=True):
         from ..render import cache as store
 
@@ -60,7 +60,7 @@ def prune(
     ] = 30.0,
     json: JsonOption = None,
 ) -> Done:
-    """Remove old entries, damaged ones, and remains of interrupted work."""
+    """Remove old, damaged and unfinished entries."""
     with begun("cache prune", json, quiet=True):
         from ..render import cache as store
 

@@ -35,10 +35,12 @@ def cost(
     spread: Spreading,
     to: Work,
 ) -> Done:
-    """What accuracy costs: measured error against seconds for targets from 25 to 60 dB, and with each effect
-    left out in turn, and how far the PSNR of the restored photo and its gain over the lens alone shift; noise
-    of rendering with more and more samples; every network's restoration. Tables, CSV, charts and a page of
-    each scene. The same command resumes interrupted work.
+    """Measure what accuracy costs in time.
+
+    It measures error and seconds for targets from 25 to 60 dB and without each effect in turn, and how far
+    the restored PSNR and the gain over the lens alone shift. It measures the noise of renderings with more
+    and more samples, and every network. It writes tables, CSV, charts and a page of each scene. The same
+    command resumes interrupted work.
 
     With --jobs, scenes are measured at the same time, and their seconds are longer than alone.
 

@@ -29,8 +29,10 @@ def make(
     device: DeviceOption = Device.auto,
     to: Output,
 ) -> Done:
-    """Make the data set of a recipe. The same command resumes interrupted work, to the same bytes. After
-    several commands with --shard, the same command without it joins their shares.
+    """Make the data set of a recipe.
+
+    The same command resumes interrupted work, to the same bytes. After several commands with --shard, the
+    same command without it joins their shares.
 
     Figures: pairs, pairs.made, forecast.{core_seconds,bytes}, bytes, core_seconds.{render,photos} (of the
     processor).
@@ -85,7 +87,9 @@ def verify(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a data set.")],
     json: JsonOption = None,
 ) -> Done:
-    """Check every file against its checksum. Damaged, missing and extra files are named (status 2).
+    """Check every file against its checksum.
+
+    Damaged, missing and extra files are named (status 2).
 
     Figures: files.good, files.wrong.
     """

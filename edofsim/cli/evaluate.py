@@ -183,7 +183,7 @@ def index(
         typer.Argument(metavar="[DIR]", help="Folder of experiments; default out."),
     ] = None,
 ) -> Done:
-    """Write one page with a card for each experiment in a folder."""
+    """Write an index page of experiments."""
     from ..report.experiments_index import write_index
 
     return Done(outputs={"index": write_index(folder or Path("out"))})
@@ -214,10 +214,10 @@ def paper(
     cache: CacheOption = None,
     quiet: QuietOption = False,
 ) -> Done:
-    """Run all of the paper's experiments at a small size, and write an index of their pages.
+    """Run the paper's experiments at a small size.
 
-    Each has a folder in --out (default out/paper) with its page, CSV and JSON. One that fails is named, and
-    the others run. The same command resumes interrupted work.
+    It also writes an index of their pages. Each has a folder in --out (default out/paper) with its page, CSV
+    and JSON. One that fails is named, and the others run. The same command resumes interrupted work.
     """
     setting = Paper(photos, chart, cubes, full, seed, cache)
     folder = writable_folder(out or Path("out") / "paper")

@@ -100,12 +100,13 @@ def expose(
     spread: Spreading,
     work: Work,
 ) -> Done:
-    """Make a photo of each scene through one camera, or through its own: EXR (linear) and PNG. Several scenes
-    have folders of their own in --out. Photos of the same recipes and options that are there already stay, so
-    the same command resumes interrupted work.
-    The reference `pupil` is wave optics with any mask: minutes for 64 x 64 pixels and few --bands; `thinlens`
-    is geometric and for a clear aperture. With --bands N each channel's bands are gathered in N groups,
-    weighted by its response: its light stays, and the groups are blurred.
+    """Make photos of scenes through a camera.
+
+    Photos are EXR (linear) and PNG, through --camera or the scene's own camera. Several scenes have folders
+    of their own in --out. Photos of the same recipes and options that are there already stay, so the same
+    command resumes interrupted work. The reference `pupil` is wave optics with any mask: minutes for 64 x 64
+    pixels and few --bands; `thinlens` is geometric and for a clear aperture. With --bands N each channel's
+    bands are gathered in N groups, weighted by its response: its light stays, and the groups are blurred.
 
     Figures, of several scenes with .SCENE behind: psnr_db.{photo,against_reference}, psnr_db_se.photo
     (standard error by the noise of the rendering), seconds.{plan,render,expose,reference},

@@ -41,8 +41,10 @@ def fabricate(
     out: OutOption = None,
     json: JsonOption = None,
 ) -> Done:
-    """Files for making a camera's mask: levels as PNG of 16 bits and CSV, heights as CSV, and GDSII. Errors
-    of making it that the recipe states are left out.
+    """Write fabrication files of a camera's mask.
+
+    Files are levels as PNG of 16 bits and CSV, heights as CSV, and GDSII. Height errors of the recipe are
+    left out.
 
     Figures: relief_um, levels, samples.
     """

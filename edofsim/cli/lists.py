@@ -45,9 +45,9 @@ def list_(
         typer.Argument(help="What to list; default: scenes, cameras, masks, networks and checkpoints."),
     ] = None,
 ) -> Done:
-    """Scenes, cameras, masks, networks and other things that there are to name, with a line each.
+    """List scenes, cameras, masks, networks and more.
 
-    Those that other packages add are among them.
+    Those of other packages are included.
     """
     shown = USUAL if things is None else (things,)
     return Done([_table(each) for each in shown])

@@ -28,9 +28,10 @@ def look(
     *,
     work: Work,
 ) -> Done:
-    """A scene as it is, all sharp: picture, depths, and what was assumed to read it. It needs no camera: its
-    pixels see the angle that its recipe gives, or its file; where both leave that open, the scene's own
-    camera's.
+    """Show a scene, all sharp: picture and depths.
+
+    It also prints what was assumed to read the scene. It needs no camera: pixels see the angle of the recipe
+    or the file, else that of the scene's own camera.
 
     Figures: depth_m.nearest, depth_m.farthest, pixel_angle_mrad, peak_memory_mib.
     """

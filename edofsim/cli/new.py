@@ -90,7 +90,7 @@ def new(
     *,
     picture: PictureOptions,
 ) -> Done:
-    """A commented recipe to start from, in the working folder."""
+    """Write a commented recipe to start from."""
     from ..recipe.new import check_name, new_recipe
 
     check_name(name)

@@ -27,9 +27,10 @@ def plan(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """Which effects this scene and camera call for, what leaving each out would cost, and the choice.
+    """Print which effects a photo needs, and why.
 
-    Decided on small renderings of the scene unless its view is in the cache.
+    For each effect: the error without it, its time, and the choice. The plan uses small renderings of the
+    scene unless its view is in the cache.
 
     Figures: plan.{psnr_db,memory_mib,seconds,seconds_saved},
     plan.seconds.{render,prepare,psf,blur,sensor} (predicted), and for each effect called_for.EFFECT (1 or 0),

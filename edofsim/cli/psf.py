@@ -72,7 +72,7 @@ def psf(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """PSFs and MTFs of a camera as picture and EXR.
+    """Write PSFs and MTFs of a camera.
 
     Figures: truncated_percent.DEPTH.WAVELENGTH (light outside the window), strehl.DEPTH.WAVELENGTH,
     focus_m.paraxial and focus_m.best (what is sharp to rays near the axis, and to the whole aperture without

@@ -50,7 +50,9 @@ def render(
     spread: Spreading,
     work: Work,
 ) -> Done:
-    """Render views into the cache; with --out write a picture and a depth picture of each as well.
+    """Render views into the cache.
+
+    With --out, it writes a picture and a depth picture of each view.
 
     A view serves every camera, so all of a recipe is rendered, unless --accuracy or --time asks for what a
     photo through the scene's own camera calls for. The same command resumes interrupted work.

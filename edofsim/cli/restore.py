@@ -48,7 +48,7 @@ def restore(
     device: DeviceOption = Device.auto,
     quiet: QuietOption = False,
 ) -> Done:
-    """A network or Wiener deconvolution on any image.
+    """Restore an image by network or Wiener filter.
 
     Figures: seconds.restore, peak_memory_mib.
     """

@@ -61,7 +61,9 @@ def run(
     seed: SeedOption = 0,
     work: Work,
 ) -> Done:
-    """The main job: render (or fetch from the cache), plan, expose, restore, score, HTML report.
+    """Render, plan, photograph, restore, score, report.
+
+    The view comes from the cache if it is there. The report is one HTML page.
 
     Figures: psnr_db.{photo,restored,wiener,lens_alone}[.NEARm_to_FARm], ssim.* alike, without the noise of
     the rendering; psnr_db_se.*, ssim_se.*: their standard errors by it (nan: it is in the score);

@@ -28,7 +28,9 @@ def doctor(
     ] = False,
     json: JsonOption = None,
 ) -> Done:
-    """Engines and devices found, which works, what to install for a faster one."""
+    """Test render engines and devices.
+
+    It says which work, and what to install for a faster one."""
     with begun("doctor", json, quiet=True):
         from ..render import engine
 
@@ -49,7 +51,7 @@ def schema(
         Path | None, typer.Option("--out", metavar="FILE", help="Write to this file instead of printing.")
     ] = None,
 ) -> Done:
-    """JSON Schema of a recipe, for editors."""
+    """Print the JSON Schema of a recipe, for editors."""
     from ..recipe.schema import json_schema, model_of, write_schema
 
     model, title = model_of(kind.value), f"edofsim {kind.value} recipe"

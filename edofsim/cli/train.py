@@ -36,7 +36,9 @@ def train(
     *,
     work: Work,
 ) -> Done:
-    """DOE and network end to end, or the network alone; several GPUs through `torchrun -m edofsim`.
+    """Train a mask and a network, or a network alone.
+
+    For several GPUs, use `torchrun -m edofsim`.
 
     Figures: psnr_db.validation, psnr_db.validation.SOURCE, psnr_db.validation_photo, validation_loss, steps,
     seconds.training; psnr_db.start, psnr_db.start.SOURCE: the same pictures restored by the weights that it

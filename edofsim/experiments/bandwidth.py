@@ -61,7 +61,9 @@ def paper_curve() -> list[tuple[float, float]]:
 
 @in_paper(lambda paper: {})
 def run(folder: Path, progress: Progress) -> Findings:
-    """Bandwidth of the defocus chirp next to the paper's curve (paper, Fig. 6).
+    """Compare defocus bandwidth with the paper.
+
+    Paper, Fig. 6.
 
     Figures: ratio_difference_percent.{psi_5_up,all}, the largest difference from the paper's curve;
     psi_max, the largest |Psi| of the paper's camera for its three colours between 0.5 m and infinity;

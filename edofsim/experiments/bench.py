@@ -23,10 +23,11 @@ def run(
     ] = None,
     full: Annotated[bool, typer.Option("--full", help="Larger frames and more cases: half an hour.")] = False,
 ) -> Findings:
-    """Measure speed and memory as ratios within one run, with medians. The machine should be idle.
+    """Measure speed and memory.
 
-    It takes a source checkout. `expose` keeps each piece that it has finished in --out, for this code and
-    machine; delete them there to measure anew.
+    Figures are ratios within one run, with medians. The machine should be idle. It needs a source checkout.
+    `expose` keeps each piece that it has finished in --out, for this code and machine; delete them there to
+    measure anew.
     """
     try:
         from benchmarks import run as benches

@@ -81,8 +81,10 @@ def run(
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
-    """The paper's bench, a bus at 0.5 m and a car at 1.3 m: lens alone, photo and restored, the mask as
-    designed and as the paper's device was made (paper, Fig. 14). --quick leaves the made mask out, whose PSFs
+    """Restore the paper's bench scene.
+
+    A bus at 0.5 m and a car at 1.3 m: lens alone, photo and restored, with the mask as designed and as the
+    paper's device was made (paper, Fig. 14). --quick leaves the made mask out, whose PSFs
     take minutes.
 
     Figures: {psnr_db,ssim}.WAY.{lens_alone,NETWORK,NETWORK.photo,NETWORK.wiener}, each also with .bus and

@@ -142,7 +142,9 @@ def run(
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
-    """Spectral cubes at 0.5 m, 1 m and infinity, restored by networks trained with three wavelengths.
+    """Restore photos of 31 bands.
+
+    Spectral cubes at 0.5 m, 1 m and infinity are restored by networks trained with three wavelengths.
 
     Bands of the sensor (420 to 720 nm) that a cube does not have are left out of photo and truth alike.
     Without --data and --scene: the shipped desk. The same command resumes interrupted work.

@@ -167,8 +167,10 @@ def run(
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
-    """Pictures at random depths and deep scenes through any camera, restored by the network for any camera
-    and by Wiener deconvolution. The same command resumes interrupted work. A camera or a system that
+    """Compare restorations for any camera.
+
+    Pictures at random depths and deep scenes, restored by the network for any camera and by Wiener
+    deconvolution. The same command resumes interrupted work. A camera or a system that
     cannot be used is named, and the others are finished.
 
     Without --camera: six cameras that no network was trained for. With one set of weights for all of them,

@@ -29,7 +29,9 @@ def run(
     limit: LimitOption = None,
     seed: SeedOption = 0,
 ) -> Findings:
-    """Height errors of 20, 30, 40 and 50 nm, and the device that the paper made; objects at the green focus.
+    """Measure the effect of height errors.
+
+    Height errors are 20, 30, 40 and 50 nm, and those of the paper's device, with objects at the green focus.
 
     The same command resumes interrupted work. A file that cannot be used is named and
     left out.

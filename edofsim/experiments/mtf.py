@@ -122,10 +122,11 @@ def camera_curves(camera: Camera, per_mm: Tensor, depths_m: Sequence[float]) -> 
 
 @in_paper(lambda paper: {})
 def run(folder: Path, progress: Progress, camera: CameraOption = None) -> Findings:
-    """MTFs of clear, coded and cubic apertures, and of the camera's own mask (paper, Figs. 3 and 7).
+    """Draw MTFs of masks against depth.
 
-    The camera is paper-learned at 0.5 m, 1.3 m and infinity, as in the paper; another one is shown at half of
-    its focus, its focus and infinity. Frequencies go up to the sensor's Nyquist frequency at least.
+    Masks are clear, coded and cubic, and the camera's own (paper, Figs. 3 and 7). The camera is paper-learned
+    at 0.5 m, 1.3 m and infinity, as in the paper; another one is shown at half of its focus, its focus and
+    infinity. Frequencies go up to the sensor's Nyquist frequency at least.
 
     Figures: mean_mtf.PANEL.CURVE up to the sensor's Nyquist frequency; least_mtf.PANEL up to half of it,
     the smallest of its curves (0 is what no deconvolution brings back).

@@ -25,7 +25,9 @@ def run(
     limit: LimitOption = None,
     seed: SeedOption = 0,
 ) -> Findings:
-    """Read noise of 0.005, 0.009, 0.015 and 0.02 of full scale, objects at the green focus.
+    """Measure the effect of read noise.
+
+    Read noise is 0.005, 0.009, 0.015 and 0.02 of full scale, with objects at the green focus.
 
     The same command resumes interrupted work. A file that cannot be used is named and
     left out.

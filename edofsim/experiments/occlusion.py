@@ -98,9 +98,11 @@ def run(
     cache: CacheOption = None,
     device: DeviceOption = Device.auto,
 ) -> Findings:
-    """Ways to composite depth edges against pupils clipped ray by ray: 64 x 64 pixels a scene, a clear
-    aperture, a cubic and a smooth random mask, or a camera of one's own, focus in front of the edge, between
-    its surfaces, and behind; the clear aperture also against Mitsuba's thin lens, whose rays meet all
+    """Compare depth edges with slow references.
+
+    Each way to composite is compared with pupils clipped ray by ray, over 64 x 64 pixels of a scene: through
+    a clear aperture, a cubic and a smooth random mask, or --camera, with focus in front of the edge, between
+    its surfaces and behind. The clear aperture is also compared with Mitsuba's thin lens, whose rays meet all
     surfaces.
 
     The same command resumes interrupted work.

@@ -113,8 +113,10 @@ def run(
     ] = False,
     cache: CacheOption = None,
 ) -> Findings:
-    """Compare predicted and measured error and time of plans, over scenes and three masks (clear, cubic,
-    learned), on one thread. The same command resumes interrupted work.
+    """Compare plans with measurements.
+
+    Predicted and measured error and time, over scenes and three masks (clear, cubic, learned), on one thread.
+    The same command resumes interrupted work.
 
     Figures: pairs, share.{error_within_3_db,targets_met,time_within_1.5,time_within_1.7},
     worst_{optimism,pessimism}_db,

@@ -146,9 +146,10 @@ def run(
     seed: SeedOption = 0,
     cache: CacheOption = None,
 ) -> Findings:
-    """Deep scenes through the lens alone and through the masks of systems, by the paper's protocol and by
-    ours: scores whole, by depth and near depth edges, and what each way to simulate concludes (paper,
-    Fig. 13).
+    """Score restored photos of deep scenes.
+
+    Scenes are photographed through the lens alone and through masks, by the paper's protocol and by ours.
+    Scores are of the whole frame, by depth and near depth edges, for each way to simulate (paper, Fig. 13).
 
     The same command resumes interrupted work. What cannot be used, a scene or a
     system, is named at the end, and the others are finished. Scores are without the noise of the rendering;

@@ -30,7 +30,9 @@ def run(
     camera: CameraOption = None,
     mutants: Annotated[bool, typer.Option("--mutants", hidden=True)] = False,
 ) -> Findings:
-    """The catalogue of hard cases: error against a truth of every method, camera and precision.
+    """Run the catalogue of hard cases.
+
+    It measures the error of every method, camera and precision against a reference.
 
     With --camera, that camera takes all cases in place of small ones.
 

@@ -98,7 +98,9 @@ def run(
     limit: LimitOption = None,
     seed: SeedOption = 0,
 ) -> Findings:
-    """Average PSNR at a random depth, and at 0.5, 0.8 and 1 m; a test chart and two photographs (Table I).
+    """Compare masks and restorations on pictures.
+
+    PSNR at a random depth, and at 0.5, 0.8 and 1 m, of pictures and a test chart (paper, Table I).
 
     The same command resumes interrupted work. A file that cannot be used is named and
     left out, and so is a system. Systems that were trained for comparison are among the default ones.

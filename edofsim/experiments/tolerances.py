@@ -97,8 +97,10 @@ def run(
     seed: SeedOption = 0,
     part: Annotated[list[str] | None, typer.Option("--part", hidden=True)] = None,
 ) -> Findings:
-    """Cameras as they are made, by the recipe's `tolerances`: PSNR and MTF that 10, 50 and 90 % of them fall
-    short of, and what matters most.
+    """Score cameras as made, with tolerances.
+
+    The recipe's `tolerances` are drawn: PSNR and MTF that 10, 50 and 90 % of the cameras fall short of, and
+    what matters most.
 
     Each draw photographs the first picture of --data (256 x 192 pixels of it) at each angle. The same command
     resumes interrupted work.
