@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -10,7 +12,7 @@ from ..render.view import View
 from .band_limit import BandLimit
 from .convolution import Grid
 from .layers import Blur, layered
-from .light import Light, SmoothLight, box_of, light_of
+from .light import P, SmoothLight, box_of, light_of
 
 
 class Blurring:
@@ -110,7 +112,7 @@ class Blurring:
         one_each = torch.eye(len(self.response), dtype=self.response.dtype, device=self.response.device)
         return layered(white_psfs(psfs, self.response), one_each)
 
-    def _blurred(self, blur: Blur, light: Light | SmoothLight, view: View) -> Tensor:
+    def _blurred(self, blur: Callable[[P, Grid], Tensor], light: P, view: View) -> Tensor:
         """Blurred in the part of the frame that holds the light's blur."""
         window, shape = self.psfs.window, view.padded_shape
         box = box_of(light, window)

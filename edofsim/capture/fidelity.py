@@ -111,6 +111,12 @@ class Fidelity:
         "px",
         "between places with PSFs of their own, of a lens that varies; None: by `layers_db`; 0: one place",
     )
+    field_terms: bool = _knob(
+        True,
+        "field dependence",
+        "",
+        "PSFs of places are sums of few kernels, with weights for each source; False: each place has its own",
+    )
     window_px: int | None = _knob(
         None, "PSF window", "px", "side of the PSFs, light beyond is veiling glare; None: the recipe's"
     )

@@ -1,19 +1,30 @@
-"""Photos through lenses that vary over the field: images by the PSFs of each place, joined on the sensor."""
+"""Photos through lenses that vary over the field: light blurred by the PSFs of where it comes from, or images
+by the PSFs of each place, joined on the sensor."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
+import torch
 from torch import Tensor
 
+from ..core.progress import Progress
+from ..core.store import user_folder
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.field import Frame, Place, joined, relative_light, step_for
+from ..optics.psf import carries_gradients
+from ..optics.terms import terms_of
 from ..render.view import View
 from .crop import crop
-from .fidelity import Fidelity
-from .imaging import Axes
+from .fidelity import Fidelity, simpler_camera
+from .imaging import Axes, Imaging
+from .terms import TermBlurring
 
+NEARER_DB = 6.0
+"""Than depth nodes: kernels make up the PSFs of these."""
 Part = Callable[[View, int], View]
 """Of light that fills a frame, what reaches a place from within this many pixels around it."""
 
@@ -60,3 +71,39 @@ def image_over_field(
         return seen * relative_light(here)
 
     return joined(frame, step, at)
+
+
+def in_terms(camera: Camera, fidelity: Fidelity, device: torch.device | str) -> bool:
+    """Whether PSFs of places are taken as sums of a few kernels: not where gradients must reach a mask."""
+    plain = fidelity.occlusion in ("none", "hidden") and torch.device(device).type == "cpu"
+    return fidelity.field_terms and plain and not carries_gradients(camera)
+
+
+def over_field(
+    imaging: Imaging,
+    camera: Camera,
+    axes: Axes,
+    frame: Frame,
+    step: int,
+    *,
+    cache: Path | None,
+    progress: Progress,
+) -> Imaging:
+    """Optics of the axis as those of the whole field. step: pixels between places where straight lines
+    between PSFs are true enough; cache: a folder for what they come from, None for the user's."""
+    fidelity, gathering, axial = imaging.fidelity, imaging.gathering, imaging.blurring
+    terms = terms_of(
+        simpler_camera(camera, fidelity),
+        frame,
+        step,
+        gathering.wavelengths,
+        axes.nodes,
+        gathering.psfs if fidelity.band_groups else None,
+        window_px=imaging.window,
+        db=fidelity.layers_db + NEARER_DB,
+        cache=user_folder() / "terms" if cache is None else cache,
+        dtype=axial.response.dtype,
+        progress=progress,
+    )
+    own = (axial.psfs, axial.response, axial.gap, axial.between)
+    return replace(imaging, blurring=TermBlurring(*own, terms, step, fidelity.layers_db))

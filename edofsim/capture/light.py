@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -15,19 +16,30 @@ CROP_BELOW = 0.8
 
 
 @dataclass(frozen=True)
-class Light:
-    """Fragments, sorted by depth cell. Cell k lies between the depth nodes k and k + 1.
+class Placed:
+    """Fragments in a frame.
 
     rows, columns: of the padded frame.
     pixel: int64 [fragment], row by row in it.
-    share: [fragment] in [0, 1], hat weight of the cell's upper node (the lower one has the rest).
-    radiance: [band, fragment].
-    starts: cell k is fragments starts[k] to starts[k + 1].
     """
 
     rows: int
     columns: int
     pixel: Tensor
+
+
+P = TypeVar("P", bound=Placed)
+
+
+@dataclass(frozen=True)
+class Light(Placed):
+    """Fragments, sorted by depth cell. Cell k lies between the depth nodes k and k + 1.
+
+    share: [fragment] in [0, 1], hat weight of the cell's upper node (the lower one has the rest).
+    radiance: [band, fragment].
+    starts: cell k is fragments starts[k] to starts[k + 1].
+    """
+
     share: Tensor
     radiance: Tensor
     starts: tuple[int, ...]
@@ -64,18 +76,13 @@ class Light:
 
 
 @dataclass(frozen=True)
-class SmoothLight:
+class SmoothLight(Placed):
     """Fragments whose light every depth node has a share in, which may be negative.
 
-    rows, columns: of the padded frame.
-    pixel: int64 [fragment], row by row in it.
     shares: [node, fragment].
     radiance: [band, fragment].
     """
 
-    rows: int
-    columns: int
-    pixel: Tensor
     shares: Tensor
     radiance: Tensor
 
@@ -104,7 +111,7 @@ class Box:
     rows: int
     columns: int
 
-    def light(self, light: Light | SmoothLight) -> Light | SmoothLight:
+    def light(self, light: P) -> P:
         """The same light in this part of the frame, which holds it."""
         y, x = light.pixel // light.columns - self.top, light.pixel % light.columns - self.left
         return replace(light, rows=self.rows, columns=self.columns, pixel=y * self.columns + x)
@@ -118,7 +125,7 @@ class Box:
         return pad(image, before)
 
 
-def box_of(light: Light | SmoothLight, window: int) -> Box | None:
+def box_of(light: Placed, window: int) -> Box | None:
     """The part of the frame that a blur carries light to; None where it is hardly smaller than the frame."""
     if not light.pixel.numel():
         return None

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..core.json_values import Json
 from ..core.progress import Progress
+from ..core.progress import part as part_of
 from ..core.stopwatch import Stopwatch
 from ..errors import InputError
 from ..optics import Camera, response
@@ -30,7 +31,7 @@ from .blurring import Blurring
 from .checks import check_fidelity, check_pixel_angle, check_window, distortion_of
 from .fidelity import Fidelity
 from .fidelity_file import values_of
-from .field import Part, field_step, frame_of, image_over_field
+from .field import Part, field_step, frame_of, image_over_field, in_terms, over_field
 from .guessed import guessed_fragments, lacks_hidden, with_guessed
 from .imaging import Axes, Imaging, imaging_of, spectrum_of, sub_aperture_imaging
 from .light import hat_weights, seen
@@ -38,6 +39,7 @@ from .occlusion.hidden import Layout
 from .photo import How, Photo
 from .prepare import channel_weights, depth_nodes, fewer_nodes
 from .sensor import automatic_exposure, record, sensor_effects
+from .terms import TermBlurring
 
 GLARE_NODES = 8
 """Depths at which truncated light is known, for each node of band-limited PSFs: between them it is linear."""
@@ -132,31 +134,36 @@ def _imaged(
     PSFs of their own, None where all have those of the axis."""
     frame = frame_of(views) if camera.lens.varies else None
     step = None if frame is None else field_step(camera, fidelity, frame, axes)
-    tangent = None if step is None else step * views[0].pixel_angle
     how = {"dtype": dtype, "device": device}
+    by_terms = step is not None and in_terms(camera, fidelity, device)
+    tangent = None if step is None or by_terms else step * views[0].pixel_angle
 
     def optics(here: Camera) -> Imaging:
         return imaging_of(here, fidelity, axes, field_step=tangent, cache=cache, **how)
 
     imaging = optics(camera)
+    if frame is not None and step is not None and by_terms:
+        tell = part_of(watch.progress, 0.05, 0.4)
+        imaging = over_field(imaging, camera, axes, frame, step, cache=cache, progress=tell)
     watch.lap("psf", 0.4)
     lights = [imaging.light(view) for view in views]
     layouts = [imaging.layout(view) if layout is None else layout for view in views]
+    of_parts = layouts if step is None else [None] * len(views)
     glare = [glare_of(light, imaging.blurring) for light in lights]
 
     def blurred(here: Camera, part: Part) -> Tensor:
-        at = imaging if step is None else optics(here)
-        haze = glare if step is None else [glare_of(light, at.blurring) for light in lights]
+        own = imaging if step is None or by_terms else optics(here)
+        at, haze = own, glare if own is imaging else [glare_of(light, own.blurring) for light in lights]
         parts = (part(light, at.window // 2) for light in lights)
-        images = [at.image(*each) for each in zip(parts, layouts, strict=True)]
+        images = [at.image(*each) for each in zip(parts, layouts if by_terms else of_parts, strict=True)]
         return torch.stack(images) + torch.stack([each for each, _ in haze])[:, :, None, None]
 
     def changed(here: Camera, part: Part) -> Tensor:
         at = sub_aperture_imaging(here, fidelity, axes, **how)
         parts = (part(at.light(view), at.window // 2) for view in views)
-        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, layouts, strict=True)])
+        return torch.stack([at.change_by_sub_apertures(*each) for each in zip(parts, of_parts, strict=True)])
 
-    photo = image_over_field(camera, frame, step, blurred).to(views[0].radiance)
+    photo = image_over_field(camera, frame, None if by_terms else step, blurred).to(views[0].radiance)
     watch.lap("blur", 0.5 if _in_parts(fidelity) else 0.9)
     if _in_parts(fidelity):
         rarer = None if step is None else max(step, SUB_APERTURE_STEP_PX)
@@ -303,6 +310,11 @@ def glare_of(view: View, blurring: Blurring) -> tuple[Tensor, Tensor]:
     light that it is made of, both [channel].
     """
     radiance, psfs, between, weights = view.radiance, blurring.psfs, blurring.between, blurring.response
+    rows, columns = view.padded_shape
+    if isinstance(blurring, TermBlurring):
+        which = seen(view)
+        total, glare = weights @ radiance.index_select(1, which).sum(1), blurring.lost(view, which)
+        return glare / (rows * columns), glare / torch.where(total > 0, total, torch.ones_like(total))
     nodes = psfs.inverse_depths
     if between is not None:
         nodes = torch.linspace(float(nodes[0]), float(nodes[-1]), GLARE_NODES * len(nodes), dtype=nodes.dtype)
@@ -323,7 +335,6 @@ def glare_of(view: View, blurring: Blurring) -> tuple[Tensor, Tensor]:
         beyond = (amount[:, there] * rest[there].T.contiguous()).sum(1)
     total = weights @ amount.sum(1)
     glare = weights @ beyond
-    rows, columns = view.padded_shape
     return glare / (rows * columns), glare / torch.where(total > 0, total, torch.ones_like(total))
 
 

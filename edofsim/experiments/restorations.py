@@ -120,12 +120,19 @@ class AsItIs:
 
 @dataclass(frozen=True)
 class ByWienerOfDepth:
-    """Wiener deconvolution of each pixel for its true distance, which no photo tells."""
+    """Wiener deconvolution of each pixel for its true distance, which no photo tells. Raises InputError for a
+    lens that varies over the field."""
 
     name: str = WIENER_OF_DEPTH
     digest: str = WIENER_OF_DEPTH
 
     def __call__(self, photo: Tensor, known: Known) -> Tensor:
+        if known.camera.lens.varies:
+            raise InputError(
+                f"{self.name} restores by the PSFs of the optical axis alone, and those of"
+                f" {known.camera.recipe.name} change over the frame: take `wiener`, which has those of each"
+                " place"
+            )
         depths, psfs = known.within()
         light, noise = without_glare(photo, known.glare), noise_deviation(known.camera)
         return wiener_by_depth(light, psfs.to(photo), depths, known.inverse_depth, noise)

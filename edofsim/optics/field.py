@@ -142,7 +142,8 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
     step: tangent to the places on both sides, from whose PSFs it follows how they change with the place. A
         PSF says where light from one place goes; on the sensor, light that lands u pixels from its place is
         from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope.
-        Light, relative to that of the camera's place, changes likewise.
+        Light, relative to that of the camera's place, changes likewise. The sum stays: pixels see as much of
+        a white scene as their place has light, however PSFs spread or crowd it.
     """
     own = relative_light(camera)
     right, up = camera.lens.lands(camera.field)
@@ -165,7 +166,7 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
         if steps:
             change = (middle if after is None else after) - (middle if before is None else before)
             result = result - u * change / (steps * in_pixels)
-    return result
+    return result * (middle.sum((-2, -1)) / result.sum((-2, -1)))[..., None, None]
 
 
 def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[float, float], db: float) -> int:

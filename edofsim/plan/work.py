@@ -18,6 +18,7 @@ from torch import Tensor
 from ..capture.fidelity import Fidelity, of_sub_apertures, pupil_is_free, simpler_camera
 from ..capture.layers import BLOCK_PIXELS
 from ..capture.light import CROP_BELOW
+from ..capture.photograph import SUB_APERTURE_STEP_PX
 from ..optics import Camera
 from ..optics.band_limited import band_limited_nodes
 from ..optics.camera import defocus_per_dioptre
@@ -26,6 +27,7 @@ from ..optics.height import natural_samples
 from ..optics.psf import INTERPOLATION_ERROR
 from ..optics.sampling import plan_sampling, sampled_alike
 from ..optics.sub_apertures import coarse_oversampling, coarse_window, partition, windows_along
+from ..optics.terms import COARSER
 from .shape import Shape, nodes_used
 
 STAGES = ("prepare", "psf", "blur", "sub_apertures", "sensor")
@@ -50,6 +52,10 @@ LITTLE = 0.4
 """Of an element's work is that of one of a wave that is added to another."""
 BLURRED = 20.0
 """Calls of a blur, in those of one depth node."""
+MIRRORED = 6.0
+"""Places of a round lens that share the PSFs of one, mirrored."""
+BY_TERMS = 1.5
+"""Blurring by terms, over that by the PSFs of the axis."""
 MOVED = 0.02
 """Of what looking through fragments takes is moving those of one image."""
 
@@ -111,14 +117,16 @@ def work_of(
     pixels = 3.0 * shape.height * shape.width
     looked = 0.0 if shape.one_each else shape.fragments + fragments
     gathered = groups if fidelity.band_groups else 0
-    places, wider = _over_field(shape, window, step)
+    alike = MIRRORED if camera.lens.round and not has_height else 1.0
+    places, wider = _over_field(shape, window, step, alike, fidelity.field_terms)
+    rarer, parts_wider = _over_field(shape, window, step and max(step, SUB_APERTURE_STEP_PX), 1.0, False)
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {
             "prepare": {"calls": 1.0, "moves": looked, "elements": pixels},
             "psf": _times(waves, places),
             "blur": _times(blur, wider),
-            "sub_apertures": _times(parts, wider) | {"products": parts.get("products", 0.0) * places},
+            "sub_apertures": _times(parts, parts_wider) | {"products": parts.get("products", 0.0) * rarer},
             "sensor": {"elements": pixels},
         },
         4.0 * layers * (colours + gathered) * window**2
@@ -149,14 +157,18 @@ def _frame(shape: Shape, window: int) -> float:
     return (shape.height + 2.0 * (window // 2)) * (shape.width + 2.0 * (window // 2))
 
 
-def _over_field(shape: Shape, window: int, step: int) -> tuple[float, float]:
-    """How many places in the field PSFs are computed at, those next to the frame too; and the pixels of all
-    their parts of the frame, over those of the frame, each with what its blur reaches."""
+def _over_field(shape: Shape, window: int, step: int, alike: float, in_terms: bool) -> tuple[float, float]:
+    """How many places in the field PSFs are computed at, those next to the frame too, `alike` of which share
+    theirs; and how much more is blurred: all terms of `capture.terms`, or the parts of the frame of all
+    places, each with what its blur reaches."""
     if not step:
         return 1.0, 1.0
+    if in_terms:
+        sides = (length + 2.0 * (window // 2) for length in (shape.height, shape.width))
+        return 1.0 + math.prod(max(3.0, side / (COARSER * step) + 1) for side in sides) / alike, BY_TERMS
     along = [(length / step + 1, min(2.0 * step, length)) for length in (shape.height, shape.width)]
     parts = math.prod(count * (part + window) for count, part in along)
-    return math.prod(count + 2 for count, _ in along), max(1.0, parts / _frame(shape, window))
+    return 1.0 + math.prod(count + 2 for count, _ in along) / alike, max(1.0, parts / _frame(shape, window))
 
 
 def _times(amounts: Amounts, factor: float) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from edofsim.errors import InputError
 from edofsim.experiments import protocols
 from edofsim.experiments.mtf import camera_curves, depths_of, frequencies_of
 from edofsim.experiments.protocols import LENS_ALONE, WAYS, System, capture_restored, converged_db
-from edofsim.experiments.restorations import ByWiener
+from edofsim.experiments.restorations import ByWiener, ByWienerOfDepth
 from edofsim.experiments.sources import system_of
 from edofsim.optics import Camera
 from edofsim.recipe import CameraRecipe, load_camera
@@ -215,3 +216,11 @@ def _tiny(recipe, *, quick: bool = False):
     frame = recipe.frame.model_copy(update={"width_px": 40, "height_px": 32})
     bands = recipe.bands.model_copy(update={"count": 5})
     return recipe.model_copy(update={"frame": frame, "bands": bands})
+
+
+def test_wiener_that_knows_distances_refuses_a_lens_that_varies() -> None:
+    """It has the PSFs of the axis alone."""
+    camera = Camera.from_recipe(load_camera("doublet-25mm-f6").recipe)
+    photo, known = torch.zeros(3, 8, 8), types.SimpleNamespace(camera=camera)
+    with pytest.raises(InputError, match="doublet-25mm-f6 change over the frame: take `wiener`"):
+        ByWienerOfDepth()(photo, known)
