@@ -18,11 +18,14 @@ from ..data.pairs import Pairs
 from ..data.taken import NOISE
 from ..errors import InputError
 from ..experiments.restorations import Known
-from ..optics import Camera
+from ..optics import PAPER_COLOURS, Camera, psf_bank
 from ..recipe.camera import CameraRecipe
 from ..recipe.dataset import DatasetRecipe
 from ..recipe.load import shipped_folder
 from ..render.view import View
+
+ALIKE = 1e-3
+"""Part of the light that lands elsewhere by PSFs that take the same photos: 60 dB."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,25 @@ class Benchmark:
         return {}
 
     @cached_property
+    def alike(self) -> dict[tuple[str, str], bool]:
+        """Found by `takes_the_photos_of`."""
+        return {}
+
+    def takes_the_photos_of(self, camera: Camera, digest: str, name: str) -> bool:
+        """Whether a camera of that digest takes the photos of one of the benchmark's: all but the mask's
+        description is the same, and PSFs differ by a thousandth of their light at most."""
+        if (digest, name) not in self.alike:
+            one, other = camera, self.camera(name)
+            same = _without_mask(one) == _without_mask(other)
+            if same:
+                window = min(one.recipe.psf.window_px, other.recipe.psf.window_px)
+                banks = (psf_bank(c, PAPER_COLOURS, self.ends, window_px=window).values for c in (one, other))
+                apart = torch.sub(*banks).abs().sum((-2, -1)) / 2
+                same = float(apart.max()) <= ALIKE
+            self.alike[digest, name] = same
+        return self.alike[digest, name]
+
+    @cached_property
     def scenes(self) -> dict[str, list[Json]]:
         """Metadata of the photos of each scene, in their order."""
         found: dict[str, list[Json]] = {}
@@ -134,3 +156,9 @@ class Benchmark:
             height, amplitude = (file.get_tensor(n) if n in set(file.keys()) else None for n in names)
         made = Camera.from_recipe(recipe, shipped_folder("scenes") / "cameras")
         return made.with_height(height).with_amplitude(amplitude)
+
+
+def _without_mask(camera: Camera) -> Json:
+    """What a camera's recipe says, but for its names, its mask, and how PSFs are computed."""
+    left_out = {"name": True, "purpose": True, "mask": True, "psf": True, "sensor": {"saturation"}}
+    return camera.recipe.model_dump(exclude=left_out)

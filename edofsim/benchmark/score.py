@@ -118,10 +118,12 @@ class _Photos:
         self.exposed: dict[str, Exposed] = {}
 
     def own(self, meta: Json, entry: Entry) -> tuple[Shot, Known]:
-        """The photo that an entry restores, by its own camera if it has one, and what it may know."""
+        """The photo that an entry restores, by its own camera if it has another one, and what it may know."""
         shot = self.shots[str(meta["key"])]
         own = entry.camera()
         name = shot.camera if own is None else camera_digest(own)
+        if own is not None and self.benchmark.takes_the_photos_of(own, name, shot.camera):
+            own, name = None, shot.camera
         known = self._known(name, own or self.benchmark.camera(shot.camera), shot.camera)
         if own is not None:
             if name not in self.exposed:
