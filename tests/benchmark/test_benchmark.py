@@ -13,6 +13,7 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+import edofsim as package
 from edofsim.benchmark import entries, score
 from edofsim.benchmark.definition import Benchmark
 from edofsim.benchmark.score import regions_of
@@ -134,6 +135,34 @@ def test_seconds_are_without_the_counting_of_products_and_memory_is_the_peak(
     assert found["seconds.large"] < 0.4
     assert found["gmacs.large"] == pytest.approx(100**3 / 1e9)
     assert 15 < found["peak_mib.large"] < 40
+
+
+def test_a_camera_like_that_of_the_benchmark_restores_its_photos(
+    edofsim: Run, place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def camera(name: str, mask: str, more: str = "") -> Path:
+        path = tmp_path / f"{name}.toml"
+        path.write_text(CAMERA.replace("NAME", name).replace("MASK", mask) + more)
+        return path
+
+    benchmark = Benchmark(place / "data")
+    others = [
+        camera("other", CUBIC.replace("20", "19")),
+        camera("near", CUBIC, "[focus]\ndistance_m = 1.4\n"),
+    ]
+    for path in others:
+        assert not benchmark.takes_the_photos_of(package.camera(path), path.name, "cubic")
+    alike = camera("alike", CUBIC)
+    alike.write_text(alike.read_text().replace("window_px = 32", "window_px = 30"))
+
+    def expose(*_: object) -> None:
+        raise AssertionError("a photo is taken anew")
+
+    monkeypatch.setattr(score, "expose", expose)
+    command = ["benchmark", "score", f"{alike}+wiener", "wiener", "--data", place / "data", "--quiet"]
+    assert edofsim(*command, "--out", tmp_path / "out")[0] == 0
+    found = figures(tmp_path / "out" / "benchmark.json")
+    assert found["psnr_db.alike+wiener.whole"] == pytest.approx(found["psnr_db.wiener.whole"], abs=0.01)
 
 
 def level(image: torch.Tensor, truth: torch.Tensor) -> float:
