@@ -33,13 +33,15 @@ def long_files(texts: dict[str, str]) -> dict[str, int]:
     return {path: count for path, count in lines.items() if count > LONGEST_FILE}
 
 
-def long_functions(texts: dict[str, str]) -> dict[str, int]:
-    """Lines of functions that have too many, as `file:function`."""
+def long_functions(texts: dict[str, str], docstrings: bool = True) -> dict[str, int]:
+    """Lines of functions that have too many, as `file:function`, with their docstrings or without."""
     found = {}
     for path, text in texts.items():
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.end_lineno:
+                said = ast.get_docstring(node, clean=False) if not docstrings else None
                 found[f"{path}:{node.name}"] = node.end_lineno - node.lineno + 1
+                found[f"{path}:{node.name}"] -= 0 if said is None else len(said.splitlines())
     return {name: count for name, count in found.items() if count > LONGEST_FUNCTION}
 
 

@@ -137,8 +137,8 @@ def expose(
             cache=seen_by(how, work.cache),
             device=work.device.value,
         )
-        folders = _folders(pairs, asked, work.out)
-        parts = [(*pair, seen_by(how, folder)) for pair, folder in zip(pairs, folders, strict=True)]
+        folders = [seen_by(how, folder) for folder in _folders(pairs, asked, work.out)]
+        parts = [(*pair, folder) for pair, folder in zip(pairs, folders, strict=True)]
         names = [scene.recipe.name for scene, _ in pairs]
         found = of_each(parts, names, partial(capture_part, asked=asked), how, progress)
         inputs = {"scenes": [str(scene.path) for scene, _ in pairs], "crop": crop, "reference": reference}

@@ -69,10 +69,8 @@ def fabricate(
         height = float(made.levels.max()) * made.level_height * 1e6
         paths = write_device(made, folder, name, gds=gds)
         figures = {"relief_um": height, "levels": int(made.levels.max()) + 1, "samples": len(made.levels)}
-        across = figures["samples"]
-        lines = [
-            f"{across} x {across} squares of {pitch_um:g} um, {figures['levels']} levels, "
-            f"{height:.3g} um deep; row 0 is the top of the pupil, seen from the sensor"
-        ]
+        squares = f"{len(made.levels)} x {len(made.levels)} squares of {pitch_um:g} um"
+        deep = f"{figures['levels']} levels, {height:.3g} um deep"
+        lines = [f"{squares}, {deep}; row 0 is the top of the pupil, seen from the sensor"]
         outputs = {path.suffix[1:] + (" " + path.stem.rpartition("-")[2]): path for path in paths}
         return finish("fabricate", lines, figures, outputs, json, inputs={"camera": camera})

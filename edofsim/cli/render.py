@@ -88,11 +88,10 @@ def render(
         if not work.quiet:
             console.err.print(str(expected), markup=False)
         given = {"cache": work.cache, "noise": level, "device": work.device.value, "progress": progress}
-        if len(tasks) == 1 and how.alone and how.shard is None:  # no worker needs starting for one view
-            outcomes = [render_one(tasks[0], **given)]
-        else:
-            outcomes = render_many(tasks, jobs=how.jobs, cluster=how.cluster, shard=how.shard, **given)
-        outcomes, failed = _parted(outcomes)
+        single = len(tasks) == 1 and how.alone and how.shard is None  # no worker needs starting for one view
+        many = {"jobs": how.jobs, "cluster": how.cluster, "shard": how.shard}
+        done = [render_one(tasks[0], **given)] if single else render_many(tasks, **many, **given)
+        outcomes, failed = _parted(done)
         table, numbers = _render_table(outcomes, expected.seconds, clock.perf_counter() - started)
         manifest = (work.cache or store.default_folder()) / MANIFEST
         outputs = {"manifest": manifest} if numbers["views.rendered"] else {}

@@ -102,13 +102,17 @@ def run(
         started = clock.perf_counter()
         outputs = _written(result, folder, _cost_chart(result, folder, progress) if cost else None)
         numbers = pipeline.figures(result)
-        numbers["seconds.report"] = clock.perf_counter() - started
-        numbers["seconds.total"] += numbers["seconds.report"]
-        numbers["seconds.processor"] = processor_seconds()
-        numbers["peak_memory_mib"] = peak_memory_mib()
+        _add_report(numbers, clock.perf_counter() - started)
         inputs = inputs_of(scene_recipe, camera_recipe, network=network)
         how = {"seed": seed, "inputs": inputs, "rest": _record_of(result)}
         return finish("run", _lines(result, numbers), numbers, outputs, work.json, **how)
+
+
+def _add_report(numbers: dict[str, float], seconds: float) -> None:
+    """Add what the page took, and what the process has used by now."""
+    numbers["seconds.report"] = seconds
+    numbers["seconds.total"] += seconds
+    numbers["seconds.processor"], numbers["peak_memory_mib"] = processor_seconds(), peak_memory_mib()
 
 
 def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:

@@ -130,9 +130,8 @@ def run(
         kept.put(key, asdict(measured))
     outputs = {"scores": write_table(folder / "bench-scene.csv", SceneScores((measured,)))}
     outputs |= {"pictures": pictures, **{f"page of {name}": path for name, path in files.items()}}
-    inputs = {"networks": names}
     shown = [scores_table(measured, name) for name in names]
-    return Findings(figures(measured), shown=shown, outputs=outputs, inputs=inputs)
+    return Findings(figures(measured), shown=shown, outputs=outputs, inputs={"networks": names})
 
 
 def as_made(system: System, seed: int = 0) -> System:

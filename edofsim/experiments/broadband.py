@@ -172,8 +172,7 @@ def run(
         view = render(scene.recipe, scene.base, cache=cache, progress=part(progress, 0.0, 0.0))
         cubes.append(from_view(scene.recipe.name, view))
     result = measure(folder, cubes, problems, systems, seed, progress, camera)
-    outputs = _write(folder, result)
-    return Findings(result.figures, page(result), outputs=outputs, problems=problems)
+    return Findings(result.figures, page(result), outputs=_write(folder, result), problems=problems)
 
 
 def measure(

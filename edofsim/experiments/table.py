@@ -137,14 +137,13 @@ def run(
             figures[f"steps_before.{system.name}"] = training.before
             figures |= {} if training.hours is None else {f"hours.{system.name}": training.hours}
     figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
-    outputs = {"table": write_rows(folder / "table.csv", [*chart_rows, *rows], "depth")}
     trainings = {system.name: system.training for system in every}
     result = Result(tuple(chart_rows), tuple(rows), found, shown, figures, trainings)
     return Findings(
         figures,
         page(result),
         shown=[methods(result, GOES_ON), methods(result, WHOLE), chart_table(result)],
-        outputs=outputs,
+        outputs={"table": write_rows(folder / "table.csv", [*chart_rows, *rows], "depth")},
         problems=[*found.problems, *failures.sentences],
         inputs={"data": found.source},
     )

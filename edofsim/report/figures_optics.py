@@ -61,8 +61,7 @@ def psf_plot(psfs: Tensor, depths_m: Sequence[float], pixel_um: float) -> Plot:
     values = psfs.detach().cpu().double()
     order = sorted(range(len(depths_m)), key=lambda i: depths_m[i])
     side = _part_with_energy(values, PSF_ENERGY)
-    rows, columns = values.shape[-2:]
-    top, left = rows // 2 - side // 2, columns // 2 - side // 2
+    top, left = (n // 2 - side // 2 for n in values.shape[-2:])
     shown = torch.nan_to_num(values[..., max(top, 0) : top + side, max(left, 0) : left + side], nan=0.0)
     peak = float(shown.max()) or 1.0
     tiles = shown.clamp_min(peak * 1e-9).numpy()  # a logarithm cannot show zero
@@ -98,9 +97,8 @@ def psf_plot(psfs: Tensor, depths_m: Sequence[float], pixel_um: float) -> Plot:
                     _draw_bar(axes, x + 0.07 * tile, y + 0.09 * tile, bar, tile / shown.shape[-1])
         axes.set(xlim=(0, width), ylim=(0, height))
         axes.set_axis_off()
-        place = (width - 0.8, 0.05, 0.12, height - top - bottom)
-        place = (left, 0.52, width - left - right, 0.12) if narrow else place
-        _draw_scale(figure, norm, place)
+        beside = (width - 0.8, 0.05, 0.12, height - top - bottom)
+        _draw_scale(figure, norm, (left, 0.52, width - left - right, 0.12) if narrow else beside)
         return figure
 
     kept = percent(float(shown.sum((-2, -1)).min()))
