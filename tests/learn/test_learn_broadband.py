@@ -11,6 +11,7 @@ import torch
 from edofsim.errors import InputError
 from edofsim.learn import shots, trainer
 from edofsim.learn import views as views_
+from edofsim.learn.doe import MaskMaps
 from edofsim.learn.edges import Edges
 from edofsim.learn.photographs import PlaneSource
 from edofsim.learn.setup import Setup, prepare
@@ -96,7 +97,7 @@ def test_a_bank_is_told_the_light_that_the_sensor_sees() -> None:
             assert outcome.broadband == broadband
             assert torch.equal(network.filters, lines) != broadband
         kept = network.filters.clone()
-        expected = system.optics.with_height(system.mask()).psfs(
+        expected = system.optics.with_mask(MaskMaps(system.mask())).psfs(
             network.psf_depths(system.depth_range), True, system.height_noise
         )
         network.set_psfs(expected)
@@ -166,8 +167,8 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
 ) -> None:
     """Another training reads them; another mask, other layers or another view have photos of their own."""
     recipe = CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16, "oversampling": 1})
-    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(
-        torch.zeros(239, 239)
+    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_mask(
+        MaskMaps(torch.zeros(239, 239))
     )
     taken: list[float] = []
     once = shots.capture_view
@@ -192,7 +193,7 @@ def test_photos_of_views_are_taken_once_for_all_trainings(
     assert torch.equal(first.held_back[0].ideal, again.held_back[0].ideal)
     opened(table.model_copy(update={"layers": 3}))
     assert len(taken) == 2
-    opened(optics=optics.with_height(torch.full((239, 239), 1e-7)))
+    opened(optics=optics.with_mask(MaskMaps(torch.full((239, 239), 1e-7))))
     assert len(taken) == 3
     shade[0] = 0.6
     opened()
@@ -206,8 +207,8 @@ def test_photos_that_are_taken_once_have_the_veil_of_errors_of_fabrication(
     and the rest is the mean of the picture. On the pupil's own fine grid errors of single samples would be
     smoothed, and scatter less."""
     recipe = CameraRecipe(name="c", mask={"kind": "height-map"}, psf={"window_px": 16, "oversampling": 1})
-    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_height(
-        torch.zeros(239, 239)
+    optics = TrainingCamera(Camera.from_recipe(recipe), 16, torch.device("cpu")).with_mask(
+        MaskMaps(torch.zeros(239, 239))
     )
     monkeypatch.setattr(shots, "_folder", lambda: tmp_path / "photos")
     image = 0.4 + 0.2 * torch.rand(3, 72, 62, generator=torch.Generator().manual_seed(4))

@@ -13,7 +13,7 @@ from torch import Tensor
 from edofsim.capture.planes import surroundings
 from edofsim.errors import InputError
 from edofsim.learn.design import design
-from edofsim.learn.doe import FreeHeight
+from edofsim.learn.doe import FreeHeight, MaskMaps
 from edofsim.learn.sources import central_patches, packaged_images
 from edofsim.learn.system import Planes
 from edofsim.learn.training_camera import TrainingCamera
@@ -147,11 +147,13 @@ def test_mean_psfs_are_the_mean_over_masks_that_err() -> None:
     depths = torch.tensor([0.7], dtype=torch.float64)
     generator = torch.Generator().manual_seed(1)
     drawn = [
-        optics.with_height(height + 60e-9 * torch.randn(height.shape, generator=generator)).psfs(depths)
+        optics.with_mask(MaskMaps(height + 60e-9 * torch.randn(height.shape, generator=generator))).psfs(
+            depths
+        )
         for _ in range(200)
     ]
     mean = torch.stack(drawn).mean(0)
-    found = optics.with_height(height).psfs(depths, height_noise=60e-9)
+    found = optics.with_mask(MaskMaps(height)).psfs(depths, height_noise=60e-9)
     peak = found.amax((-1, -2))
     torch.testing.assert_close(mean.amax((-1, -2)), peak, rtol=0.01, atol=0)
     torch.testing.assert_close(
@@ -167,13 +169,19 @@ def test_design_lowers_the_error_and_repeats_itself() -> None:
         depths = torch.linspace(0, 2, 5, dtype=torch.float64)
         with torch.no_grad():
             before = (
-                local_error(optics.with_height(mask()).psfs(depths, height_noise=40e-9)).mean(1).log().mean()
+                local_error(optics.with_mask(MaskMaps(mask())).psfs(depths, height_noise=40e-9))
+                .mean(1)
+                .log()
+                .mean()
             )
         settings = {"height_noise": 40e-9, "truncated_energy": 0.5, "seed": 3}
         design(mask, optics, 12, (0.0, 2.0), error=_for_one_filter, **settings)
         with torch.no_grad():
             after = (
-                local_error(optics.with_height(mask()).psfs(depths, height_noise=40e-9)).mean(1).log().mean()
+                local_error(optics.with_mask(MaskMaps(mask())).psfs(depths, height_noise=40e-9))
+                .mean(1)
+                .log()
+                .mean()
             )
         assert float(after) < float(before) - 0.1
         maps.append(mask().detach())
@@ -188,7 +196,7 @@ def test_a_mask_is_designed_for_filters_of_each_distance() -> None:
 
     def judged() -> float:
         with torch.no_grad():
-            psf = optics.with_height(mask()).psfs(depths, height_noise=40e-9)
+            psf = optics.with_mask(MaskMaps(mask())).psfs(depths, height_noise=40e-9)
             return float(colour_error(psf, groups=4).mean(1).log().mean())
 
     before = judged()
@@ -210,7 +218,7 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
     optics = _optics("paper-clear", 48)
     depths = torch.tensor([0.0, 0.7, 1.6], dtype=torch.float64)
     height = torch.full((239, 239), 0.6e-6)
-    shifted = [optics.with_height(height).psfs(depths, True, 30e-9, (n + 0.5) / 8) for n in range(8)]
+    shifted = [optics.with_mask(MaskMaps(height)).psfs(depths, True, 30e-9, (n + 0.5) / 8) for n in range(8)]
     bands = torch.linspace(420e-9, 720e-9, 61, dtype=torch.float64)
     fine = replace(optics, camera=optics._sampled(bands, depths))
     weights = response(fine.camera, bands).float()
@@ -228,7 +236,7 @@ def test_a_few_shifted_wavelengths_stand_for_the_whole_response() -> None:
 def test_a_sensor_of_three_lines_has_no_other_light() -> None:
     optics = _optics("paper-clear", 48, response="lines")
     with pytest.raises(InputError, match=r"sensor\.response"):
-        optics.with_height(torch.zeros(239, 239)).psfs(torch.tensor([1.0]), True)
+        optics.with_mask(MaskMaps(torch.zeros(239, 239))).psfs(torch.tensor([1.0]), True)
 
 
 @pytest.mark.parametrize("name", ["clear-dcnn", "rings-dcnn", "cubic-dcnn", "paper-dcnn"])

@@ -10,6 +10,7 @@ import torch
 from PIL import Image
 
 from edofsim.errors import InputError
+from edofsim.learn.doe import MaskMaps
 from edofsim.learn.reader import Wanted
 from edofsim.learn.system import Planes
 from edofsim.learn.training_camera import TrainingCamera
@@ -53,13 +54,13 @@ def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> N
     optics, height = _optics(), 0.3e-6 * torch.rand(239, 239, generator=torch.Generator().manual_seed(1))
     view = _view(12, 10, WINDOW, PAPER_COLOURS)
     table = Views(scenes=("s",), layers=2)
-    found = ViewParts((view,), torch.ones(1, 3), table).photograph(optics.with_height(height))
+    found = ViewParts((view,), torch.ones(1, 3), table).photograph(optics.with_mask(MaskMaps(height)))
     picture = view.radiance.reshape(1, 3, 12 + 2 * WINDOW, 10 + 2 * WINDOW)
     before, after = WINDOW - 1 - WINDOW // 2, WINDOW // 2
     cut = picture[..., WINDOW - before : WINDOW + 12 + after, WINDOW - before : WINDOW + 10 + after]
     around = WINDOW - WINDOW // 2  # light from farther out cannot reach the frame
     mean = picture[..., around:-around, around:-around].mean((-1, -2))
-    plane = Planes(cut, torch.tensor([0.8]), mean=mean).photograph(optics.with_height(height))
+    plane = Planes(cut, torch.tensor([0.8]), mean=mean).photograph(optics.with_mask(MaskMaps(height)))
     assert torch.allclose(found.ideal, plane.ideal, atol=1e-6)
     assert torch.allclose(found.clean, plane.clean, atol=2e-5)
     assert float(found.truncated) == pytest.approx(float(plane.truncated), abs=0.02)
@@ -68,7 +69,7 @@ def test_a_plane_photographed_by_the_compositor_is_the_plane_of_the_paper() -> N
 def test_gradients_of_a_scene_reach_the_mask() -> None:
     height = torch.full((239, 239), 0.6e-6, requires_grad=True)
     draw = _source(Views(scenes=("s",))).draw(2, torch.Generator().manual_seed(1))
-    found = draw.photograph(_optics().with_height(height))
+    found = draw.photograph(_optics().with_mask(MaskMaps(height)))
     (found.clean - found.ideal).square().sum().backward()
     assert found.clean.shape == (2, 3, 12, 12)
     assert torch.isfinite(height.grad).all() and (height.grad != 0).any()
@@ -161,8 +162,8 @@ def test_patches_of_a_view_photographed_once_are_those_that_steps_photograph(
     view = _view(40, 30, WINDOW, PAPER_COLOURS)
     monkeypatch.setattr("edofsim.render.render", lambda *_, **__: view)
     fine = CAMERA.model_copy(update={"psf": CAMERA.psf.model_copy(update={"pupil_sampling_um": "auto"})})
-    optics = TrainingCamera(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_height(
-        torch.zeros(239, 239)
+    optics = TrainingCamera(Camera.from_recipe(fine), WINDOW, torch.device("cpu")).with_mask(
+        MaskMaps(torch.zeros(239, 239))
     )
     table = Views(scenes=("clutter",), members=2, layers=2, exposure=(0.3, 0.3))
 
