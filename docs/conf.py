@@ -136,7 +136,7 @@ def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, line
         if names and given.match(text):
             parts = [" ".join(part.split()) for part in given.split(text)]
             pairs = zip(parts[1::2], parts[2::2], strict=True)
-            found += [f":param {each}: {said}" for each, said in pairs] + [""]
+            found += [f":param {name}: {said}" for each, said in pairs for name in each.split(", ")] + [""]
         elif text:
             found += [*text.replace("with_,", "``with_``,").split("\n"), ""]
         if raises:

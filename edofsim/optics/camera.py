@@ -34,14 +34,17 @@ FOCUS_SAMPLES = 4096
 class Camera:
     """A camera recipe with its materials resolved and its sensor in place. Lengths are in metres.
 
-    lens: the recipe's, or one that leaves out some of what that does. sensor_distance is z_i, from the lens
-        plane to the sensor. mask_material is what the recipe's mask is made of, or, where it only blocks
-        light, what a height map given in its place is. base is the folder that files named in the recipe are
-        relative to.
+    recipe: as it was read.
+    lens: the recipe's, or a simplified one.
+    mask_material: of the recipe's mask; if that only blocks light, of a height map given in its place.
+    aperture_radius: of the open lens.
+    sensor_distance: z_i, from the lens plane to the sensor.
+    pixel: pitch of the sensor.
+    base: folder that files named in the recipe are relative to.
     height_map: [n, n] in metres, the mask as designed in place of the recipe's; None for the recipe's own
         (see `with_height`).
     amplitude: [n, n], that the mask also lets through (see `with_amplitude`).
-    field: where in the field it looks: its PSFs are those of points there (`at_field`).
+    field: place in the field whose PSFs it has (`at_field`).
     """
 
     recipe: CameraRecipe
