@@ -511,6 +511,7 @@ OTHER = {
     "field_step_px": 40,
     "bounces": 2,
     "simplifications": (),
+    "without_sensor": ("dark-current",),
 }
 
 
