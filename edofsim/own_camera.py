@@ -55,7 +55,8 @@ def camera(
     focus: the distance that is sharp [m].
     pixel: pitch of the sensor [m].
     read_noise: standard deviation, full scale 1.
-    full_well, bits: electrons at full scale, for shot noise; of the quantisation.
+    full_well: electrons at full scale, for shot noise.
+    bits: of the converter.
     bayer: the mosaic's first four pixels, such as `RGGB`.
     window: width of the PSFs, pixels.
     mask: the table [mask] of a recipe, such as `{"kind": "cubic", "alpha_rad": 60}`; its `file` is relative
