@@ -178,7 +178,6 @@ def run(
     problems = [*failures.sentences, *outcome.problems]
     if not any(row.image == "restored" for m in every for row in m.rows):
         raise InputError(problems)
-    links = cards(every, names, folder)
     lows = {name: low for name in names if (low := worst(outcome, name)) is not None}
     shown = [table(every, name) for name in names for table in (scores_table, ways_table)] if every else []
     worsts = [
@@ -188,7 +187,7 @@ def run(
     ]
     return Findings(
         figures(outcome, names),
-        overview_page(outcome, names, links),
+        overview_page(outcome, names, cards(every, names, folder)),
         shown=[*shown, *worsts],
         outputs={"scores": write_table(folder / "scene3d.csv", outcome)},
         problems=problems,
