@@ -136,7 +136,7 @@ def _curved(stack: Stack, surface_: int) -> bool:
 @dataclass(frozen=True)
 class Draw:
     """A camera as it is made. errors: of its lens, in mm, radians, or relative, with the place of the sensor;
-    power, mask: relative changes of the focal length and of the mask's heights."""
+    power, mask: how much longer the focal length and higher the relief is, relative."""
 
     errors: Errors
     power: float = 0.0
@@ -235,8 +235,8 @@ class Series:
     def difference(self, draw: Draw, field: Field) -> tuple[float, float]:
         """Root mean square over the pupil, in waves, of the change of the wave from a place in the field: of
         the exact one, and of what the first order leaves of it."""
-        true, measured, _ = self._on_grid(self._again(draw), draw, field)
-        return float(true.std()), float((true - measured).std())
+        true, first, _ = self._on_grid(self._again(draw), draw, field)
+        return float(true.std()), float((true - first).std())
 
     def _again(self, draw: Draw) -> Draw:
         """With the sensor where the exact wave is as near the designed one as the first order takes it to
@@ -244,7 +244,7 @@ class Series:
         if not self.tolerances.refocused:
             return draw
         parts = [self._on_grid(draw, draw, field) for field in self._all_round()]
-        left = torch.cat([(true - measured) - (true - measured).mean() for true, measured, _ in parts])
+        left = torch.cat([(true - first) - (true - first).mean() for true, first, _ in parts])
         back = torch.cat([each - each.mean() for _, _, each in parts])
         focus = draw.errors.focus - float(left @ back / (back @ back))
         return replace(draw, errors=replace(draw.errors, focus=focus))
@@ -256,7 +256,7 @@ class Series:
         ]
         return [(tangent * math.cos(turn), tangent * math.sin(turn)) for tangent, turn in turns]
 
-    def _on_grid(self, true: Draw, measured: Draw, field: Field) -> tuple[Tensor, Tensor, Tensor]:
+    def _on_grid(self, true: Draw, simple: Draw, field: Field) -> tuple[Tensor, Tensor, Tensor]:
         """Changes of the wave [place], in waves, from a place in the field: by rays, to first order, and with
         each mm that the sensor is moved back."""
         lens = self.camera.lens
@@ -264,7 +264,7 @@ class Series:
         grid = PupilGrid(66, 2 * lens.aperture_radius / 64, lens.aperture_radius)
         right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
         lit = (lens.field_open(right, up, field) > 0.5) & (right.hypot(up) < lens.aperture_radius)
-        ways = self._traced(lens, true, True), self._traced(lens, measured, False)
+        ways = self._traced(lens, true, True), self._traced(lens, simple, False)
         first, second = (way(right, up, self.wavelength, field)[lit] / self.wavelength for way in ways)
         squared = (right.square() + up.square())[lit]
         return first, second, squared * (self._back() / 2 / self.wavelength)
@@ -356,7 +356,7 @@ class Series:
         return total / len(places)
 
     def _mask_waves(self) -> float:
-        """Waves, root mean square, of the mask's heights, less what moves the image."""
+        """Waves, root mean square, of the mask's relief, less what moves the image."""
         radius = self.camera.aperture_radius
         grid = PupilGrid(MASK_SAMPLES, 2 * radius / (MASK_SAMPLES - 2), radius)
         height = surface(self.camera, grid)
