@@ -144,7 +144,7 @@ def trace(
 def why_lost(lens: Stack, lost: Tensor) -> str:
     """In words, of what most of the lost rays [ray] did; surfaces count from 0, as in a recipe.
 
-    lost: [ray].
+    lost: [batch, ray].
     """
     codes = lost[lost > 0] - 1
     code = int(codes.mode().values)
