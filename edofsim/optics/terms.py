@@ -156,10 +156,11 @@ class _Kernels:
             off = left.square().sum(1)
             if float(off.mean()) <= self._allowed**2:
                 break
-            worst = left[off.topk(min(AT_ONCE, len(off))).indices]
-            sizes, found = torch.linalg.svd(worst.double(), full_matrices=False)[1:]
-            beyond = sizes.square().flip(0).cumsum(0).flip(0) > allowed * len(worst)
-            found = found[: max(1, min(int(beyond.sum()), MOST_TERMS - len(self.kernels)))]
+            worst = left[off.topk(min(AT_ONCE, len(off))).indices].double()
+            values, vectors = torch.linalg.eigh(worst @ worst.T)
+            many = int((values.cumsum(0) > allowed * len(worst)).sum().clamp_min(1))
+            found = vectors[:, -min(many, MOST_TERMS - len(self.kernels)) :].T @ worst
+            found = found / found.norm(dim=1, keepdim=True)
             found = torch.linalg.qr((found - found @ self._basis.T @ self._basis).T)[0].T
             self._basis, found = torch.cat([self._basis, found]), found.to(left)
             self.kernels = torch.cat([self.kernels, self._contrast.kernels(found)])
