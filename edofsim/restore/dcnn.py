@@ -228,7 +228,7 @@ def _hardly_varying(normalisation: nn.BatchNorm2d, following: nn.Conv2d) -> tupl
     varies = deviation * following.weight.square().sum((0, 2, 3)).sqrt()
     least = varies.argsort()
     few = int((varies[least].cumsum(0) <= LITTLE * varies.sum()).sum())
-    kept = -(-(len(least) - few) // AT_A_TIME) * AT_A_TIME
+    kept = -(-max(1, len(least) - few) // AT_A_TIME) * AT_A_TIME
     few = max(0, len(least) - kept)
     dropped = least[:few].sort().values
     deviation, bias = deviation[dropped].clamp_min(1e-12), bias[dropped]

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from edofsim.errors import InputError
-from edofsim.learn.doe import FreeHeight, metres_per_radian
+from edofsim.learn.doe import FreeHeight, maps_of, metres_per_radian
 from edofsim.learn.setup import build_mask
 from edofsim.optics import Camera, psf_bank
 from edofsim.optics.masks.coded import CodedMask
@@ -71,7 +71,7 @@ def test_a_mask_turned_into_a_height_map_has_the_psf_of_its_recipe(mask: object,
     camera = CameraRecipe(name="c", mask=mask, psf=psf)
     learner, _, height_map = _build(mask, learn)
     with torch.no_grad():
-        height = learner()
+        height = maps_of(learner).height
     height_map = Camera.from_recipe(height_map.model_copy(update={"psf": psf}))
     found = psf_bank(height_map.with_height(height), GREEN, [1.0]).values
     wanted = psf_bank(Camera.from_recipe(camera), GREEN, [1.0]).values
@@ -106,9 +106,9 @@ def _checkpoint(path: Path, height: torch.Tensor) -> str:
     return str(save_checkpoint(path / "before.safetensors", network, card, height=height, sampling=21e-6))
 
 
-def _started(mask: object, doe: DoeTable) -> torch.Tensor:
+def _started(mask: object, doe: DoeTable) -> torch.Tensor | None:
     recipe = TrainRecipe(name="t", camera="paper", doe=doe)
-    return build_mask(recipe, CameraRecipe(name="c", mask=mask), Path())[0]()
+    return maps_of(build_mask(recipe, CameraRecipe(name="c", mask=mask), Path())[0]).height
 
 
 def test_the_mask_of_a_checkpoint_is_kept_or_refused(tmp_path: Path) -> None:

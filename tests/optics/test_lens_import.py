@@ -155,7 +155,7 @@ def test_openings(tmp_path):
     assert lens_of(recipe).f_number == 4
     recipe, _ = read(tmp_path, "zmx", zemax(more={4: "  DIAM 3.5 1"}).replace("ENPD 10.0", "FLOA"))
     assert lens_of(recipe).f_number is None and lens_of(recipe).surfaces[STOP].clear_radius_mm == 3.5
-    refused(tmp_path, "zmx", zemax().replace("ENPD 10.0", "FLOA"), "does not say that")
+    refused(tmp_path, "zmx", zemax().replace("ENPD 10.0", "FLOA"), "does not give the radius of the stop")
     refused(tmp_path, "zmx", zemax().replace("ENPD 10.0", ""), "how wide the lens is")
     refused(tmp_path, "zmx", zemax().replace("ENPD 10.0", "OBNA 0.1"), "OBNA is not read")
 

@@ -300,7 +300,7 @@ def test_of_the_pupil_nothing_is_known(tmp_path):
         strehl(camera, [550e-9], [0.5])
     with pytest.raises(InputError, match="nothing is known of its pupil"):
         list(sub_aperture_psfs(camera, [550e-9], [0.5], 3))
-    with pytest.raises(InputError, match="no height map"):
+    with pytest.raises(InputError, match="what stood in the pupil: no mask can be added"):
         psf_bank(camera.with_height(torch.zeros(8, 8)), [550e-9], [0.5])
     lens = camera.recipe.lens
     with pytest.raises(InputError, match="leave out mask"):

@@ -206,7 +206,7 @@ MUTANTS: tuple[Mutant, ...] = (
         "sub-apertures taken for all",
         "what a few sub-apertures show of a change is not made up for what they cannot tell",
         ("occlusion",),
-        lambda: swapped(imaging, "share_told", _all_told),
+        lambda: swapped(imaging, "between_part_variance", _all_told),
     ),
     Mutant(
         "sub-apertures given up",
