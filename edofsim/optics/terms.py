@@ -261,18 +261,18 @@ def _found(asked: _Asked, allowed: float, progress: Progress) -> Terms:
     mixed = shares.to(asked.dtype) @ weights.to(asked.dtype)
     middle = torch.einsum("gm,nmyx->ngyx", shares.to(central), central)
     at_few = central[matter][:, few]
-    beside, own = 1 - middle.sum((-2, -1)), kernels.factors(middle)
+    outside, own = 1 - middle.sum((-2, -1)), kernels.factors(middle)
     del central, middle
     found: dict[tuple[int, int], tuple[Tensor, Tensor]] = {}
     for done, place in enumerate(order):
         progress((1 + done) / (1 + len(order)), f"PSFs of places in the field, {1 + done} of {len(order)}")
         here = asked.seen(place)
-        factors, lost = own, beside
+        factors, lost = own, outside
         if here.field != axial.field and len(matter):
             other = asked.psfs(here, asked.nodes[matter], asked.wavelengths[few]) - at_few
             other = torch.einsum("gm,nmyx->ngyx", mixed, other)
             more = kernels.factors(other)
-            factors, lost = _wider(own, more.shape[-1]).clone(), beside.clone()
+            factors, lost = _wider(own, more.shape[-1]).clone(), outside.clone()
             factors[matter] += more
             lost[matter] -= other.sum((-2, -1))
         light = relative_light(here)
@@ -323,8 +323,8 @@ def _few(
     for count in FEWER_BANDS:
         if count < len(bands):
             few, weights = _through(bands, count)
-            told = torch.einsum("bf,nfyx->nbyx", weights.to(true), true[:, few])
-            if float(kernels.apart(told, true).square().mean().sqrt()) < HALF * allowed:
+            rebuilt = torch.einsum("bf,nfyx->nbyx", weights.to(true), true[:, few])
+            if float(kernels.apart(rebuilt, true).square().mean().sqrt()) < HALF * allowed:
                 return matter, few, weights
     return matter, everything, torch.eye(len(bands), dtype=torch.float64)
 
