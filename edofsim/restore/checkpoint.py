@@ -45,6 +45,9 @@ from .restorer import Restorer
 FORMAT = 1
 SUFFIX = ".safetensors"
 MAX_BYTES = 1 << 30
+KEPT = 2
+"""Checkpoints in memory that were read last."""
+_READ: dict[tuple[object, ...], Checkpoint] = {}
 ANY_CAMERA = "universal"
 """The shipped checkpoint for cameras that no network was trained with."""
 # what the optics of a photo depend on; noise, exposure and the window of the PSFs may differ
@@ -195,6 +198,25 @@ def load_checkpoint(source: str | Path, camera_recipe: RecipeModel | None = None
     return Checkpoint(network.eval(), height, pitch, card, path, arrays.get("mask.amplitude"))
 
 
+def read_once(source: str | Path, camera_recipe: RecipeModel | None = None) -> Checkpoint:
+    """`load_checkpoint`, and the same checkpoint again while its file and the camera are the same: what its
+    network keeps of a camera is there still. For use, not for training: nobody changes it.
+
+    camera_recipe: the camera that took the photo.
+
+    Raises as `load_checkpoint`.
+    """
+    path = find_checkpoint(source)
+    written = path.stat()
+    camera = None if camera_recipe is None else camera_recipe.model_dump_json()
+    key = (path, written.st_mtime_ns, written.st_size, camera)
+    found = _READ.pop(key, None) or load_checkpoint(path, camera_recipe)
+    _READ[key] = found
+    for oldest in list(_READ)[:-KEPT]:
+        del _READ[oldest]
+    return found
+
+
 def _glare_in_training(card: Json) -> tuple[float, ...] | None:
     """What the errors of fabrication spread of the light of the paper's colours in a training; None where its
     card does not say."""
@@ -272,7 +294,7 @@ def network_of(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
         return None
     path = camera.base / mask.file
     _, metadata = load_arrays(path, "checkpoint")
-    return load_checkpoint(path, camera.recipe) if "card" in metadata else None
+    return read_once(path, camera.recipe) if "card" in metadata else None
 
 
 def fits(checkpoint: Checkpoint, camera_recipe: RecipeModel) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 
 import torch
@@ -16,8 +15,8 @@ from .checkpoint import (
     Checkpoint,
     any_camera_checkpoints,
     camera_with_mask,
-    load_checkpoint,
     network_of,
+    read_once,
 )
 from .places import Method
 from .restore import restore
@@ -39,7 +38,7 @@ def choose_network(
     if network is None:
         checkpoint = usual_network(camera)
     elif network != WIENER:
-        checkpoint = load_checkpoint(network, camera.recipe)
+        checkpoint = read_once(network, camera.recipe)
     if checkpoint is None:
         return None, Camera.from_recipe(camera.recipe, camera.base)
     return checkpoint, camera_with_mask(camera.recipe, checkpoint, camera.base)
@@ -54,12 +53,7 @@ def usual_network(camera: Loaded[CameraRecipe]) -> Checkpoint | None:
 def any_camera_network() -> Checkpoint | None:
     """The network that ships for any camera, read once; None where it is missing."""
     path = any_camera_checkpoints().get(ANY_CAMERA)
-    return None if path is None else _read_once(path)
-
-
-@lru_cache(maxsize=1)
-def _read_once(path: Path) -> Checkpoint:
-    return load_checkpoint(path)
+    return None if path is None else read_once(path)
 
 
 def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:

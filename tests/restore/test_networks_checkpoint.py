@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 
 from edofsim.errors import EdofsimError, InputError
 from edofsim.recipe.camera import CameraRecipe
-from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, save_checkpoint
+from edofsim.restore.checkpoint import camera_with_mask, load_checkpoint, read_once, save_checkpoint
 from edofsim.restore.network import NETWORKS, build_network
 
 CAMERA = CameraRecipe(name="paper")
@@ -43,6 +43,18 @@ def test_what_was_saved_comes_back(kind: str, tmp_path: Path) -> None:
     assert torch.equal(loaded.height, height)
     assert loaded.sampling == 21e-6
     assert (loaded.name, loaded.card["seed"], loaded.card["figures"]) == ("trial", 7, {"psnr_db": 29.5})
+
+
+def test_a_file_is_read_once_until_it_or_the_camera_changes(tmp_path: Path) -> None:
+    path = save_checkpoint(tmp_path / "a.safetensors", build_network("dcnn"), _card())
+    first = read_once(path, CAMERA)
+    assert read_once(path, CAMERA) is first
+    quieter = CAMERA.model_copy(update={"sensor": CAMERA.sensor.model_copy(update={"read_noise": 0.001})})
+    assert read_once(path, quieter) is not first
+    save_checkpoint(path, build_network("dcnn"), {**_card(), "name": "again"})
+    assert read_once(path, CAMERA).name == "again"
+    with pytest.raises(InputError, match="aperture_radius_mm"):
+        read_once(path, CameraRecipe(name="other", lens={"aperture_radius_mm": 3.0}))
 
 
 def test_another_camera_is_refused_by_field(tmp_path: Path) -> None:
