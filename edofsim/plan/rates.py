@@ -46,6 +46,8 @@ SHIPPED: Rates = {
 }
 """Of one thread of an Intel Xeon with AMX, as `docs/studies/photo_rates.py` measures them. Machines differ in
 each kind by itself."""
+SINCE = {"blur": 0.5}
+"""What stages take of that today: they were made faster, and what is chosen stays the same."""
 KEPT = 9
 """Photos that the correction of a stage is the median of; the latest count."""
 SHORTEST_S = 0.02
@@ -67,10 +69,9 @@ def rates() -> Rates:
 
 def _corrected(now: Mapping[str, float]) -> Rates:
     """now: the paces of this machine, for all threads."""
-    corrections = {stage: _median(ratios) for stage, ratios in _corrections().items()}
-    found = {PACE: now}
+    corrections, found = _corrections(), {PACE: now}
     for stage in STAGES:
-        by = corrections.get(stage, 1.0) * (
+        by = _correction(stage, corrections) * (
             threads_allowed() ** (1 - SHARED) if stage in PARALLEL_STAGES else 1.0
         )
         found[stage] = {
@@ -87,7 +88,7 @@ def learn(predicted: Mapping[str, float], taken: Mapping[str, float]) -> None:
     for stage in STAGES:
         if min(predicted.get(stage, 0.0), taken.get(stage, 0.0)) < SHORTEST_S:
             continue
-        before = _median(corrections.get(stage, []))
+        before = _correction(stage, corrections)
         if 1 / NEAR < taken[stage] / predicted[stage] < NEAR:
             ratios = [*corrections.get(stage, []), before * taken[stage] / predicted[stage]]
             corrections[stage] = ratios[-KEPT:]
@@ -111,8 +112,8 @@ def _read(path: Path) -> dict[str, list[float]]:
     return kept
 
 
-def _median(ratios: list[float]) -> float:
-    return statistics.median(ratios) if ratios else 1.0
+def _correction(stage: str, ratios: Mapping[str, list[float]]) -> float:
+    return statistics.median(ratios[stage]) if ratios.get(stage) else SINCE.get(stage, 1.0)
 
 
 def _file() -> Path:

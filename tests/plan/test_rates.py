@@ -21,6 +21,7 @@ def another_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setattr(rates, "_known", {})
     monkeypatch.setattr(rates, "user_folder", lambda: tmp_path)
     monkeypatch.setattr(rates, "paces", lambda: rates.SHIPPED[rates.PACE])
+    monkeypatch.setattr(rates, "SINCE", {})
     return tmp_path
 
 
@@ -41,6 +42,14 @@ def test_after_three_photos_the_seconds_are_right_within_a_factor_of_one_and_a_h
         before = predicted()
         rates.learn(before, {stage: noise * slower for stage in before})
     assert all(1 / 1.5 < seconds / slower < 1.5 for seconds in predicted().values())
+
+
+def test_stages_that_became_faster_are_said_to_be_until_photos_say_more(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(rates, "SINCE", {"blur": 0.5})
+    before = predicted()
+    assert before["blur"] == pytest.approx(0.5) and before["psf"] == pytest.approx(1.0)
+    rates.learn(before, {"blur": 0.7})
+    assert predicted()["blur"] == pytest.approx(0.7)
 
 
 def test_what_photos_took_is_known_while_each_operation_has_one_thread():
