@@ -36,6 +36,8 @@ SPEC = Path("docs/results/tables.toml")
 RESULTS = Path("docs/results/json")
 PLOTS = Path("docs/_static/results")
 PLACE = re.compile(r"<!-- made: (\S+) -->\n.*?<!-- end -->", re.DOTALL)
+RENAMED_FIGURES = {".told.": ".known-depth.", '"foretold.': '"predicted.'}
+"""Parts of names of figures, as earlier versions wrote them."""
 ONE_OF = {"median": statistics.median, "least": min, "most": max}
 
 
@@ -168,7 +170,7 @@ def _found(key: str, files: list[str], root: Path) -> tuple[str, list[float]] | 
 
 
 def record(root: Path, name: str) -> dict:
-    """What a command wrote, with the names that networks have today."""
+    """What a command wrote, with the names that networks and figures have today."""
     path = root / RESULTS / f"{name}.json"
     return _read(path, path.stat().st_mtime_ns)
 
@@ -176,6 +178,6 @@ def record(root: Path, name: str) -> dict:
 @cache
 def _read(path: Path, changed: int) -> dict:
     text = path.read_text(encoding="utf-8")
-    for old, new in RENAMED.items():
+    for old, new in (RENAMED | RENAMED_FIGURES).items():
         text = text.replace(old, new)
     return json.loads(text)

@@ -290,8 +290,8 @@ def planned_view(
         recipe = simpler_recipe(recipe, insisted_rendering(overrule))
     if rendered and timed and cached(recipe, scene.base, cache=cache) is None:
         with watch.stage("preview", 0.0, 0.1) as tell:
-            looked = look(recipe, scene.base, camera, cache=cache, device=device)
-            plan = plan_scene(looked, camera, overrule=overrule, target=target, progress=tell)
+            preview = look(recipe, scene.base, camera, cache=cache, device=device)
+            plan = plan_scene(preview, camera, overrule=overrule, target=target, progress=tell)
         recipe = simpler_recipe(recipe, plan.fidelity)
     with watch.stage("render", 0.1, 0.6) as tell:
         view = render(recipe, scene.base, cache=cache, device=device, progress=tell)

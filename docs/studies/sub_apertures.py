@@ -4,7 +4,7 @@
 (`--whole`: all of them, which takes long) through three masks and prints what the constants of
 `edofsim/plan/effects/sub_apertures.py` stand for, as root mean squares over that of the whole change: what a
 coarse photo shows of it (`seen`); what fewer sub-apertures leave out (`fewer`), and pixels of two and four
-(`coarse, 2`), next to what is predicted of these (`foretold, fewer`, `foretold, 2`).
+(`coarse, 2`), next to what is predicted of these (`predicted, fewer`, `predicted, 2`).
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ def shares(view: View, camera: Camera) -> Mapping[str, float]:
     finest = {"sub_apertures": full}
     asked = [{"sub_apertures": n, "sub_aperture_pixel": 1} for n in (1, FEWER)]
     asked += [finest | {"sub_aperture_pixel": side} for side in SIDES]
-    whole, fewer, *foretold = map(_size, differences(facts, [Level("", change) for change in asked]))
+    whole, fewer, *coarser = map(_size, differences(facts, [Level("", change) for change in asked]))
     found = {"seen": _size(seen) / change}
     found["fewer"] = _size(_per_pixel(photo(FEWER, 1) - best)) / change
     found["predicted, fewer"] = fewer / whole
-    for side, said in zip(SIDES, foretold, strict=True):
+    for side, said in zip(SIDES, coarser, strict=True):
         found[f"coarse, {side}"] = _size(_per_pixel(photo(full, side) - best)) / change
         found[f"predicted, {side}"] = said / whole
     return found

@@ -58,6 +58,8 @@ def gathered(
     place: [band], a coordinate along which PSFs change, such as Psi. Within a channel the groups are those
         that leave the least variance of it. With all of its wavelengths a group's PSF is exact for light of
         the view's own spectrum.
+    groups: of each channel.
+    colours: wavelengths of each group; 0 for all of its bands.
     """
     light: list[Tensor] = []
     channels: list[int] = []

@@ -49,6 +49,7 @@ class Blurring:
 
         which: int64 [n].
         part: [n], the fraction of each fragment's light (default: all).
+        view: whose fragments they are.
         """
         radiance = None if part is None else view.radiance.index_select(1, which) * part
         if self.between is not None:
@@ -64,6 +65,7 @@ class Blurring:
         amount: [n], the coverage of each. It is blurred with the PSFs of each band and weighted by the
             response, as white light is. An opaque surface blocks everything though part of its light may
             leave the PSFs' windows: these PSFs sum to 1.
+        view: whose fragments they are.
         """
         if self.between is not None:
             return self._smooth_coverage(self._nearby(view, which), view, which, amount)
@@ -78,6 +80,7 @@ class Blurring:
         which: [fragment], numbers of fragments of the view.
         part: [fragment], share of each that counts.
         amount: [fragment], coverage of each.
+        view: whose fragments they are.
         """
         if self.between is None:
             return self.light(view, which, part), self.coverage(view, which, amount)
@@ -126,6 +129,7 @@ def white_psfs(psfs: PsfField, response: Tensor) -> PsfField:
     """PSFs of white light in each channel, each summing to 1: [depth, channel, y, x] in the band's place.
 
     response: [channel, band].
+    psfs: [depth, band, y, x].
     """
     layers = []
     for node in range(psfs.inverse_depths.numel()):

@@ -41,6 +41,7 @@ class CoarsePixels:
         """[channel, y, x] in coarse pixels to that of rows and columns of fine ones.
 
         image: [channel, y, x] in coarse pixels.
+        rows, columns: of the fine image.
         """
         if self.side == 1:
             return image

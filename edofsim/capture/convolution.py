@@ -45,6 +45,7 @@ def spectrum(image: Tensor, grid: Grid) -> Tensor:
     """Spectrum of images or of PSFs, put at the top left corner: [..., y, x] to [..., ky, kx], half of it.
 
     image: [..., y, x].
+    grid: of the transform.
     """
     return torch.fft.rfft2(image, s=grid.transform)
 
@@ -56,6 +57,7 @@ def add_convolved(total: Tensor | None, light: Tensor, psf: Tensor, weights: Ten
     light: [n, y, x] of the padded frame, or one for all.
     psf: [n, v, u], or the spectra of either, n convolutions in all.
     weights: [channel, n].
+    grid: of the transform.
 
     Returns the new total; channel c gains sum_n weights[c, n] light[n] * psf[n].
     """
@@ -96,9 +98,9 @@ def image_of(total: Tensor, grid: Grid) -> Tensor:
     """Channels' spectra to images of the padded frame: [channel, ky, kx] to [channel, y, x].
 
     total: [channel, ky, kx], complex.
+    grid: of the transform.
 
     The PSFs' centre pixel moves to the origin here, once for all.
-
     """
     return centred(torch.fft.irfft2(total, s=grid.transform), grid)
 
@@ -107,6 +109,7 @@ def centred(image: Tensor, grid: Grid) -> Tensor:
     """An image as its transform is, moved by half a window, as one of the padded frame: [..., y, x] both.
 
     image: [..., y, x].
+    grid: of the transform.
     """
     centre = grid.window // 2
     image = torch.roll(image, (-centre, -centre), dims=(-2, -1)) if centre else image

@@ -189,7 +189,10 @@ class Fidelity:
             raise InputError(problems)
 
     def changed(self, change: Mapping[str, object]) -> Fidelity:
-        """The same but for some fields; simplifications and kinds are added to those that are there."""
+        """The same but for some fields; simplifications and kinds are added to those that are there.
+
+        change: values by field.
+        """
         change = dict(change)
         for name in ("simplifications", "without_sensor"):
             if name in change:
@@ -301,6 +304,7 @@ def coarsest_pupil_um(camera: Camera, wavelengths: torch.Tensor, inverse_depths:
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera: its aperture, mask and window of PSFs.
     """
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
     alike = sampled_alike(camera, wavelengths, ends, camera.recipe.psf.window_px)

@@ -59,6 +59,8 @@ def image_over_field(
 
     step: pixels between places; None for one place, where the part is the whole.
     image: of the part of the frame that a camera sees from its place, [..., y, x].
+    camera: that looks along the axis.
+    frame: rows and columns of the image; None where the lens does not vary.
     """
     if frame is None or step is None:
         return image(camera, lambda light, reach: light)

@@ -70,6 +70,7 @@ def write_image(path: Path, image: Tensor) -> Path:
     """A linear image [3 or 1, y, x] as an OpenEXR file.
 
     image: [3 or 1, y, x], linear.
+    path: ends in .exr.
 
     Raises what `core.files.whole` raises.
     """

@@ -38,8 +38,8 @@ ROUNDING = 1e-11
 
 def lacks_hidden(view: View) -> bool:
     """Whether what lies behind edges is not known: no fragment is hidden, and nobody looked for any."""
-    looked = str(view.metadata.get("hidden", "")).startswith(("behind", "none"))
-    return not looked and not bool(view.hidden.any())
+    known = str(view.metadata.get("hidden", "")).startswith(("behind", "none"))
+    return not known and not bool(view.hidden.any())
 
 
 def guessed_fragments(view: View) -> int:

@@ -194,6 +194,7 @@ def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:
     more.
 
     nodes: [node], 1/m.
+    fidelity: whose `layers` count.
     """
     if fidelity.layers is None or nodes.numel() <= fidelity.layers:
         return nodes

@@ -33,6 +33,7 @@ def layered(psfs: PsfField, response: Tensor) -> Blur:
     that of the depth nodes alone. Light of one band is that of all.
 
     response: [channel, band].
+    psfs: at depth nodes, [depth, band, y, x].
     """
     kept: dict[tuple[int, int, Grid], Tensor] = {}
     count = response.shape[1]

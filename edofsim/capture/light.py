@@ -120,6 +120,7 @@ class Box:
         """An image [channel, y, x] of this part of a frame of rows and columns, as one of all of it.
 
         image: [channel, y, x].
+        rows, columns: of the whole frame.
         """
         before = (self.left, columns - self.left - self.columns, self.top, rows - self.top - self.rows)
         return pad(image, before)
@@ -146,6 +147,7 @@ def light_of(view: View, nodes: Tensor, which: Tensor, radiance: Tensor | None =
     nodes: [node] inverse depths in 1/m, ascending; depths beyond them take the end node.
     which: int64 [n], the fragments that shine.
     radiance: [band, n], theirs (default: the view's).
+    view: whose fragments they are.
     """
     rows, columns = view.padded_shape
     if nodes.numel() == 1:  # nothing lies between nodes: no order is needed
@@ -177,7 +179,6 @@ def hat_weights(inverse_depth: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
 
     One node: cell 0 and share 0. Shares within 1e-6 of an end are moved onto it: a float32 depth that equals
     a node then costs one convolution, not two.
-
     """
     if nodes.numel() == 1:
         return torch.zeros_like(inverse_depth, dtype=torch.int64), torch.zeros_like(inverse_depth)

@@ -88,7 +88,11 @@ class Photo:
     colours: Tensor | None = None
 
     def show(self, which: Literal["image", "clean", "ideal"] = "image", axes: Axes | None = None) -> Axes:
-        """Draw one of its images with Matplotlib; returns the axes."""
+        """Draw one of its images with Matplotlib; returns the axes.
+
+        which: `image`, `clean` (without noise) or `ideal` (all in focus).
+        axes: to draw in; None for new ones.
+        """
         return show(getattr(self, which), which, axes, self.colours)
 
     def save(self, path: str | Path) -> Path:

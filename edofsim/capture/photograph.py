@@ -80,6 +80,9 @@ def capture(
     dtype: float32 or float64.
     cache: a folder for PSFs that outlive the process.
     clock: what the stages are timed by.
+    camera: recipe, mask and sensor; its height map may carry gradients.
+    device: that computes; the photo stays there.
+    progress: is called with the part that is done, 0 to 1, and what is being done.
 
     Gradients reach the views' radiance and the camera's height map. The ideal image and the exposure always
     have all bands. A mask that absorbs light makes the exposure longer, not the photo darker: by
@@ -212,6 +215,7 @@ def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:
     """Matrix [3, 3] from the colours of a sensor to linear sRGB, for one white balance of all views.
 
     weights: the response [channel, band]. None where the bands hold no colours (`render.colour_matrix`).
+    views: of the same bands.
     """
     lights = [light for view in views if (light := light_of(view)) is not None]
     light = np.mean(lights, axis=0) if lights else None
@@ -233,6 +237,7 @@ def axes_of(
     weights: the response [channel, band].
     nodes: [node], 1/m, as in `capture`.
     spectrum: [band], as in `capture`.
+    views, camera, fidelity: as of `capture`.
     """
     spectrums = [spectrum_of(view) for view in views] if spectrum is None else [spectrum]
     at, between = depths_of(views, camera, fidelity) if nodes is None else (nodes, None)
@@ -291,6 +296,7 @@ def all_in_focus(view: View, weights: Tensor) -> Tensor:
     """Visible light through the response `weights` [channel, band]: [channel, y, x], padded, unexposed.
 
     weights: [channel, band].
+    view: of the scene.
     """
     rows, columns = view.padded_shape
     light = weights.to(view.radiance) @ view.radiance

@@ -36,6 +36,9 @@ def fewer_nodes(
     known, and how light is blurred with them; the same nodes and None where they are no fewer.
 
     nodes: [node], 1/m.
+    camera: its aperture.
+    shortest: wavelength, metres.
+    tolerance_db: PSNR that the photo is to have.
     """
     per_dioptre = defocus_per_dioptre(camera, shortest)
     held = band_limited_nodes(float(nodes[0]), float(nodes[-1]), per_dioptre, INTERPOLATION_ERROR)
@@ -55,6 +58,7 @@ def depth_nodes(
     layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a higher tolerance.
     defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m. A scene with no
         more depths than layers gets exactly its depths: nothing is interpolated then.
+    tolerance_db: PSNR that "auto" aims at.
 
     Raises InputError for fewer than one layer.
     """
@@ -84,10 +88,10 @@ def channel_weights(camera: Camera, wavelengths: Tensor) -> Tensor:
     """What each band adds to each channel: [channel, band], float64, rows summing to 1.
 
     wavelengths: [band], metres.
+    camera: the recipe's sensor says which response.
 
     Raises InputError where a channel's response lies mostly outside the bands: its image would be that of
     other light. One band alone is taken as monochromatic on purpose.
-
     """
     weights = response(camera, wavelengths)
     curves = response_curves(camera)

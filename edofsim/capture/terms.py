@@ -103,6 +103,7 @@ class TermBlurring(Blurring):
         """Light of fragments that lands outside of the PSFs' windows, [channel].
 
         which: int64 [n], the fragments.
+        view: whose fragments they are.
         """
         table, total = self._table(view, which, self._terms.lost[..., None]), 0.0
         pieces = zip(table.weighted(table.factors.flatten(1)), which.split(AT_ONCE), strict=True)

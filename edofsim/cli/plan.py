@@ -47,10 +47,10 @@ def plan(
         overrule = checked_overrule(planned.overrule)
         optics = Camera.from_recipe(camera_recipe.recipe, camera_recipe.base)
         recipe, base = scene_recipe.recipe, scene_recipe.base
-        looked = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)
-        chosen = plan_scene(looked, optics, overrule=overrule, target=target, progress=progress)
+        seen = look(recipe, base, optics, cache=cache, device=device.value, progress=progress)
+        chosen = plan_scene(seen, optics, overrule=overrule, target=target, progress=progress)
         inputs = inputs_of(scene_recipe, camera_recipe)
-        noise = noise_in_words(looked.facts)
+        noise = noise_in_words(seen.facts)
         return finish(
             "plan",
             [*plan_lines(chosen), *([noise] if noise else [])],

@@ -165,8 +165,8 @@ def _as_planned(
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
-    looked = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
-    plan = plan_scene(looked, optics, target=target, progress=progress)
+    seen = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
+    plan = plan_scene(seen, optics, target=target, progress=progress)
     if not quiet:
         console.err.print(f"{task.recipe.name}: planned for {plan.target}", markup=False)
     return Task(simpler_recipe(task.recipe, plan.fidelity), task.base)
@@ -184,8 +184,8 @@ def _stopping(
 
     camera = load_camera(task.recipe.camera, task.base)
     optics = Camera.from_recipe(camera.recipe, camera.base)
-    looked = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
-    level = view_noise_for(looked.facts, place)
+    seen = look(task.recipe, task.base, optics, preview=True, cache=cache, device=device, progress=progress)
+    level = view_noise_for(seen.facts, place)
     if not quiet and level is not None:
         said = f"{task.recipe.name}: noise {level:.3g} of the view is low enough for {place}"
         console.err.print(said, markup=False)

@@ -81,7 +81,6 @@ def colours_of(
 
     Raises InputError for another shape, for floats beyond [0, 1] that have a transfer curve, and for values
     that are not finite.
-
     """
     values = np.asarray(values)
     if values.dtype.kind not in "buif":

@@ -65,7 +65,6 @@ def unit_rgb(image: np.ndarray) -> np.ndarray:
     image: [y, x], [y, x, 1], [y, x, 3] or [y, x, 4].
 
     Raises InputError for another shape than [y, x] or [y, x, 1 to 4].
-
     """
     image = np.asarray(image)
     if image.dtype == bool:
@@ -106,7 +105,6 @@ def write_png(path: Path, image: ArrayLike) -> Path:
     image: [3, y, x].
 
     Values beyond [0, 1] are clipped, and NaN is black. Raises what `files.whole` raises.
-
     """
     values = np.nan_to_num(np.asarray(image).transpose(1, 2, 0)).clip(0, 1)
     return write_bytes(path, png_bytes((values * 255).round().astype(np.uint8)))
@@ -249,7 +247,6 @@ def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mappin
     channels: planes [y, x] by name.
 
     Raises what `files.whole` raises.
-
     """
     writer = openexr()
     header = {"compression": writer.ZIP_COMPRESSION, "type": writer.scanlineimage, **attributes}

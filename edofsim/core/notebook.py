@@ -30,7 +30,6 @@ def srgb_pixels(image: Tensor, colours: Tensor | None = None) -> np.ndarray:
     colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
 
     Raises InputError for another shape.
-
     """
     if image.ndim != 3 or image.shape[0] not in (1, 3):
         raise InputError(f"an image to look at has the shape [3, y, x] or [1, y, x], not {list(image.shape)}")

@@ -36,7 +36,6 @@ def kept_tables(name: str, make: Callable[[], Mapping[str, ArrayLike]]) -> Mappi
 
     Those of a `name` are kept, and made anew for another version of colour-science; what `make` raises is
     not kept. All names together are at most 256; those used longest ago leave.
-
     """
     key, folder = quote(f"{name} {version('colour-science')}", safe=" "), user_folder() / "tables"
     tables = _KEPT.find(key, folder)

@@ -95,19 +95,19 @@ def cases_of(
         full = {row.effect.name: row.full for row in by.estimates.rows}
         return by.plan(target, {name: full[name] for name in whole if name in full})
 
-    def beside(target: Target, whole: tuple[str, ...] = ()) -> Fidelity | None:
+    def rival_of(target: Target, whole: tuple[str, ...] = ()) -> Fidelity | None:
         return None if alone is None else planned(alone, target, whole).fidelity
 
     def case_of(name: str, kind: str, target: Target) -> Case:
         plan = planner.plan(target)
         case = _case(name, kind, plan.fidelity, planner, plan.asked_db or math.inf, plan.error_db)
-        return replace(case, alone=beside(as_accurate(plan, target)))
+        return replace(case, alone=rival_of(as_accurate(plan, target)))
 
     cases = [case_of(f"{db} dB", "target", Target("db", db=float(db))) for db in targets]
     cases += [case_of("chosen", "chosen", Target()), case_of(FOR, "target", RESTORED)]
     fine, parts = Target("db", db=FINE_DB), ("sub-apertures",)
     finely, all_bands = (
-        (planned(planner, fine, whole), beside(fine, whole)) for whole in (parts, (*parts, "bands"))
+        (planned(planner, fine, whole), rival_of(fine, whole)) for whole in (parts, (*parts, "bands"))
     )
     for row in planner.estimates.rows:
         stage = row.effect.stage
@@ -131,7 +131,7 @@ def cases_of(
         case = _case(row.effect.name, "without", fidelity, planner, math.inf, predicted)
         cases.append(replace(case, one_part=one_part, alone=rival and rival.changed(change)))
     case = _case("full", "full", planner.facts.full, planner, math.inf, math.inf)
-    cases.append(replace(case, alone=beside(Target("full"))))
+    cases.append(replace(case, alone=rival_of(Target("full"))))
     return cases
 
 

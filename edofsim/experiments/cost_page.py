@@ -18,7 +18,7 @@ from ..report.plot import BLUE, GREEN, INK, MUTED, NARROW_IN, ORANGE, WIDE_IN, P
 from . import cost, cost_stages
 from .cost import Measured, pareto
 
-BESIDE = (
+LABEL_PLACES = (
     (7, 0, "left", "center"), (-7, 0, "right", "center"), (0, 6, "center", "bottom"),
     (0, -6, "center", "top"), (5, 4, "left", "bottom"), (5, -4, "left", "top"),
     (-5, 4, "right", "bottom"), (-5, -4, "right", "top"), (8, 13, "left", "bottom"),
@@ -93,7 +93,7 @@ def name_points(axes: Axes, points: Sequence[tuple[float, float, str]]) -> None:
     taken = [legend.get_window_extent()] if legend else []
     for x, y, name in points:
         tried = []
-        for dx, dy, side, level in BESIDE:
+        for dx, dy, side, level in LABEL_PLACES:
             text = axes.annotate(
                 name, (x, y), xytext=(dx, dy), textcoords="offset points", ha=side, va=level,
                 fontsize=7.5, color=INK,

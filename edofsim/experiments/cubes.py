@@ -83,7 +83,6 @@ def read_cubes(path: Path, wanted_nm: np.ndarray, reading: Reading) -> tuple[lis
     wanted_nm: [band], nanometres.
 
     Raises InputError where there is none at all.
-
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder; name a spectral cube or a folder of them, --data")

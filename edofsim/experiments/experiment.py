@@ -98,12 +98,18 @@ class InParts(Generic[P]):
 def in_parts(
     option: str, every: Callable[[Mapping[str, object]], Sequence[str]]
 ) -> Callable[[Callable[P, Findings]], InParts[P]]:
-    """Gives an experiment the options --jobs, --cluster and --shard; see `InParts`."""
+    """Gives an experiment the options --jobs, --cluster and --shard; see `InParts`.
+
+    option, every: as of `InParts`.
+    """
     return lambda run: InParts(run, option, every)
 
 
 def in_paper(
     options: Callable[[Paper], Mapping[str, object]],
 ) -> Callable[[Callable[P, Findings]], InPaper[P]]:
-    """Makes an experiment part of `edofsim evaluate paper`, with these options of its own."""
+    """Makes an experiment part of `edofsim evaluate paper`, with these options of its own.
+
+    options: its own there, by what `evaluate paper` was given.
+    """
     return lambda run: InPaper(run, options)

@@ -25,7 +25,6 @@ def at_known_depth(photo: Tensor, psf: Tensor, noise: float) -> Tensor:
     At each frequency the filter is W = X R^-1, R the covariance of the photo's colours there and X the
     scene's with them, for the statistics of photographs (see `restore.linear.colour_error`). Mirror images
     continue the photo.
-
     """
     rows, columns = photo.shape[-2:]
     size = next_fast_len(max(rows, columns) + psf.shape[-1], real=True)

@@ -54,7 +54,6 @@ def composites(view: View, where: Crop, camera: Camera, truth: Tensor) -> Judged
     truth: [channel, y, x], not exposed.
 
     The slow truth has no light beyond the PSFs' windows, so that the glare that it becomes is taken off.
-
     """
     window = camera.recipe.psf.window_px
     part = cropped(view, where.top, where.left, where.height, where.width, window // 2)

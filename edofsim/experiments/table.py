@@ -109,7 +109,7 @@ def run(
     Figures: psnr_db.SYSTEM.{random,0.5m,0.8m,1m} of the restored middles of the pictures,
     psnr_db.SYSTEM.photo.* alike, psnr_db.SYSTEM.chart.{0.5m,0.8m,1m}, each also psnr_db.SYSTEM.whole.*, of
     whole pictures that mirror images continue; psnr_db.SYSTEM.chart.DEPTH.{red,green,blue}, and
-    psnr_db.SYSTEM.told.chart.* alike, of a linear restoration that is given the depth;
+    psnr_db.SYSTEM.known-depth.chart.* alike, of a linear restoration that is given the depth;
     {steps,steps_before,hours}.SYSTEM of its training, pictures, left_out.
     """
     found = photographs(data, limit)
@@ -228,7 +228,7 @@ def chart_figures(rows: Sequence[PictureScore]) -> dict[str, float]:
     for row in rows:
         for each in (GOES_ON, WHOLE):
             figures[f"psnr_db.{row.system}.{each.kind}chart.{row.condition}"] = each.of_row(row)
-        own, linear = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "told."))
+        own, linear = (f"psnr_db.{row.system}.{kind}chart.{row.condition}" for kind in ("", "known-depth."))
         figures[linear] = row.known_depth_db[0]
         for name, values in ((own, row.channels_db), (linear, row.known_depth_db[1:])):
             figures |= {f"{name}.{c}": v for c, v in zip(CHANNELS, values, strict=True)}
@@ -278,9 +278,9 @@ def _singles(result: Result, systems: Sequence[str], scenes: Sequence[str], prot
     for number_, scene in enumerate(scenes):
         for label in fixed:
             values = TABLE.get((theirs[number_], label)) if number_ < len(theirs) else None
-            beside = (values[-1], values[0]) if values else (None, None)
+            papers = (values[-1], values[0]) if values else (None, None)
             ours = (protocol.of_row(rows_of[system, scene, label]) for system in systems)
-            rows.append((scene, DEPTH_NAMES[label], *ours, *beside))
+            rows.append((scene, DEPTH_NAMES[label], *ours, *papers))
     return PageTable(
         columns,
         tuple(rows),

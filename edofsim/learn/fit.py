@@ -78,8 +78,11 @@ def fit(
     height_noise: standard deviation of the mask's error of making, drawn in each step, metres.
     learning_rate, mask_learning_rate: of Adam, for the network's weights and the mask's values.
     precision: of the network, `float32`, `bfloat16` or `auto`.
-    out: folder of the checkpoint, the state, the log and pictures. resume: go on from the state in it.
+    out: folder of the checkpoint, the state, the log and pictures.
+    resume: go on from the state in it.
     device: `auto`, `cpu` or `cuda`; under `torchrun` each process takes its share of a batch.
+    seed: of all that is drawn.
+    progress: is called with the part that is done, 0 to 1, and what is being done.
 
     Figures: psnr_db.start and psnr_db.validation are of the same photos, before and after. Raises InputError
     for what cannot be used.
@@ -162,6 +165,11 @@ def evaluate(
         for the one that belongs to the camera.
     data: as for `fit`.
     count: patches of `patch_px` pixels, the middles of its images.
+    camera: one, a shipped one by name, or a recipe.
+    patch_px: side of a patch.
+    inverse_depth_per_m: least and largest, 1/m.
+    read_noise: standard deviation, relative to full scale.
+    seed: of the noise.
 
     Raises InputError for what cannot be used.
     """

@@ -60,5 +60,8 @@ class TrainingReader(TrainingSource):
     slow: ClassVar[bool] = False
 
     def open(self, wanted: Wanted) -> Source:
-        """The data, read. Raises InputError for what cannot be used."""
+        """The data, read. Raises InputError for what cannot be used.
+
+        wanted: what the data are read for.
+        """
         raise NotImplementedError

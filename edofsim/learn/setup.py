@@ -62,7 +62,7 @@ class Setup:
 
     sampling: pitch of the height map in metres, None without one.
     history: of the checkpoint that the network starts from.
-    beside: that of the auxiliary network.
+    auxiliary: that of the auxiliary network.
     pool: cameras in place of one.
     """
 
@@ -73,7 +73,7 @@ class Setup:
     sampling: float | None
     device: torch.device
     history: tuple[Json, ...] = ()
-    beside: tuple[Json, ...] = ()
+    auxiliary: tuple[Json, ...] = ()
     pool: CameraPool | None = None
 
     @property
@@ -115,7 +115,7 @@ def prepare(
     if optics.camera.lens.varies:
         _check_varying(recipe, camera, network)
     with torch.no_grad():
-        network, beside = _beside(recipe, camera, network, maps_of(mask).height)
+        network, auxiliary = _with_auxiliary(recipe, camera, network, maps_of(mask).height)
     loss = None if given is None else given.loss
     loss = loss.to(workers.device) if isinstance(loss, nn.Module) else loss
     weights = LossWeights(recipe.loss.alpha, recipe.loss.beta, recipe.loss.gamma)
@@ -134,7 +134,7 @@ def prepare(
     # pyrefly: ignore[no-matching-overload] - torch's stubs leave this one out
     system.network.to(memory_format=torch.channels_last)
     pool = camera_pool(recipe, network, workers.device, progress)
-    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, beside, pool)
+    return Setup(recipe, camera, system, training_data, sampling, workers.device, history, auxiliary, pool)
 
 
 def _check_varying(recipe: TrainRecipe, camera: CameraRecipe, network: Restorer) -> None:
@@ -276,24 +276,24 @@ def _network(recipe: TrainRecipe, camera: CameraRecipe) -> tuple[Restorer, tuple
     return network, history
 
 
-def _beside(
+def _with_auxiliary(
     recipe: TrainRecipe, camera: CameraRecipe, network: Restorer, height: Tensor | None
 ) -> tuple[Restorer, tuple[Json, ...]]:
     """The network with the auxiliary network that the recipe names, and the history of that.
     height: [n, n] in metres, of the training's mask, which is to be the checkpoint's, too."""
-    source = recipe.network.beside
+    source = recipe.network.auxiliary
     if source is None:
         return network, ()
     checkpoint = load_checkpoint(source, camera)
     if not _same(height, checkpoint.height):
         raise InputError(
-            f"network.beside = {source!r}: it was trained with another mask; name a checkpoint of this mask, "
-            "or start with the mask of that one (doe.start)"
+            f"network.auxiliary = {source!r}: it was trained with another mask; name a checkpoint of this"
+            " mask, or start with the mask of that one (doe.start)"
         )
     try:
         return network.with_auxiliary(checkpoint.network), tuple(history_of(checkpoint))
     except InputError as error:
-        raise InputError(f"network.beside = {source!r}: {error}") from None
+        raise InputError(f"network.auxiliary = {source!r}: {error}") from None
 
 
 def _same(height: Tensor | None, other: Tensor | None) -> bool:

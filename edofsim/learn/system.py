@@ -53,6 +53,8 @@ def captured(
     truncated: scalar [].
     psf: [batch, 3, window, window].
     light: [batch], relative to the axis.
+    saturates: whether full scale is the most that is seen.
+    broadband: see `Captured`.
     """
     if saturates:
         clean = clean.clamp_max(1) if light is None else clean.minimum(1 / light[:, None, None, None])
@@ -63,12 +65,16 @@ class Scenes(Protocol):
     """A batch that can be photographed."""
 
     def photograph(self, optics: TrainingCamera) -> Captured:
-        """The photo without noise, by the mask as it is made."""
+        """The photo without noise, by the mask as it is made.
+
+        optics: with the mask as it is made.
+        """
 
     def reusing(self, psf: Tensor, broadband: bool) -> Scenes:
         """The same scenes with the PSFs of an earlier photo, and its light, where they can be used again.
 
         psf: [batch, 3, window, window].
+        broadband: as of that photo, see `Captured`.
         """
 
 
@@ -94,7 +100,10 @@ class Planes:
     shift: float = MIDDLE
 
     def photograph(self, optics: TrainingCamera) -> Captured:
-        """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees."""
+        """Each colour sees one wavelength, as in the paper, or the same light of all that the sensor sees.
+
+        optics: with the mask as it is made.
+        """
         sharp = self.sharp.to(optics.device)
         psf, light = self.psf, None
         if psf is None:
@@ -123,6 +132,8 @@ class PooledCamera(Protocol):
         """What the network is given of a photo [batch, 3, y, x], [batch, channel, y, x].
 
         photo: [batch, 3, y, x].
+        network: that restores it.
+        captured: the photo without its noise.
         """
 
 
@@ -227,6 +238,7 @@ class System(nn.Module):
         """What the network sees, photo [batch, channel, y, x], to [batch, 3, y, x], float32.
 
         photo: [batch, channel, y, x].
+        maps: of the mask as it is designed.
         """
         if self.network.psfs == "designed":
             return self.network.restored_with(photo, self._designed_psfs(maps))

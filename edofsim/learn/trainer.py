@@ -94,6 +94,9 @@ def train(
     cache: of rendered views.
     given: in place of what the recipe names, see `fit`. Under `torchrun` every process takes its share of the
         batch.
+    loaded: the recipe, and the file that it was read from.
+    out: folder of what is written.
+    progress: is called with the part that is done, 0 to 1, and what is being done.
 
     Ctrl-C saves and returns with `finished` False. Raises InputError for what cannot be used, EdofsimError
     where the disk refuses or the loss is no longer finite: then OUT/nan-state.safetensors holds the weights
@@ -323,8 +326,8 @@ def save_result(setup: Setup, path: Path, position: Position, figures: Mapping[s
     }
     if setup.history:
         card["history"] = list(setup.history)
-    if setup.beside:
-        card["beside"] = list(setup.beside)
+    if setup.auxiliary:
+        card["auxiliary"] = list(setup.auxiliary)
     setup.system.store_final_psfs()
     maps, how = setup.maps(), {"sampling": setup.sampling}
     return save_checkpoint(path, setup.system.network, card, **how, **maps._asdict())
@@ -374,7 +377,7 @@ def _for_card(recipe: TrainRecipe) -> Json:
     """The recipe for a card: of a file that something started from, its name, not its folder on this disk."""
     plain = _plain(recipe)
     network, doe = plain["network"], plain["doe"]
-    for table, key in ((network, "start"), (network, "beside"), (doe, "start")):
+    for table, key in ((network, "start"), (network, "auxiliary"), (doe, "start")):
         if table[key] is not None:
             table[key] = Path(table[key]).name
     return plain

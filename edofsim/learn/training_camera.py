@@ -88,8 +88,8 @@ class TrainingCamera:
         if not self.varies or places is None:
             return self.psfs(inverse_depths, broadband, shift=shift), None
         there = [self.seen_at(right, up) for right, up in places.tolist()]
-        looks = zip(there, inverse_depths, strict=True)
-        psfs = [one.psfs(depth[None], broadband, shift=shift) for one, depth in looks]
+        pairs = zip(there, inverse_depths, strict=True)
+        psfs = [one.psfs(depth[None], broadband, shift=shift) for one, depth in pairs]
         light = torch.tensor([relative_light(one.camera) for one in there], device=self.device)
         return torch.cat(psfs), light
 

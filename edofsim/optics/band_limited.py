@@ -42,6 +42,7 @@ def band_limited_weights(at: Tensor, nodes: Tensor, per_dioptre: float) -> Tenso
 
     at: [n], 1/m.
     nodes: [node], 1/m.
+    per_dioptre: change of Psi with inverse depth, rad m.
     """
     return _weights(at.double() * per_dioptre, nodes.to(at.device, torch.float64) * per_dioptre)
 

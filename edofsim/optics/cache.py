@@ -29,6 +29,7 @@ def key(
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera, window_px, seed, dtype: as of `psf_bank`.
     """
     said = {"optics": identity(camera), "window": window_px, "seed": seed, "dtype": str(dtype)}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
@@ -65,9 +66,10 @@ def keep(key: str, psfs: Tensor, folder: Path | None) -> None:
     """Remember PSFs on the CPU, and write them to the folder if there is one.
 
     psfs: [depth, band, y, x].
+    key: what `key` gives.
+    folder: for files; None: in memory alone.
 
     Raises ValueError for those that carry gradients: a cached graph would be that of an old parameter.
-
     """
     if psfs.requires_grad:
         raise ValueError("PSFs that carry gradients must not be cached")

@@ -153,7 +153,6 @@ class Camera:
         height: [n, n], metres; None for the recipe's own mask.
 
         Raises InputError for a map that is not square and real, or whose values are not finite or above 1 mm.
-
         """
         if height is not None:
             _check_map(height, "a height map", "metres")
@@ -191,15 +190,23 @@ class Camera:
         return replace(self, **dict(zip(("height_map", "amplitude"), maps, strict=True)))
 
     def at_field(self, field: Field) -> Camera:
-        """The same camera with the PSFs of points whose chief ray has the tangents (right, up) `field` with
-        the axis. Raises InputError for what is not finite."""
+        """The same camera with the PSFs of points in another place of the field.
+
+        field: tangents (right, up) of their chief ray with the axis.
+
+        Raises InputError for what is not finite.
+        """
         if not all(map(math.isfinite, field)):
             raise InputError(f"a place in the field is two finite tangents, right and up, not {field}")
         return replace(self, field=field if self.lens.varies else AXIS)
 
     def seen_at(self, place: Field) -> Camera:
-        """The same camera with the PSFs of points whose chief ray lands where a lens without distortion
-        images light of tangents (right, up) `place`. Raises InputError where there is no such ray."""
+        """The same camera with the PSFs of points whose light lands in another place of the sensor.
+
+        place: tangents (right, up) of light that a lens without distortion images there.
+
+        Raises InputError where there is no such chief ray.
+        """
         # rounded, so that a place reached by two ways is one, and its PSFs are computed once
         right, up = (round(tangent, PLACE_DIGITS) + 0.0 for tangent in place)
         return self.at_field(self.lens.chief((right, up)))
@@ -228,6 +235,7 @@ def check_thin(height: Tensor, name: str) -> None:
     """Raise InputError for heights [m] that no mask has, as those in another unit are.
 
     height: [n, n], metres.
+    name: what the message calls them.
     """
     highest = float(height.detach().abs().max())
     if highest > HIGHEST:
@@ -241,6 +249,7 @@ def focal_length(camera: Camera, wavelengths: Tensor | float) -> Tensor:
     """Of the lens, metres, float64, same shape as `wavelengths` [m].
 
     wavelengths: any shape [...], metres.
+    camera: whose lens it is.
     """
     return camera.lens.focal_length(wavelengths)
 
@@ -249,9 +258,9 @@ def focus_distance(camera: Camera, wavelengths: Tensor | float) -> Tensor:
     """Distance that is paraxially sharp, metres, float64, same shape as `wavelengths` [m].
 
     wavelengths: any shape [...], metres.
+    camera: its lens, and how far away its sensor is.
 
     From 1/z = 1/f - 1/z_i; infinite where the sensor lies in the focal plane, negative where it is nearer.
-
     """
     return 1 / (1 / focal_length(camera, wavelengths) - 1 / camera.sensor_distance)
 
@@ -282,9 +291,9 @@ def defocus(camera: Camera, wavelengths: Tensor | float, inverse_depths: Tensor 
 
     wavelengths: any shape [...], metres.
     inverse_depths: any shape [...] that broadcasts with it, 1/m.
+    camera: its lens, aperture and sensor's distance.
 
-    wavelengths [m] and inverse_depths [1/m] broadcast. Negative for points beyond the focus.
-
+    Negative for points beyond the focus.
     """
     wavelengths = torch.as_tensor(wavelengths, dtype=torch.float64)
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64)

@@ -37,6 +37,7 @@ def unscattered_fraction(wavelengths: Tensor, height_error: float, material: Mat
     wavelengths: [band] in metres, float64.
     height_error: standard deviation in metres. exp(-s^2), s the standard deviation of the phase (Goodman,
         *Statistical Optics*, random phase screens).
+    material: of the mask.
     """
     return (-(2 * math.pi * (material.index(wavelengths) - 1) * height_error / wavelengths).square()).exp()
 
@@ -45,6 +46,8 @@ def make(designed: Tensor, fabrication: Fabrication, material: Material, seed: i
     """The made surface [.., y, x] in metres from the designed one: `made_height` it, and `height_error`.
 
     designed: [..., y, x], metres.
+    fabrication, material: the recipe's, of the mask.
+    seed: of the errors.
     """
     surface = made_height(designed, fabrication, material)
     return surface + height_error(surface, fabrication, seed)
@@ -54,13 +57,13 @@ def made_height(designed: Tensor, fabrication: Fabrication, material: Material) 
     """The surface [.., y, x] in metres that is meant to be made of the designed one.
 
     designed: [..., y, x], metres.
+    fabrication, material: the recipe's, of the mask.
 
     In this order: moved so that its lowest point is 0 (a piston changes no intensity), wrapped or limited,
     and quantised. All of it passes gradients straight through.
 
     Raises InputError where a design is deeper than the limit and no wavelength to wrap at is stated, and
     where not even one wave fits under the limit.
-
     """
     surface = designed
     if fabrication.height_limit_um is not None or fabrication.levels is not None:
@@ -78,10 +81,11 @@ def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor
     its own.
 
     surface: [..., y, x], metres.
+    fabrication: the recipe's.
+    seed: of the errors.
 
     It is drawn on the CPU in float64, so that a seed means the same surface on every device and in every
     precision.
-
     """
     scaled = surface * (fabrication.height_scale - 1)
     if not (fabrication.height_noise_nm or fabrication.height_bias_nm):

@@ -108,6 +108,8 @@ def joined(frame: Frame, step: int, image: Callable[[Place], Tensor]) -> Tensor:
 
     image: of a place's rows and columns, [..., row, column], as all light that reaches them is seen from
         there.
+    frame: rows and columns of the image.
+    step: pixels between places.
     """
     whole = None
     for place in places(frame, step):
@@ -144,14 +146,15 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
         from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope.
         Light, relative to that of the camera's place, changes likewise. The sum stays: pixels see as much of
         a white scene as their place has light, however PSFs spread or crowd it.
+    camera: at its place in the field.
     """
     own = relative_light(camera)
     right, up = camera.lens.lands(camera.field)
 
     def at(place: Field) -> Tensor | None:
         try:
-            beside = camera.seen_at(place)
-            return psfs(beside) * (relative_light(beside) / own)
+            there = camera.seen_at(place)
+            return psfs(there) * (relative_light(there) / own)
         except InputError:  # no light from there reaches the sensor
             return None
 
@@ -173,6 +176,8 @@ def step_for(camera: Camera, frame: Frame, wavelengths: Tensor, ends: tuple[floa
     """The largest of `STEPS` by which photos err by less than `db` of PSNR, see `errors_by_step`.
 
     wavelengths: [band], metres.
+    camera, frame, ends: as of `errors_by_step`.
+    db: PSNR of the error that is allowed.
     """
     if not camera.lens.varies:
         return STEPS[0]
@@ -193,6 +198,8 @@ def errors_by_step(
     wavelengths: [band], metres.
     ends: least and largest inverse depth [1/m]: looked at are the distance in focus and those whose blur is
         `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
+    camera: one whose lens `varies`.
+    frame: rows and columns of the photo.
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours = response(camera, bands) @ bands
@@ -251,7 +258,6 @@ def psf_field(
         as there.
 
     Raises InputError as `psf_bank`.
-
     """
 
     def psfs(depths: Tensor) -> Tensor:

@@ -149,6 +149,8 @@ def resample(surface: Tensor, pitch_from: float, grid: PupilGrid, wave: float) -
         than half of it is a wrap, where whole waves were taken off (K. Itoh, "Analysis of the phase
         unwrapping algorithm", Appl. Opt. 21, 2470, 1982): it stays a step, halfway between the two. Smoothed
         into a ramp it would scatter the light that it leaves alone.
+    pitch_from: metres between the map's samples.
+    grid: the grid wanted.
     """
     same_pitch = abs(grid.pitch / pitch_from - 1) < 1e-9
     if same_pitch and surface.shape[-1] == grid.samples:

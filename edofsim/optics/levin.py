@@ -47,7 +47,6 @@ def discrimination(pattern: Tensor) -> float:
     pattern: [13, 13], 0 or 1.
 
     The larger, the better a blur's size can be determined. 0 for a pattern that lets no light through.
-
     """
     light = float(pattern.sum())
     if light == 0:

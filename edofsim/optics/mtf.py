@@ -55,9 +55,10 @@ def otf(
         of the pupil function), sampled at the rate of the pupil's own bandwidth, so that it is free of the
         sensor's aliasing.
     with_pixel: times the transform of a square pixel. Of a measured lens, the pixel is in it in any case.
+    camera: its lens, mask and place in the field.
+    wavelength: metres.
 
     Raises InputError as `psf_bank` does.
-
     """
     return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel)[0]
 
@@ -114,6 +115,7 @@ def mtf(
 
     inverse_depths: [depth], 1/m.
     frequencies: [frequency], 1/m on the sensor.
+    camera, wavelength, angle_deg: as of `otf`.
     """
     return otf(camera, wavelength, inverse_depths, frequencies, angle_deg=angle_deg).abs()
 
@@ -129,6 +131,7 @@ def tangential_sagittal(
 
     inverse_depths: [depth], 1/m.
     frequencies: [frequency], 1/m on the sensor.
+    camera, wavelength: as of `otf`.
     """
     right, up = camera.field
     along = math.degrees(math.atan2(up, right)) if right or up else 90.0
@@ -151,6 +154,7 @@ def strehl(
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
     on_axis: the intensity in the middle instead of the peak, wherever that lies.
+    camera: its lens, mask and place in the field.
     """
     inverse_depths = torch.as_tensor(inverse_depths, dtype=torch.float64).flatten()
     ratios = []
@@ -270,16 +274,16 @@ class _FocalPlane:
                 down, along = divmod(place, image.shape[1])
                 found.append((value, rows.start + down * rows.step, along))
         brightest = sorted(found, reverse=True)[:PEAKS]
-        beside = torch.tensor([-0.5, -0.25, 0.0, 0.25, 0.5], dtype=torch.float64) / self.count
+        offsets = torch.tensor([-0.5, -0.25, 0.0, 0.25, 0.5], dtype=torch.float64) / self.count
         samples = torch.arange(len(self.pupil), dtype=torch.float64)
         down, along = (
             torch.tensor([place[axis] for place in brightest], dtype=torch.float64)[:, None] / self.count
-            + beside
+            + offsets
             for axis in (1, 2)
         )
         lit = self.chirps[depth]
         rows_there = (_wave(down.flatten()[:, None] * samples) * lit) @ self.pupil
-        rows_there = (rows_there * lit).unflatten(0, (-1, len(beside)))
+        rows_there = (rows_there * lit).unflatten(0, (-1, len(offsets)))
         across = _wave(along[:, :, None] * samples)
         fields = torch.bmm(rows_there, across.transpose(1, 2))
         return float(fields.abs().square().max())

@@ -57,7 +57,6 @@ def nodes_between(
 
     Returns float64 [node], 1/m, ascending from `far` to `near`; one where these are equal.
     Raises InputError as `psf_bank`.
-
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours, ends = axes_of(camera, response(camera, bands) @ bands, [float(far), float(near)])

@@ -107,6 +107,7 @@ def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
     along: [window, s], windows along an axis of the pupil that sum to 1.
     parts: each a sum of products of one along y and one along x. Parts in one row share the transform along
         y, which is most of the work.
+    wave: from the pupil to the window.
     """
     rows = [(fold(wave.pupil * window[:, None]), _lit(window)) for window in along]
     size = 2 * len(wave.bases.pixels) - 1
@@ -147,6 +148,8 @@ def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:
     """Adjoint of `energies`: gradient of a loss by the pupil, complex [s, s], from that by the energies.
 
     upstream: gradient by the energies, [depth, pixel, pixel].
+    wave: from the pupil to the window.
+    kept: what `energies` kept of each block of depths.
     """
     parts = fold(wave.pupil)
     total = torch.zeros_like(wave.pupil)

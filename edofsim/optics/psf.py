@@ -64,6 +64,9 @@ def psf_bank(
     seed: of the fabrication error in place of the recipe's.
     cache: a folder for banks that outlive the process; those that carry no gradients are kept in memory in
         any case.
+    camera: its lens, mask, sensor and place in the field.
+    dtype: float32 or float64, of the PSFs.
+    device: that computes and holds them.
 
     Many depths in float32 are interpolated between as many as a band-limited function of Psi needs
     (`nodes_for`), to within `INTERPOLATION_ERROR` of the PSF; float64 is computed depth by depth. The work
@@ -71,7 +74,6 @@ def psf_bank(
 
     Raises InputError for empty or invalid wavelengths and depths, wavelengths outside the glass data, a pupil
     sampling that cannot be met, and a bank too large to begin.
-
     """
     wavelengths, inverse_depths = axes_of(camera, wavelengths, inverse_depths)
     pixels = camera.recipe.psf.window_px if window_px is None else window_px
@@ -187,9 +189,9 @@ def mean_psfs(
     height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
         What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they
         scatter spreads evenly over the period of the sampled mask.
+    camera, window_px, device: as of `psf_bank`.
 
     Raises as `psf_bank`.
-
     """
     psf = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device).values
     if height_noise == 0:
@@ -222,6 +224,7 @@ def channel_psfs(
     weights: of the bands in the channels, [channel, band]; None for the camera's response.
     height_noise: of the mask, as in `mean_psfs`.
     window_px: side of the PSFs; None for the recipe's.
+    camera, device: as of `psf_bank`.
 
     Raises InputError as `psf_bank`.
     """
@@ -247,10 +250,14 @@ def wave_at(
     pixel: float | None = None,
     oversampling: int | None = None,
 ) -> Wave:
-    """The wave of `wavelength` [m] from inverse depths [depth] in the aperture, on its way to a window of
-    `pixels`, each of `pixel` [m], None for the camera's, with this many samples along its side.
+    """The wave from inverse depths in the aperture, on its way to a window.
 
     inverse_depths: [depth], 1/m.
+    camera, opening: whose pupil the wave comes from, and what of it is open.
+    wavelength: metres.
+    pixels: along a side of the window.
+    dtype, device: of the wave.
+    pixel, oversampling: its side, metres, and samples along it; None for the camera's.
     """
     window = SensorWindow(pixels, pixel or camera.pixel, oversampling or camera.oversampling(wavelength))
     reach = wavelength * camera.sensor_distance
@@ -267,9 +274,10 @@ def wave_at(
 
 
 def nodes_for(camera: Camera, wavelength: float, inverse_depths: Tensor, dtype: torch.dtype) -> Tensor:
-    """The inverse depths that PSFs at `inverse_depths` [depth] are computed at: fewer, or just these.
+    """The inverse depths that PSFs at `inverse_depths` are computed at: fewer, or just these.
 
     inverse_depths: [depth], 1/m.
+    camera, wavelength, dtype: as of `wave_at`.
     """
     if dtype == torch.float64:
         return inverse_depths
@@ -303,6 +311,7 @@ def axes_of(
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera: whose glasses have data.
 
     Raises InputError for values that are no axes of PSFs.
     """

@@ -62,7 +62,10 @@ class PsfField:
         return torch.stack(each).detach()
 
     def layer(self, node: int) -> Tensor:
-        """Those at one inverse depth, [band, y, x]."""
+        """Those at one inverse depth, [band, y, x].
+
+        node: index of the inverse depth.
+        """
         if isinstance(self.source, Tensor):
             return self.source[node]
         first = node - node % AHEAD

@@ -146,6 +146,8 @@ def bent(pupil: Tensor, opening: Aperture, wavelength: float, inverse_depths: Te
 
     pupil: [samples, samples], complex.
     inverse_depths: [depth], 1/m.
+    opening: the aperture.
+    wavelength: metres.
     """
     bend = opening.bend
     if bend is None:
@@ -182,10 +184,11 @@ def chirp(
     float64.
 
     defocus: Psi, [depth], radians, float64.
+    grid: of the pupil.
+    dtype, device: of the result, as real numbers.
 
     It is even, so it is given from the centre outwards only; the phase of a whole defocus is its product
     along both axes.
-
     """
     axis = grid.centres[grid.samples // 2 :] / grid.radius
     phase = _reduced(defocus.double()[:, None] * axis**2)

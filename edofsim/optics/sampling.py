@@ -54,10 +54,10 @@ def plan_sampling(
     inverse_depths: [depth], 1/m.
     by_bound: False leaves the paper's bound out of "auto"; it is twice as fine as the steepest phase asks
         for.
+    camera, window_px: as of `psf_bank`.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.
-
     """
     psi = defocus(camera, wavelengths[None, :], inverse_depths[:, None])
     largest = float(psi.flatten()[psi.abs().argmax()])
@@ -113,6 +113,7 @@ def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, 
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera, window_px: as of `psf_bank`.
     """
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
     return min(coarsest_pitches(camera, wavelengths, ends, window_px))
@@ -125,6 +126,7 @@ def coarsest_pitches(
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera, window_px: as of `psf_bank`.
     """
     shortest = float(wavelengths.double().min())
     alone = shortest * camera.sensor_distance / (window_px * camera.pixel)
@@ -142,6 +144,7 @@ def sampled_alike(
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
+    camera, window_px: as of `psf_bank`.
     """
     if camera.lens.measured:
         return [(torch.arange(len(inverse_depths)), 2 * camera.aperture_radius / FEWEST_SAMPLES)]

@@ -27,6 +27,7 @@ def response(camera: Camera, wavelengths: Tensor) -> Tensor:
     """What each band adds to red, green and blue: [3, band], float64, each row summing to 1 over the bands.
 
     wavelengths: [band], metres. `sensor.response` of the recipe is "paper" (31 bands read off the figure of
+    camera: the recipe's sensor says which response.
     Akpinar et al.), "nikon-5100" or "sigma-sdmerill" (measured by NPL, in colour-science), "lines" (three
     bands, each one channel: the paper's model of 611, 543 and 482 nm), or a CSV file with the columns
     wavelength_nm, r, g, b. Between tabulated wavelengths it is interpolated linearly.

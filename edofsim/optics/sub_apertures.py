@@ -67,9 +67,9 @@ def sub_aperture_psfs(
     coarsely: the pupil is sampled as coarsely as may be for each depth, in place of the recipe's sampling and
         of one that does for all; the sum is then that of such PSFs. Other arguments as there; gradients reach
         the camera's height map.
+    camera, window_px, dtype, device: as of `psf_bank`.
 
     Raises InputError as there, and for a number of sub-apertures out of range.
-
     """
     if not 1 <= across <= MOST_PARTS:
         raise InputError(

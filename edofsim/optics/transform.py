@@ -115,7 +115,6 @@ def fold(pupil: Tensor) -> Tensor:
 
     Real, [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], half of the pupil each way; one depth
     stands for all.
-
     """
     pupil = pupil if pupil.ndim == 3 else pupil[None]
     half = pupil.shape[-1] // 2
@@ -132,6 +131,7 @@ def unfold(parts: Tensor, samples: int) -> Tensor:
     [depth, samples, samples].
 
     parts: [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], see `fold`.
+    samples: of the pupil, along a side.
     """
     half, depths = samples // 2, parts.shape[4]
     columns = parts.new_zeros(2, 2, samples, depths, parts.shape[-1])
@@ -210,9 +210,9 @@ def windowed(
 
     components: from `down`, [2 (re, im), 2 (y), y, depth, half] each.
     window: [samples], real.
+    lit: slice of half of the axis.
 
     The window's odd part turns even components into odd ones, and back.
-
     """
     half = len(window) // 2
     right, left = window[half:], window[: len(window) - half].flip(0)
@@ -256,7 +256,6 @@ def pairs(even: Tensor, odd: Tensor) -> tuple[tuple[Tensor, Tensor], ...]:
     even, odd: [2 (re, im), 2 (y), y, depth, x], from `waves`.
 
     F(+-y, +-x) = (ee -+ oo) + j (+-oe +- eo), where the first letter is the parity in y.
-
     """
     ee, oe, eo, oo = even[:, 0], even[:, 1], odd[:, 0], odd[:, 1]
     return (ee - oo, oe + eo), (ee + oo, oe - eo)
@@ -290,6 +289,7 @@ def even_energy(parts: Tensor, chirps: Tensor, bases: Bases) -> Tensor:
 
     parts: [2, 2, 2, y, depth, x], from `fold`.
     chirps: [depth, half], complex.
+    bases: of the transform.
     """
     real, imaginary = defocus_maps(chirps)
     (re, im), cosines = parts[0, :, 0], bases.fourier[0]
@@ -352,6 +352,7 @@ def intensity_gradient(upstream: Tensor, even: Tensor, odd: Tensor, bases: Bases
 
     upstream: [depth, pixel, pixel].
     even, odd: [2 (re, im), 2 (y), y, depth, x].
+    bases: of the transform.
     """
     rows, depths = even.shape[2:4]
     image = upstream.permute(1, 0, 2)

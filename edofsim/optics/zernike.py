@@ -21,9 +21,9 @@ def zernike(index: int, u: Tensor, v: Tensor) -> Tensor:
 
     u: any shape [...] that broadcasts with v.
     v: any shape [...] that broadcasts with u.
+    index: by Noll, from 1.
 
     Evaluated from powers of rho^2 and of u + i v, so that it is smooth everywhere, the centre included.
-
     """
     n, m = noll_orders(index)
     size = abs(m)

@@ -107,7 +107,10 @@ class Facts:
         return found
 
     def step_of(self, fidelity: Fidelity) -> int:
-        """Pixels between the places in the field that PSFs are computed at, 0 for one place."""
+        """Pixels between the places in the field that PSFs are computed at, 0 for one place.
+
+        fidelity: whose `field_step_px`, or else `layers_db`, decides.
+        """
         if not self.camera.lens.varies or fidelity.field_step_px is not None:
             return fidelity.field_step_px or 0
         least = 10 ** (-fidelity.layers_db / 20)
@@ -127,7 +130,10 @@ class Facts:
         return tuple((own * self.levels_of_light * torch.tensor(self.averaging)).tolist())
 
     def layers_of(self, layers: int | None) -> int:
-        """Depth nodes that this many layers come to; the full simulation's for None."""
+        """Depth nodes that this many layers come to; the full simulation's for None.
+
+        layers: wanted; None for the full simulation's.
+        """
         if layers is None:
             return self._finest_layers
         return layers if self.depths is None else min(layers, int(self.depths.numel()))

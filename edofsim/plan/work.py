@@ -115,7 +115,7 @@ def work_of(
     )
     fragments = shape.fragments * _frame(shape, window) / math.prod(shape.padded_shape)
     pixels = 3.0 * shape.height * shape.width
-    looked = 0.0 if shape.one_each else shape.fragments + fragments
+    moved = 0.0 if shape.one_each else shape.fragments + fragments
     gathered = groups if fidelity.band_groups else 0
     alike = MIRRORED if camera.lens.round and not has_height else 1.0
     places, wider = _over_field(shape, window, step, alike, fidelity.field_terms)
@@ -123,7 +123,7 @@ def work_of(
     block = min(groups, max(1.0, BLOCK_PIXELS // largest))
     return Work(
         {
-            "prepare": {"calls": 1.0, "moves": looked, "elements": pixels},
+            "prepare": {"calls": 1.0, "moves": moved, "elements": pixels},
             "psf": _times(waves, places),
             "blur": _times(blur, wider),
             "sub_apertures": _times(parts, parts_wider) | {"products": parts.get("products", 0.0) * rarer},
@@ -207,8 +207,8 @@ def _blur_of(shape: Shape, occlusion: str, window: int, layers: int, groups: int
     if shape.in_tiles:
         kept, around = ((slabs.part + 2.0 * reach).prod(1) for reach in (window // 2, shape.reach))
         kept = kept / around
-    looked = {"moves": float((slabs.around * kept).sum()) + shape.fragments * scale}
-    return _added(*work, looked, plain if shape.in_tiles else {}), max(float(size.max()), float(frame))
+    moves = {"moves": float((slabs.around * kept).sum()) + shape.fragments * scale}
+    return _added(*work, moves, plain if shape.in_tiles else {}), max(float(size.max()), float(frame))
 
 
 def _boxes(shape: Shape, reach: int, side: int = 1) -> Tensor:

@@ -25,13 +25,14 @@ class NetworkTable(RecipeModel):
     """settings of the network, by its own keys"""
     start: str | None = None
     """checkpoint whose weights it starts from: a file or a shipped name"""
-    beside: str | None = None
+    auxiliary: str | None = None
     """checkpoint of the same mask whose restoration this filter bank sees and saves with it; a D-CNN"""
 
     @model_validator(mode="before")
     @classmethod
-    def _as_once_written(cls, data: object) -> object:
-        return without(data, "start_share")
+    def _as_once_written(cls, data: object, info: ValidationInfo) -> object:
+        data = without(data, "start_share")
+        return renamed(data, "beside", "auxiliary", {}, info) if isinstance(data, Mapping) else data
 
 
 class DoeTable(RecipeModel):

@@ -34,7 +34,6 @@ def pixel_directions(
     shift: (down, right) from the pixels' centres, in pixels, for all or each [n].
 
     Raises InputError for a view through a lens that distorts.
-
     """
     if view.metadata.get("chief_rays"):
         raise InputError(

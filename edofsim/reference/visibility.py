@@ -113,7 +113,6 @@ def places_of(
 
     at(down, right): directions [fragment, 3] at an offset from the pixels' centres. A visible fragment is
     where the pixel's ray meets its depth first, a hidden one where the ray meets it behind something else.
-
     """
     found = np.zeros((PLACES, PLACES, len(inverse_depth)), bool)
     offsets = (np.arange(PLACES) + 0.5) / PLACES - 0.5

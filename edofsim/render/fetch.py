@@ -120,8 +120,8 @@ def _rendered(
     partial = place.file("partial")
     how = {"device": device, "progress": say, "partial": partial}
     try:
-        with ThreadPoolExecutor(1) as beside:
-            beside.submit(find_engines)  # the first time on a machine it waits for a child process
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(find_engines)  # the first time on a machine it waits for a child process
             model = build_scene(recipe, base, part(say, 0.0, 0.0))
     except NotCarried as reasons:
         LOG.warning(

@@ -192,7 +192,6 @@ class Sums:
         The halves are every second pass and the rest. Half of their difference has the variance of their
         mean; of halves of n and m samples it is sqrt(n m) / (n + m) of it, where variance falls as 1 /
         samples.
-
         """
         second, first = self.half_samples, self.samples - self.half_samples
         if not second or not first:

@@ -186,11 +186,11 @@ def _limits(last: DepthSurvey, seen: DepthSurvey, settings: RenderSettings) -> n
         top = last.tops[:, surface]
         level = np.full(rows * columns, -np.inf, np.float32)
         level[last.pixels] = np.where(top == NOWHERE, -np.inf, top)
-        looked_behind = seen_around(level.reshape(rows, columns), farthest, settings.gap, reach).ravel()
+        reached = seen_around(level.reshape(rows, columns), farthest, settings.gap, reach).ravel()
         below = np.full(rows * columns, NOWHERE, np.float32)
         if surface < settings.fragments - 1:
             below[last.pixels] = last.bounds[:, surface]
-        limits[looked_behind] = below[looked_behind]
+        limits[reached] = below[reached]
     return limits
 
 

@@ -43,7 +43,6 @@ def depth_tiles(
 
     These are the very rays of the first passes (up to SURVEY_SAMPLES samples), so that what is rendered falls
     on the surfaces that were found.
-
     """
     sizes: list[int] = []
     total = 0

@@ -212,7 +212,11 @@ class View(FragmentFields[Tensor]):
         return bool((self.pixel == torch.arange(self.pixel.numel(), device=self.pixel.device)).all())
 
     def to(self, device: torch.device | str | None = None, dtype: torch.dtype | None = None) -> View:
-        """The same view on another device; `dtype` applies to coverage, inverse depth and radiance."""
+        """The same view on another device; `dtype` applies to coverage, inverse depth and radiance.
+
+        device: None for the same.
+        dtype: float32 or float64; None for the same.
+        """
         whole = {name: getattr(self, name).to(device) for name in ("pixel", "hidden", "wavelengths")}
         real = ("coverage", "inverse_depth", "radiance", "half_difference")
         held = {name: getattr(self, name) for name in real if getattr(self, name) is not None}
@@ -317,7 +321,10 @@ class View(FragmentFields[Tensor]):
         return image * (0.9 / bright) if bright > 0 else image
 
     def show(self, axes: Axes | None = None) -> Axes:
-        """Draw it, all in focus, with Matplotlib; returns the axes."""
+        """Draw it, all in focus, with Matplotlib; returns the axes.
+
+        axes: to draw in; None for new ones.
+        """
         return show(self.picture(), self.caption(), axes)
 
     def caption(self) -> str:

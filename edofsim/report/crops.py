@@ -110,7 +110,6 @@ def near_focus_far(
     Depths within 0.1 1/m of focus, or as far from it as the nearest 5 % of the pixels are. Without
     `ranges` (or without enough pixels in any) the whole depth of the picture is one range. Ranges that
     another one of the three covers already are left out.
-
     """
     depth = inverse_depth.detach().cpu().double()
     finite = depth[torch.isfinite(depth)]

@@ -61,11 +61,11 @@ def _card(path: Path, folder: Path) -> Link | None:
 def _thumbnail(path: Path, text: str, title: str) -> Picture | None:
     """The middle of the page's last picture, which is what came out; else all of the plot next to it."""
     found = _PICTURE.findall(text)
-    beside = path.with_suffix(".png")
-    if not found and not beside.is_file():
+    stored = path.with_suffix(".png")
+    if not found and not stored.is_file():
         return None
     try:
-        content = base64.b64decode(found[-1]) if found else beside.read_bytes()
+        content = base64.b64decode(found[-1]) if found else stored.read_bytes()
         with Image.open(io.BytesIO(content)) as image:
             picture = image.convert("RGB")
     except (OSError, SyntaxError, ValueError):

@@ -97,8 +97,8 @@ def psf_plot(psfs: Tensor, depths_m: Sequence[float], pixel_um: float) -> Plot:
                     _draw_bar(axes, x + 0.07 * tile, y + 0.09 * tile, bar, tile / shown.shape[-1])
         axes.set(xlim=(0, width), ylim=(0, height))
         axes.set_axis_off()
-        beside = (width - 0.8, 0.05, 0.12, height - top - bottom)
-        _draw_scale(figure, norm, (left, 0.52, width - left - right, 0.12) if narrow else beside)
+        upright = (width - 0.8, 0.05, 0.12, height - top - bottom)
+        _draw_scale(figure, norm, (left, 0.52, width - left - right, 0.12) if narrow else upright)
         return figure
 
     kept = percent(float(shown.sum((-2, -1)).min()))

@@ -59,7 +59,6 @@ def display_gain(image: Tensor) -> float:
     image: [3, y, x], linear.
 
     Never below 1: full scale of the sensor is white.
-
     """
     finite = image[torch.isfinite(image)].double().cpu().numpy()
     bright = float(np.percentile(finite, 99)) if finite.size else 0.0

@@ -26,7 +26,6 @@ def continued(image: Tensor, reach: int) -> Tensor:
     something beyond the border spreads into the picture rises towards it: folded back it looks like a line on
     the border. The border's value is a mean along the border: the noise of one pixel would go on for `reach`
     pixels, and a sharp image would show it as a comb.
-
     """
     if reach == 0:
         return image

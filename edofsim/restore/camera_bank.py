@@ -107,9 +107,9 @@ class CameraBank(FilterBank):
         """One with the weights of a `FilterBank`, or of one that is not given what Wiener deconvolution
         makes; at first it ignores what that was not given. Raises InputError for another network."""
         if not isinstance(network, FilterBank) or network.sees_linear or network.dcnn is not None:
-            beside = " with an auxiliary D-CNN" if isinstance(network, FilterBank) and network.dcnn else ""
+            more = " with an auxiliary D-CNN" if isinstance(network, FilterBank) and network.dcnn else ""
             raise InputError(
-                f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{beside}"
+                f"a {cls.kind!r} grows out of a 'filter-bank', not out of a {network.kind!r}{more}"
             )
         # pyrefly: ignore[bad-argument-type] - those of its own class
         found = cls(**{**network.settings(), **(settings or {})})

@@ -9,8 +9,8 @@ The card is JSON in the metadata entry `card`, with the keys
     recipe), data (sources, counts, sha256), versions, seed, step, hours (to a tenth; older ones do not have
     them), figures, `weights` where they are not what that training ended with, `chosen`: what else was, on
     which pictures, and `history` where they come from an
-    earlier training: these of each one before, the first first; `beside`: the same of the network that stands
-    next to it
+    earlier training: these of each one before, the first first; `auxiliary`: the same of the auxiliary
+    network (`beside` in older ones)
 """
 
 from __future__ import annotations

@@ -78,6 +78,7 @@ def restoring(
 
     wavelengths: [band].
     inverse_depth: any shape [...], 1/m: of all that the photo may show.
+    camera, checkpoint: as of `restore`.
     """
     ends = torch.stack(inverse_depth.double().cpu().aminmax())
     return lambda photo, truncated: restore(

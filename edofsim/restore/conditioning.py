@@ -50,7 +50,6 @@ def conditioned_on(
     sensor whose colours are a wavelength each, come back as they are. The mask is the checkpoint's as
     designed, with the mean error of its training, whatever the camera's own fabrication. Raises InputError
     where PSFs or response cannot be computed.
-
     """
     network = checkpoint.network
     if network.any_camera:

@@ -24,7 +24,6 @@ def closer_about_focus(camera: Camera, inverse_depths: Tensor) -> Tensor:
 
     Of a lens with a small blur they stay. Otherwise they are even in asinh(d / b), d the diameter of the
     geometric blur and b as wide as keeps steps about the focus at `FINEST_PX`.
-
     """
     focus = 1 / float(focus_distance(camera, GREEN))
     per_dioptre = blur_per_dioptre(camera)

@@ -97,8 +97,8 @@ class FilterBank(DepthConditioned):
 
     def settings(self) -> dict[str, object]:
         own = {"groups": self.groups, "support": self.support, "distances": self.depths // self.groups}
-        beside = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
-        return {**own, **self.trunk.settings(), **beside}
+        dcnn = {} if self.dcnn is None else {"dcnn": self.dcnn.settings()}
+        return {**own, **self.trunk.settings(), **dcnn}
 
     def with_auxiliary(self, network: Restorer) -> Self:
         """The same with a copy of a D-CNN as auxiliary network. Until it is trained, it gives the mean of
@@ -113,8 +113,8 @@ class FilterBank(DepthConditioned):
             raise InputError(f"this D-CNN does not fit this {self.kind!r}: {error}") from None
         own = self.state_dict()
         grown = {f"trunk.{name}": value for name, value in found.trunk.grown(self.trunk).items()}
-        beside = {f"dcnn.{name}": value for name, value in network.state_dict().items()}
-        found.load_state_dict({**own, **grown, **beside})
+        dcnn = {f"dcnn.{name}": value for name, value in network.state_dict().items()}
+        found.load_state_dict({**own, **grown, **dcnn})
         return found.train(self.training)
 
     def train(self, mode: bool = True) -> Self:
@@ -160,7 +160,6 @@ class FilterBank(DepthConditioned):
 
         In use a photo is continued beyond its border (see `borders`); in training its outermost `border`
         pixels, which filters cannot know, should not be judged.
-
         """
         if self.training:
             return self._restored(self._with_dcnn(photo, 0))

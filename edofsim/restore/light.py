@@ -72,7 +72,6 @@ def without_glare(photo: Tensor, glare: Tensor) -> Tensor:
 
     Of several photos `glare` is [.., 3]. What is spread is the mean of the world; beyond the frame that goes
     on as its border does.
-
     """
     part = glare.to(photo)[..., None, None]
     return (photo - part * _mean_of_world(photo)) / (1 - part)

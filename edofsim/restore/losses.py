@@ -47,7 +47,6 @@ def gradient_prior(restored: Tensor, sharp: Tensor, weights: LossWeights = LossW
     With gamma < 1 the slope of |g|^gamma is infinite at g = 0, where most of an image is. The power is
     taken of sqrt(g^2 + e^2), less its value at 0, with e = 0.001, a quarter of an 8-bit step: the slope is
     then 0 at 0 and the value is still 0 for a flat image.
-
     """
     total = restored.new_zeros(())
     for axis in (-2, -1):

@@ -59,7 +59,6 @@ def apply_network(
     network sees (`radius`, None for all of it): memory stays bounded and the result is that of the whole
     photo. Computed on the image's device in the precision of the network's weights. Raises InputError for a
     photo that is not [3, y, x] or not finite.
-
     """
     if image.ndim != 3 or image.shape[0] != 3:
         raise InputError(f"the network restores photos of 3 channels [3, y, x], not {list(image.shape)}")

@@ -35,7 +35,6 @@ def transfer_functions(psf: Tensor, size: int) -> Tensor:
     psf: [depth, channel, y, x].
 
     Light beyond the PSFs' window is veiling glare, the same all over a photo: its mean passes whole.
-
     """
     window = psf.shape[-1]
     padded = functional.pad(psf, (0, size - window, 0, size - window))

@@ -59,7 +59,6 @@ def restored_by_place(
 
     Each place is restored from its part of the photo and half a window more on each side, by the camera that
     looks there. The photo is brought to the light of the axis first.
-
     """
     beyond = camera.recipe.psf.window_px // 2
     even = image / light_of(camera, frame, step).to(image)

@@ -50,6 +50,8 @@ def restore(
         (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths.
     frame: where the photo looks, None: about the optical axis; through a lens that varies over the field each
         place is restored by its own PSFs, after the photo is brought to the light of the axis.
+    camera: whose PSFs and noise count.
+    checkpoint: None for Wiener deconvolution.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
     if not camera.lens.varies:
@@ -96,6 +98,7 @@ def restored_here(
     inverse_depths: [depth], 1/m.
     psfs: [depth, channel, y, x].
     glare, truncated: [channel].
+    camera, checkpoint: as of `restore`.
     """
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
@@ -142,6 +145,7 @@ def for_any_camera(
     noise: of `deconvolved`.
     glare: [channel], all that is spread evenly over the photo.
     shares: [depth], of `deconvolved`; None for all alike.
+    network: one for any camera, set for this one.
     """
     light = without_glare(image, glare)
     linear = deconvolved(light, psf, noise, shares)

@@ -56,7 +56,10 @@ class Restorer(nn.Module):
         return {}
 
     def psf_depths(self, depth_range: tuple[float, float]) -> Tensor:
-        """Inverse depths that it wants the PSFs of, float64 [depth], within a range, both in 1/m."""
+        """Inverse depths that it wants the PSFs of, float64 [depth], within a range, both in 1/m.
+
+        depth_range: least and largest inverse depth, 1/m.
+        """
         raise NotImplementedError
 
     def set_psfs(self, psf: Tensor) -> None:
@@ -71,7 +74,10 @@ class Restorer(nn.Module):
         return tuple(getattr(self, name) for name in self.psf_buffers)
 
     def load_psf_state(self, known: object) -> None:
-        """Condition the network on that state."""
+        """Condition the network on that state.
+
+        known: what `psf_state` gave.
+        """
         assert isinstance(known, tuple)
         for name, value in zip(self.psf_buffers, known, strict=True):
             setattr(self, name, value)
@@ -81,6 +87,7 @@ class Restorer(nn.Module):
         noise relative to full scale, where `any_camera`.
 
         psf: [depth, 3, y, x].
+        noise: standard deviation, relative to full scale.
         """
         raise NotImplementedError
 
@@ -109,8 +116,11 @@ class Restorer(nn.Module):
 
     def with_auxiliary(self, network: Restorer) -> Restorer:
         """The same network, which also sees the photo as another network restores it. Raises
-        InputError where that cannot be."""
-        raise InputError(f"a network {self.kind!r} takes no auxiliary network; remove network.beside")
+        InputError where that cannot be.
+
+        network: the other one, of the same mask.
+        """
+        raise InputError(f"a network {self.kind!r} takes no auxiliary network; remove network.auxiliary")
 
     def unclamped(self, photo: Tensor) -> Tensor:
         """The sharp image as `forward` gives it in use, before it is clamped to [0, 1]: what lies beyond may
@@ -133,5 +143,6 @@ class Restorer(nn.Module):
         many filters of photos with PSFs [depth, 3, y, x]: what a mask is designed by (see `linear`).
 
         psf: [depth, 3, y, x].
+        filters: how many.
         """
         return local_error(psf, groups=filters)

@@ -112,6 +112,7 @@ def image_psnr(image: Tensor, truth: Tensor, mask: Tensor | None = None, noise: 
 
     image, truth: [channel, y, x].
     mask: [y, x], bool; None for all pixels.
+    noise: of the truth, as of `score`.
     """
     return level_and_error(image, truth, noise, mask)[0]
 
@@ -123,6 +124,7 @@ def level_and_error(
 
     image, truth: [channel, y, x].
     mask: bool [y, x].
+    noise: of the truth, as of `score`.
     """
     _same_shape(image, truth)
     errors, wander = _errors(*_clipped(image, truth, noise))
@@ -176,11 +178,11 @@ def ssim_without(image: Tensor, truth: Tensor, noise: Noise) -> tuple[Tensor, Te
     """As `ssim_map`, with second moments that are freed of the noise, and what it wanders by (see `_errors`).
 
     image, truth: [channel, y, x].
+    noise: of the truth.
 
     The moments have no bias then; but SSIM, their ratio, is bent, so that what they wander by biases it. With
     the halves' noise added, and twice its moments taken off, they wander by twice as much: what that changes
     is taken off once.
-
     """
     if min(image.shape[-2:]) < SSIM_WINDOW:
         return None
@@ -221,6 +223,7 @@ def score(image: Tensor, truth: Tensor, noise: TruthNoise = "none") -> Score:
     """PSNR and SSIM over the whole image, [channel, y, x] each.
 
     image, truth: [channel, y, x].
+    noise: of the truth, see `TruthNoise`; "none" where it has none.
     """
     return score_parts(image, truth, [None], noise)[0]
 
@@ -233,6 +236,7 @@ def score_parts(
 
     image, truth: [channel, y, x].
     parts: masks [y, x], bool; None for the whole image.
+    noise: of the truth, as of `score`.
     """
     _same_shape(image, truth)
     image, truth, known = _clipped(image, truth, noise)

@@ -47,7 +47,6 @@ def wiener(
     frequency, as natural images do (Field, JOSA A 4, 1987); its level is read off the photo.
 
     Raises InputError where channels differ or the noise is negative.
-
     """
     stack = psf if psf.ndim == 4 else psf[None]
     _check(image, stack, noise)
@@ -78,7 +77,6 @@ def wiener_by_depth(
     beyond_px: see `wiener`.
 
     Returns [channel, y, x]. Raises InputError as `wiener`, and for depths that do not fit.
-
     """
     _check(image, psfs, noise)
     nodes = inverse_depths.to(image.device, torch.float64)

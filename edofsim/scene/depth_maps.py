@@ -65,7 +65,6 @@ def resized(inverse: np.ndarray, shape: tuple[int, int], source: DepthMap) -> np
     inverse: [y, x], 1/m.
 
     Raises InputError where the sizes differ and the recipe does not ask for it, or by proportions.
-
     """
     rows, columns = inverse.shape
     if inverse.shape == shape:
@@ -127,7 +126,6 @@ def fill_holes(inverse_depth: np.ndarray, method: str, what: str) -> np.ndarray:
     `background`: the farther of the nearest known pixels to the left and right, because what a stereo pair
     could not match lies mostly behind an edge; rows of holes alone take the nearest known one's. `nearest`:
     the nearest known pixel's. `refuse`: raises InputError if there is a hole.
-
     """
     holes = ~np.isfinite(inverse_depth)
     if not holes.any():
@@ -144,8 +142,8 @@ def fill_holes(inverse_depth: np.ndarray, method: str, what: str) -> np.ndarray:
         return filled
     left = _carried(inverse_depth)
     right = _carried(inverse_depth[:, ::-1])[:, ::-1]
-    beside = np.fmin(left, right)  # the farther one; a missing side counts for nothing
-    return np.where(holes & np.isfinite(beside), beside, filled)
+    neighbour = np.fmin(left, right)  # the farther one; a missing side counts for nothing
+    return np.where(holes & np.isfinite(neighbour), neighbour, filled)
 
 
 def _carried(values: np.ndarray) -> np.ndarray:

@@ -33,7 +33,6 @@ def build_lights(
     wavelengths: [band], metres.
 
     Raises InputError for a second environment, an unreadable map, and a lamp that aims at itself.
-
     """
     environment: Environment | None = None
     lamps: list[SceneObject] = []

@@ -94,7 +94,7 @@ def _parts(path: Path, content: bytes, what: str, allow_outside: bool) -> list[P
     missing: dict[str, None] = {}
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # what it says is for its own users
 
-    class _Beside(trimesh.resolvers.FilePathResolver):
+    class _SameFolder(trimesh.resolvers.FilePathResolver):
         """Files that the mesh names."""
 
         def get(self, name: str) -> bytes:
@@ -114,7 +114,7 @@ def _parts(path: Path, content: bytes, what: str, allow_outside: bool) -> list[P
                 io.BytesIO(content),
                 file_type=path.suffix[1:].lower(),
                 process=False,
-                resolver=_Beside(str(path), allow_anywhere=allow_outside),
+                resolver=_SameFolder(str(path), allow_anywhere=allow_outside),
             )
             named = [scene.graph[node] for node in scene.graph.nodes_geometry]
             found = [(at, scene.geometry[name]) for at, name in named]

@@ -23,6 +23,5 @@ class SceneReader(Source):
         wavelengths: [band], metres.
 
         Raises InputError for files that cannot be used.
-
         """
         raise NotImplementedError

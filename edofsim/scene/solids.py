@@ -227,7 +227,6 @@ def smooth_path(points: np.ndarray, closed: bool = False) -> np.ndarray:
 
     The knots are spaced by the root of the chords (centripetal), which keeps close points free of loops.
     Raises InputError where two points that follow each other are the same.
-
     """
     if closed:
         points = np.concatenate([points, points[:1]])
@@ -271,7 +270,6 @@ def tube(points: np.ndarray, radius: float, sides: int = 12, closed: bool = Fals
     points: [point, 3], metres.
 
     The rings are carried along without twist (double reflection of Wang et al., TOG 2008).
-
     """
     points = np.asarray(points, float)
     if closed:
@@ -349,7 +347,6 @@ def loft(sections: np.ndarray) -> TriangleMesh:
     sections: [section, point, 3], metres, ordered along +x.
 
     The points of a section run counter-clockwise seen with z to the right and y up.
-
     """
     count, points, _ = sections.shape
     index = np.arange(count * points).reshape(count, points)

@@ -100,7 +100,6 @@ def color_checker(wavelengths: np.ndarray) -> dict[str, np.ndarray]:
     wavelengths: [band] m.
 
     Returns name -> float64 [band]. Raises InputError outside 320 to 840 nm.
-
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -120,7 +119,6 @@ def srgb_basis(wavelengths: np.ndarray) -> np.ndarray:
     wavelengths: [band], metres.
 
     They sum to 1 at every wavelength, so that white is white and no reflectance exceeds 1.
-
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -154,7 +152,6 @@ def srgb_weights(wavelengths: np.ndarray) -> np.ndarray:
     wavelengths: [band], metres.
 
     By the observer of CIE 1931; the illuminant D65 comes out white, (1, 1, 1), however few the bands are.
-
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -188,7 +185,6 @@ def reflectance(value: float | str, wavelengths: np.ndarray) -> np.ndarray:
 
     Raises InputError for an unknown name (with the nearest ones) and for wavelengths further than 60 nm
     beyond the measured data.
-
     """
     if isinstance(value, int | float):
         return np.full(len(wavelengths), float(value))
@@ -232,7 +228,6 @@ def illuminant(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
     Scaled so that its luminance is that of the constant spectrum 1. No value is invented outside the
     data: raises InputError there, and for unknown names (with the nearest ones).
-
     """
 
     def make() -> dict[str, np.ndarray]:
@@ -290,7 +285,6 @@ def metal(name: str, wavelengths: np.ndarray) -> np.ndarray:
 
     n and k are the measured tables that ship with Mitsuba. Raises InputError for unknown metals and for
     wavelengths outside the tables.
-
     """
     if name.lower() not in _METALS:
         raise _unknown("metal", name, list(_METALS))
@@ -323,7 +317,6 @@ def refractive_index(glass: str, wavelengths: np.ndarray) -> np.ndarray:
     wavelengths: [band], metres.
 
     Raises InputError for an unknown glass and for wavelengths outside its fit.
-
     """
     by_lower = {name.lower(): known for name, known in GLASSES.items()}
     if glass.lower() not in by_lower:

@@ -123,7 +123,6 @@ def build_texture(
     wavelengths: [band], metres.
 
     Files are relative to `base`. Raises InputError for what cannot be read.
-
     """
     if isinstance(texture, PhotoTexture):
         return from_srgb(_cropped(photo(texture.name), texture.crop), wavelengths)

@@ -68,7 +68,6 @@ def in_nm(values: np.ndarray, unit: str | None, what: str) -> tuple[np.ndarray, 
         0.001 metres.
 
     Raises InputError for others, which asks.
-
     """
     values = np.asarray(values, float)
     if values.size == 0 or not np.isfinite(values).all() or not (values > 0).all():
@@ -97,7 +96,6 @@ def chosen_nm(
     unit: what the file says.
 
     Raises InputError where nobody says, and for two bands of one wavelength.
-
     """
     stored, taken = None, ""
     if found is not None and len(found) == count:

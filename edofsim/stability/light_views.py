@@ -12,7 +12,7 @@ from ..optics import Camera
 from .photos import LAYERED, HardView, Row
 from .views import MIDDLE, NANOMETRES, WINDOW, flat, half, uniform
 
-BESIDE_LAMPS = 0.02
+NEAR_LAMPS = 0.02
 """At the worst pixel, where all light is a lamp's: 6e-3 were seen, in the dark rings of its PSF, whose pixels
 are integrated from 2 x 2 samples."""
 
@@ -23,7 +23,7 @@ def _scaled(change: Callable[[Tensor], Tensor]) -> HardView:
 
 
 def _lamps(change: Callable[[Tensor], Tensor]) -> HardView:
-    return replace(_scaled(change), exact=BESIDE_LAMPS)
+    return replace(_scaled(change), exact=NEAR_LAMPS)
 
 
 def _band_off(radiance: Tensor) -> Tensor:

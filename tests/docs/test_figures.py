@@ -207,7 +207,7 @@ def test_a_paragraph_of_many_figures_is_to_be_a_table(checkout: Path):
     ]
 
 
-def test_networks_have_the_names_of_today(checkout: Path):
+def test_networks_and_figures_have_the_names_of_today(checkout: Path):
     record = checkout / figures.RESULTS / "table.json"
-    record.write_text(record.read_text().replace("psnr_db.a", "psnr_db.told-dcnn"))
-    assert "psnr_db.depth-dcnn" in figures.record(checkout, "table")["figures"]
+    record.write_text(record.read_text().replace("psnr_db.a", "psnr_db.told-dcnn.told.chart.1m"))
+    assert "psnr_db.depth-dcnn.known-depth.chart.1m" in figures.record(checkout, "table")["figures"]

@@ -71,14 +71,15 @@ NAMES = {
     "contestant",
     "relief",
     "photographed",
+    "beside",
 }
-"""Words that no name of a module, class, function or field holds."""
+"""Words that no name of a module, class, function, field or variable holds."""
 MEANINGLESS = {"SOME", "BETWEEN", "EVEN", "SMALLER", "WORTH"}
 """Names of constants that do not say what they hold."""
 
 
 def defined(path: Path) -> list[tuple[int, str]]:
-    """Modules, classes, functions, parameters, fields and constants that a file defines, with their lines."""
+    """Modules, classes, functions, parameters, fields and variables that a file defines, with their lines."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     found = [(1, path.stem)]
     for node in ast.walk(tree):
@@ -86,11 +87,9 @@ def defined(path: Path) -> list[tuple[int, str]]:
             found.append((node.lineno, node.name))
         elif isinstance(node, ast.arg):
             found.append((node.lineno, node.arg))
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            found.append((node.lineno, node.target.id))
-    assigned = (node for node in tree.body if isinstance(node, ast.Assign))
-    names = (name for node in assigned for name in node.targets if isinstance(name, ast.Name))
-    return found + [(name.lineno, name.id) for name in names]
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            found.append((node.lineno, node.id))
+    return found
 
 
 def test_names_say_the_same_words():

@@ -300,9 +300,9 @@ def test_a_filter_that_is_told_the_depth_shows_what_a_photo_holds(
     assert found == pytest.approx(expected.tolist(), abs=1.0)
     # the table has it of the chart alone, each colour for itself
     figures = table.run(tmp_path, silent, folder, [str(network)], limit=1).figures
-    told = "psnr_db.trained.told.chart.0.5m"
-    error = np.mean([10 ** (-figures[f"{told}.{c}"] / 10) for c in planes.CHANNELS])
-    assert figures[told] == pytest.approx(-10 * math.log10(error), abs=1e-6)
+    linear = "psnr_db.trained.known-depth.chart.0.5m"
+    error = np.mean([10 ** (-figures[f"{linear}.{c}"] / 10) for c in planes.CHANNELS])
+    assert figures[linear] == pytest.approx(-10 * math.log10(error), abs=1e-6)
 
 
 def test_hours_are_told_where_all_cards_tell_them() -> None:

@@ -115,22 +115,22 @@ def _with_network(**network: object) -> Loaded[TrainRecipe]:
     return Loaded(TrainRecipe.model_validate({**data, "network": network}), plain.base, "")
 
 
-def test_it_is_trained_beside_a_d_cnn_which_is_kept(tmp_path: Path) -> None:
-    """Both are told the mask, and one file holds both, and where they come from."""
+def test_it_is_trained_with_an_auxiliary_d_cnn_which_is_kept(tmp_path: Path) -> None:
+    """Both are conditioned on the mask, and one file holds both, and where they come from."""
     small = {"kernels": 6, "dilations": [1, 2], "distances": 3}
     first = train(_with_network(kind="dcnn", settings=small), tmp_path / "first").checkpoint
-    recipe = _with_network(kind="filter-bank", settings=SMALL, beside=str(first))
+    recipe = _with_network(kind="filter-bank", settings=SMALL, auxiliary=str(first))
     both = load_checkpoint(train(recipe, tmp_path / "both").checkpoint)
     assert isinstance(both.network, FilterBank) and both.network.dcnn is not None
     own = load_checkpoint(first).network.state_dict()
-    beside = both.network.dcnn.state_dict()
-    assert own.keys() == beside.keys()
-    assert all(torch.equal(own[name], beside[name]) for name in own if name != "transfer")
-    # told the PSFs of the same mask, by the same errors
-    torch.testing.assert_close(beside["transfer"], own["transfer"], rtol=0, atol=2e-3)
-    assert both.card["recipe"]["network"]["beside"] == first.name
-    assert [each["name"] for each in both.card["beside"]] == ["bank"]
-    with pytest.raises(InputError, match=r"network\.beside = .*takes no auxiliary network"):
-        train(_with_network(kind="local-unet", beside=str(first)), tmp_path / "refused")
+    auxiliary = both.network.dcnn.state_dict()
+    assert own.keys() == auxiliary.keys()
+    assert all(torch.equal(own[name], auxiliary[name]) for name in own if name != "transfer")
+    # given the PSFs of the same mask, by the same errors
+    torch.testing.assert_close(auxiliary["transfer"], own["transfer"], rtol=0, atol=2e-3)
+    assert both.card["recipe"]["network"]["auxiliary"] == first.name
+    assert [each["name"] for each in both.card["auxiliary"]] == ["bank"]
+    with pytest.raises(InputError, match=r"network\.auxiliary = .*takes no auxiliary network"):
+        train(_with_network(kind="local-unet", auxiliary=str(first)), tmp_path / "refused")
     with pytest.raises(InputError, match="it was trained with another mask"):
-        train(_with_network(kind="filter-bank", settings=SMALL, beside="paper-dcnn"), tmp_path / "refused")
+        train(_with_network(kind="filter-bank", settings=SMALL, auxiliary="paper-dcnn"), tmp_path / "refused")

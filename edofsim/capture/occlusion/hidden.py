@@ -115,7 +115,8 @@ class Framed(Protocol):
 def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
     """`tiles_near`, or none where they cost more than all of the frame in one go.
 
-    edges: [y, x], bool: pixels of the padded frame on depth edges.
+    edges: int64 [n], numbers of the padded frame's pixels that are on depth edges.
+    view, reach: as of `tiles_near`.
     """
     tiles = tiles_near(edges, view, reach)
     pixels = sum(transform_pixels(tile.height, tile.width, reach) for tile in tiles)
@@ -125,7 +126,9 @@ def tiles_to_composite(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
 def tiles_near(edges: Tensor, view: Framed, reach: int) -> list[Tile]:
     """Tiles of the frame that a blur carries light into across an edge.
 
-    edges: [y, x], bool: pixels of the padded frame on depth edges.
+    edges: int64 [n], numbers of the padded frame's pixels that are on depth edges.
+    view: its frame and margin.
+    reach: of a blur, in pixels.
     """
     columns = view.padded_shape[1]
     y, x = edges // columns - view.margin, edges % columns - view.margin
@@ -164,6 +167,7 @@ def merged(slabs: Iterable[tuple[Tensor, Tensor]], count: int) -> Tensor:
     """Blurred light and coverage of `count` slabs, far to near, as one image: [channel, y, x].
 
     slabs: light and coverage, [channel, y, x] each.
+    count: of the slabs.
     """
     far_to_near = iter(slabs)
     image, blocked = next(far_to_near)

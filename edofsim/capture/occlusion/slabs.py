@@ -70,7 +70,7 @@ def cuts(view: View, gap: float, found: Hides | None = None) -> list[float]:
     low, high = float(depth.min()), float(depth.max())
     width = (high - low) / BINS
     bins = ((high - depth) / width).floor().long().clamp(0, BINS - 1)  # bin 0 is the nearest
-    beside = crossed(torch.bincount(bins, weights=coverage, minlength=BINS).numpy())
+    crossing = crossed(torch.bincount(bins, weights=coverage, minlength=BINS).numpy())
     # a cut behind bin k has the bins up to k in front of it
     first, last = bins[front], bins[behind] - 1
     wrong = coverage[front] * (depth[front] - depth[behind]) / max(gap, SMALLEST_GAP)
@@ -78,7 +78,7 @@ def cuts(view: View, gap: float, found: Hides | None = None) -> list[float]:
     # [a, b]: of all pairs between which the cuts behind bins a to b part
     pairs = torch.bincount((first * BINS + last)[wide], weights=wrong[wide], minlength=BINS * BINS)
     price = PRICE * view.padded_shape[0] * view.padded_shape[1]
-    chosen = _cheapest(beside, pairs.reshape(BINS, BINS).numpy(), price)
+    chosen = _cheapest(crossing, pairs.reshape(BINS, BINS).numpy(), price)
     return [high - width * (cut + 1) for cut in chosen]
 
 
@@ -88,36 +88,36 @@ def crossed(coverage: Array) -> Array:
     return np.maximum(coverage, np.append(coverage[1:], 0))
 
 
-def _cheapest(beside: Array, pairs: Array, price: float) -> list[int]:
+def _cheapest(crossing: Array, pairs: Array, price: float) -> list[int]:
     """Bins behind which to cut, ascending: the best there are, by dynamic programming.
 
-    beside: [bin], cost of a cut behind each, and price: of any; pairs: [bin, bin], what it costs not to cut
+    crossing: [bin], cost of a cut behind each, and price: of any; pairs: [bin, bin], what it costs not to cut
     behind any bin from one to the other.
     """
-    count = len(beside)
+    count = len(crossing)
     # [a, b]: of all pairs that begin at bin a or behind it and end at b or before it
     within = np.vstack([np.cumsum(np.cumsum(pairs[::-1], 0)[::-1], 1), np.zeros(count)])
     best, before = np.zeros(count + 1), np.zeros(count + 1, np.int64)  # of cuts up to one behind bin k - 1
     for k in range(1, count + 1):
         costs = best[:k] + (within[:k, k - 2] if k > 1 else 0.0)
         before[k] = costs.argmin()
-        best[k] = costs[before[k]] + beside[k - 1] + price
+        best[k] = costs[before[k]] + crossing[k - 1] + price
     cut = int((best + within[:, -1]).argmin())
     chosen: list[int] = []
     while cut:
-        chosen.append(_middle(beside, cut - 1))
+        chosen.append(_middle(crossing, cut - 1))
         cut = int(before[cut])
     return chosen[::-1]
 
 
-def _middle(beside: Array, cut: int) -> int:
+def _middle(crossing: Array, cut: int) -> int:
     """A cut through nothing moved to the middle of where nothing is."""
-    if beside[cut] > 0:
+    if crossing[cut] > 0:
         return cut
-    things = np.flatnonzero(beside > 0)
+    things = np.flatnonzero(crossing > 0)
     after = int(np.searchsorted(things, cut))
     begin = things[after - 1] + 1 if after else 0
-    end = things[after] - 1 if after < len(things) else len(beside) - 1
+    end = things[after] - 1 if after < len(things) else len(crossing) - 1
     return int(begin + end) // 2
 
 
@@ -126,6 +126,7 @@ def revealed(view: View, which: Tensor) -> Tensor:
 
     which: int64 [n], ascending, of fragments sorted by pixel and depth. Nearer ones come first; together the
         fragments of a pixel cover it once at most.
+    view: whose fragments they are.
     """
     coverage = view.coverage[which]
     pixel = view.pixel[which]

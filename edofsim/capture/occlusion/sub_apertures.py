@@ -103,14 +103,14 @@ def _change(
 @dataclass(frozen=True)
 class Place:
     """Rows and columns, from `top` and `left` on, that are needed of images of a transform's size; and how
-    many zeros lie `beside` them, beyond the blur: to the left and right, above and below."""
+    many zeros, its `padding`, lie around them, beyond the blur: to the left and right, above and below."""
 
     grid: Grid
     top: int
     left: int
     rows: int
     columns: int
-    beside: tuple[int, int, int, int] = (0, 0, 0, 0)
+    padding: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     def image(self, spectra: Tensor) -> Tensor:
         """[channel, ky, kx] to [channel, y, x] of the place.
@@ -118,12 +118,12 @@ class Place:
         spectra: [channel, ky, kx].
         """
         if not self.rows or not self.columns:
-            return pad(spectra.real.new_zeros(len(spectra), self.rows, self.columns), self.beside)
+            return pad(spectra.real.new_zeros(len(spectra), self.rows, self.columns), self.padding)
         rows, columns = self.grid.transform
         lines = torch.fft.ifft(spectra, dim=-2)
         there = _around(lines, self.top, self.rows, rows, -2)
         image = _around(torch.fft.irfft(there, n=columns), self.left, self.columns, columns, -1)
-        return pad(image, self.beside) if any(self.beside) else image
+        return pad(image, self.padding) if any(self.padding) else image
 
 
 @dataclass(frozen=True)
@@ -150,12 +150,12 @@ class Slab:
         within = Grid(box.rows, box.columns, margin, grid.window)
         top, above, high = _met(box.top, box.rows, inset, rows)
         left, before, wide = _met(box.left, box.columns, inset, columns)
-        beside = (before, columns - before - wide, above, rows - above - high)
+        padding = (before, columns - before - wide, above, rows - above - high)
         centre = grid.window // 2
         here = box.light(light)
         return cls(
             {node: spectrum(here.at_node(node), within) for node in here.occupied_nodes()},
-            Place(within, centre + top, centre + left, high, wide, beside),
+            Place(within, centre + top, centre + left, high, wide, padding),
         )
 
 
@@ -183,6 +183,7 @@ def spectra_of(part: PsfField, pupil: PsfField, response: Tensor) -> Spectra:
     stays near a processor.
 
     response: [channel, band].
+    part, pupil: PSFs by the sub-aperture, and by all of the pupil.
     """
     left = torch.zeros(()) if part is pupil else has_left(part)
     known: dict[tuple[int, Grid], tuple[Tensor, Tensor]] = {}

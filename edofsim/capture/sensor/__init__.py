@@ -66,7 +66,11 @@ def automatic_exposure(ideal: Tensor, *, noisy: bool = False) -> float:
 
 
 def sensor_effects(camera: Camera, fidelity: Fidelity | None = None) -> tuple[SensorEffect, ...]:
-    """What the camera's sensor does, in order, without what a fidelity leaves out."""
+    """What the camera's sensor does, in order, without what a fidelity leaves out.
+
+    camera: the recipe's sensor.
+    fidelity: None leaves nothing out.
+    """
     fidelity = fidelity or Fidelity()
     sensor = simplified(camera, fidelity).recipe.sensor
     found: list[SensorEffect] = []
@@ -97,6 +101,7 @@ def noise_deviation(camera: Camera, light: Tensor | None = None) -> float:
     photo or its levels; without it, of middle grey.
 
     light: any shape [...], exposed, full scale 1.
+    camera: the recipe's sensor.
     """
     level = torch.tensor(MIDDLE_GREY) if light is None else light
     variances = [effect.variance(level.double()).mean() for effect in sensor_effects(camera)]
@@ -107,9 +112,8 @@ def record(clean: Tensor, effects: Sequence[SensorEffect], seed: int) -> Tensor:
     """What the sensor makes of noise-free exposed images [..., channel, y, x]; same shape.
 
     clean: [..., channel, y, x], exposed, without noise.
-
-    The same seed gives the same noise on every device.
-
+    effects: what `sensor_effects` gives.
+    seed: of the noise, the same on every device.
     """
     generator = torch.Generator().manual_seed(seed)
     signal = Signal(clean)

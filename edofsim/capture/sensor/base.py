@@ -35,6 +35,7 @@ class SensorEffect(KindModel):
 
         generator: of everything random, on the CPU, so that the same seed gives the same noise on every
             device; gradients pass where the effect lets them.
+        signal: the image before the effect.
         """
         raise NotImplementedError
 

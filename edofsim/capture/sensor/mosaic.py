@@ -29,6 +29,7 @@ def mosaic(image: Tensor, pattern: str) -> Tensor:
     """1 where a pixel sees a channel, else 0: [3, y, x].
 
     image: [..., 3, y, x].
+    pattern: of the four pixels of a cell, such as "RGGB".
 
     Raises InputError for other than three channels.
     """

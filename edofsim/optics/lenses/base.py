@@ -67,6 +67,7 @@ class Lens(KindModel):
         positive where light takes longer.
 
         radius_squared: any shape [...], m^2.
+        wavelength: metres.
         """
         raise NotImplementedError
 
@@ -81,6 +82,7 @@ class Lens(KindModel):
         """Slope of the phase along the radius [rad/m] at `radii`, float64.
 
         radii: any shape [...], metres.
+        wavelength: metres.
         """
         step = self.aperture_radius * 1e-4
         after, before = (self.phase((radii + turn * step).square(), wavelength) for turn in (1, -1))
@@ -99,12 +101,13 @@ class Lens(KindModel):
         return False
 
     def field_phase(self, right: Tensor, up: Tensor, wavelength: float, field: Field) -> Tensor:
-        """Phase [rad] that is added to `phase` for light from `field`, at places [m] of the pupil seen from
-        the sensor towards the scene, float64; right [1, n] and up [n, 1] broadcast. Positive where light
-        takes longer.
+        """Phase [rad] that is added to `phase` for light from `field`, at places of the pupil seen from the
+        sensor towards the scene, float64. Positive where light takes longer.
 
         right: [1, n], metres.
         up: [n, 1], metres.
+        wavelength: metres.
+        field: tangents (right, up), see `Field`.
         """
         return torch.zeros(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
 
@@ -114,6 +117,7 @@ class Lens(KindModel):
 
         right: [1, n], metres.
         up: [n, 1], metres.
+        field: tangents (right, up), see `Field`.
         """
         return None
 
@@ -123,6 +127,7 @@ class Lens(KindModel):
 
         right: [1, n], metres.
         up: [n, 1], metres.
+        field: tangents (right, up), see `Field`.
         """
         return torch.ones(torch.broadcast_shapes(right.shape, up.shape), dtype=torch.float64)
 
@@ -134,11 +139,13 @@ class Lens(KindModel):
     def psfs(
         self, field: Field, wavelengths: Tensor, inverse_depths: Tensor, pixel: float, window: int
     ) -> Tensor:
-        """Of a `measured` lens: PSFs [depth, band, y, x] from `field` at wavelengths [m] and inverse depths
-        [1/m], on a window of pixels [m] with the chief ray's at n // 2; fractions of the light, upright.
+        """Of a `measured` lens: PSFs [depth, band, y, x] from `field`; fractions of the light, upright.
 
         wavelengths: [band], metres.
         inverse_depths: [depth], 1/m.
+        field: tangents (right, up), see `Field`.
+        pixel: side of a pixel, metres.
+        window: pixels along a side; the chief ray's is at n // 2.
         """
         raise NotImplementedError
 
@@ -157,7 +164,11 @@ class Lens(KindModel):
 
     def chief(self, place: Field) -> Field:
         """Of the chief ray that lands where a lens without distortion images light of tangents `place`.
-        Raises InputError where there is none."""
+
+        place: tangents (right, up).
+
+        Raises InputError where there is none.
+        """
         return place
 
     def lands(self, field: Field) -> Field:
@@ -212,7 +223,7 @@ class Lens(KindModel):
         return json.dumps([self.model_dump(mode="json"), said, LENSES.code_of(self.kind)], sort_keys=True)
 
     def waves_at_most(self, wavelength: float) -> float:
-        """The largest phase beyond the parabola within the pupil, in waves."""
+        """The largest phase beyond the parabola within the pupil, in waves of `wavelength` [m]."""
         radii = torch.linspace(0, self.aperture_radius, RIM_SAMPLES, dtype=torch.float64)
         return float(self.phase(radii.square(), wavelength).abs().max()) / (2 * torch.pi)
 

@@ -115,6 +115,7 @@ class PrescriptionLens(Lens):
 
         right: [1, n], metres.
         up: [n, 1], metres.
+        field: tangents (right, up).
         """
         held, tangent, squared = _held(self), math.hypot(*field), right.square() + up.square()
         focus, turn = 1 / held.distance, math.atan2(field[1], field[0])
@@ -138,6 +139,7 @@ class PrescriptionLens(Lens):
 
         right: [1, n], metres.
         up: [n, 1], metres.
+        field: tangents (right, up).
         """
         wave = _wave(self, math.hypot(*field), self.traced_at_nm * 1e-9)
         share = opening(wave, right / MM, up / MM, math.atan2(field[1], field[0]))

@@ -29,18 +29,27 @@ class Mask(KindModel):
 
     def transmission(self, grid: PupilGrid) -> tuple[Tensor, Tensor] | None:
         """What it lets through in each cell within the aperture, (amplitude samples, light), float64
-        [samples, samples], see `mask_amplitude`; None where it blocks nothing."""
+        [samples, samples], see `mask_amplitude`; None where it blocks nothing.
+
+        grid: cells of the pupil.
+        """
         return None
 
     def phase(self, grid: PupilGrid) -> Tensor | None:
         """Phase [rad] at the design wavelength, float64 [samples, samples]; None for masks without a formula
-        for it. Cells that an edge of a stepped mask crosses get the mean phase."""
+        for it. Cells that an edge of a stepped mask crosses get the mean phase.
+
+        grid: cells of the pupil.
+        """
         return None
 
     def regions(self, grid: PupilGrid) -> list[tuple[Tensor, float]]:
         """(amplitude [samples, samples], phase [rad] at the design wavelength) of each level of a stepped
         mask: the wave is the sum over regions, so that an edge is as sharp as the grid can show. Empty for
-        other masks."""
+        other masks.
+
+        grid: cells of the pupil.
+        """
         return []
 
     def slope(self) -> float:
@@ -54,6 +63,7 @@ class Mask(KindModel):
         whose parameters learn; None for a mask that cannot.
 
         radian: metres of height for a radian of phase at the design wavelength.
+        grid: cells of the pupil.
         """
         return None
 

@@ -66,7 +66,7 @@ def psfs_between(
     window: int,
     hold: Collection[str] = (),
 ) -> Tensor:
-    """PSFs [depth, band, y, x] on a window of pixels [m], the chief ray's in the middle, n // 2: float64.
+    """PSFs [depth, band, y, x] on a window of pixels, the chief ray's in the middle, n // 2: float64.
 
     Between places, inverse depths and wavelengths they are mixed linearly; a sample's light is spread evenly
     over it.
@@ -75,9 +75,12 @@ def psfs_between(
     inverse_depths: [depth], 1/m.
     hold: axes, of "field", "depth", "wavelength", along which the outermost PSFs stand for what lies beyond
         them.
+    bank: what was measured.
+    field: tangents (right, up) of the chief ray.
+    pixel: side of a pixel, metres.
+    window: pixels along a side.
 
     Raises InputError outside of what was measured.
-
     """
     shares, turn = bank.shares(field, hold)
     by_depth = _hats("depth", bank.inverse_depths, inverse_depths.tolist(), hold)

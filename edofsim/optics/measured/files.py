@@ -320,9 +320,8 @@ def _check_values(
         elif not total > 0:
             problems.setdefault("hold no light", []).append(name)
         elif -values[at].clip(max=0).sum() > DARK * total:
-            problems.setdefault("are below 0 by more than noise: subtract the right dark level", []).append(
-                name
-            )
+            said = "are below 0 by more than noise: subtract the right dark level"
+            problems.setdefault(said, []).append(name)
         elif normalisation == "light" and total > TOO_MUCH:
             said = 'sum to more than 1, all light of a point; normalise them, or say normalisation = "sum"'
             problems.setdefault(said, []).append(f"{name} (sum {total:.4g})")
@@ -370,10 +369,11 @@ def write_bank(
     pixel_um: float,
     light: Sequence[float],
 ) -> Path:
-    """Write upright PSFs [field, depth, band, y, x], fractions of light about the pixel n // 2, as .exr or
-    .npz with all that `read_bank` asks for. Returns the path; raises InputError for another ending.
+    """Write PSFs with all that `read_bank` asks for. Returns the path; raises InputError for another ending.
 
-    values: [field, depth, band, y, x], upright.
+    path: ends in .exr or .npz.
+    values: [field, depth, band, y, x], upright, fractions of light about the pixel n // 2.
+    fields_deg, inverse_depths, wavelengths_nm, pixel_um, light: as of `read_bank`, a number a place or axis.
     """
     about = {
         "fields_deg": list(fields_deg),

@@ -92,13 +92,12 @@ def launch(
     x, y: [batch, ray], millimetres.
 
     Returns places, directions, and how much longer the way there is than the chief ray's.
-
     """
     secant = torch.sqrt(1 + tangent.square())
     sine, cosine, slant = -tangent / secant, 1 / secant, vergence / secant
-    beside, squared = y * sine, x.square() + y.square()
-    ratio = torch.sqrt(1 + 2 * beside * slant + squared * slant.square())
-    longer = (squared * slant + 2 * beside) / (ratio + 1)
+    slanted, squared = y * sine, x.square() + y.square()
+    ratio = torch.sqrt(1 + 2 * slanted * slant + squared * slant.square())
+    longer = (squared * slant + 2 * slanted) / (ratio + 1)
     direction = x * slant / ratio, (sine + y * slant) / ratio, cosine / ratio
     return (x, y, plane + torch.zeros_like(x)), (direction[0], direction[1], direction[2] + 0 * x), longer
 
@@ -109,7 +108,6 @@ def chief_planes(held: Focused, tangents: Tensor) -> Tensor:
     tangents: [field].
 
     They go through the centre of the stop at the reference wavelength. Raises InputError where there is none.
-
     """
     lens = held.lens
     if lens.stop == 0:

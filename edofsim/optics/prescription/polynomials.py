@@ -72,7 +72,6 @@ def values_on(even: Tensor, odd: Tensor, right: Tensor, up: Tensor, turn: float)
     up: [up], in units of the disc.
 
     Exact: a polynomial of the total degree is one in the other frame, too.
-
     """
     box = float(torch.cat([right, up]).abs().max()) or 1.0
     nodes = torch.cos(math.pi * (torch.arange(NODES, dtype=torch.float64) + 0.5) / NODES)

@@ -76,7 +76,6 @@ def chief_of(held: Focused, tangents: Tensor, distance: float | None = None) -> 
     tangents: [field], not negative.
 
     Raises InputError where no chief ray gets through.
-
     """
     away = held.distance if distance is None else distance
     plane = chief_planes(held, tangents)[:, None]

@@ -15,7 +15,7 @@ from .trace import Rays
 
 ACROSS = 41
 """Rays along each side of the grid whose spot is drawn."""
-BESIDE = 1e-3
+NEIGHBOUR = 1e-3
 """Of the pupil's radius: how far from the chief ray its neighbours are."""
 
 
@@ -47,7 +47,6 @@ def spots(
     moved: how far behind `held.sensor` the sensor is. Rays stand for equal areas of the entrance pupil.
 
     Raises InputError where no light gets through, or a wavelength is outside the data of a glass.
-
     """
     seen = pupil(held, torch.tensor([tangent], dtype=torch.float64), distance)
     steps = torch.linspace(-1, 1, ACROSS, dtype=torch.float64)
@@ -72,7 +71,7 @@ def foci(held: Focused, tangents: Tensor, wavelength: float, distance: float) ->
     """
     seen = chief_of(held, tangents, distance)
     index = held.lens.index(torch.tensor([wavelength], dtype=torch.float64))[:, None]
-    step, count = BESIDE * held.entrance_radius, len(tangents)
+    step, count = NEIGHBOUR * held.entrance_radius, len(tangents)
     x, y = torch.tensor([[0.0, 0.0, 0.0, step], [0.0, step, -step, 0.0]], dtype=torch.float64)
     rays = seen.through(index, x.expand(count, 4), y.expand(count, 4))[0]
     up, right = rays.up / rays.along, rays.right / rays.along

@@ -99,7 +99,6 @@ def trace(
 
     Gradients reach the start and the tensors of the lens. Places on a surface that is moved are those that it
     sees.
-
     """
     x, y, z = start
     right, up, along = direction
@@ -230,11 +229,11 @@ def _newton(
     """Way to an aspheric surface, from that to its conic on, and whether it was found; steps go on for rays
     that are wanted, as long as theirs shrink."""
     (x, y), (right, up, along) = place, direction
-    squared, beside, across = x.square() + y.square(), x * right + y * up, right.square() + up.square()
+    squared, slanted, across = x.square() + y.square(), x * right + y * up, right.square() + up.square()
 
     def step(way: Tensor) -> Tensor:
-        outwards = beside + way * across  # half of what the square of the distance grows by along the ray
-        sag, slope = sag_and_slope(shape, squared + way * (beside + outwards))
+        outwards = slanted + way * across  # half of what the square of the distance grows by along the ray
+        sag, slope = sag_and_slope(shape, squared + way * (slanted + outwards))
         return (way * along - sag) / (along - slope * outwards)
 
     with torch.no_grad():

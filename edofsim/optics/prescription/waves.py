@@ -88,7 +88,6 @@ def sample(seen: Pupil, wavelengths: Tensor, hits: list[Hit] | None = None) -> S
     wavelengths: [field] or, of one place, [wavelength], metres.
 
     Raises InputError outside the data of a glass.
-
     """
     held = seen.held
     index = held.lens.index(wavelengths)[:, None, :]
@@ -125,7 +124,6 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
     wavelengths: [field] or, of one place, [wavelength], metres.
 
     Raises InputError outside the data of a glass.
-
     """
     rays = sample(seen, wavelengths)
     a, b, inside, used, size = rays.a, rays.b, rays.inside, rays.used, rays.half

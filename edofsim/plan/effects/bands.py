@@ -50,8 +50,8 @@ def differences(facts: Facts, levels: Sequence[Level]) -> list[Tensor]:
         change = facts.spectra.by_bands(facts.full.changed(level.change))
         size = overall(rms(change))
         if facts.full.occlusion == "hidden" and len(facts.cuts) > 1 and size > 0:
-            besides = facts.coarse.by_gathering(facts.full) / level.change["band_groups"]
-            change = change * math.hypot(1, besides / size)
+            others = facts.coarse.by_gathering(facts.full) / level.change["band_groups"]
+            change = change * math.hypot(1, others / size)
         found.append(change)
     return found
 

@@ -31,12 +31,12 @@ OCCLUSION = Effect(
 )
 
 # layers that are filled from their surroundings lie at the depth nodes: it would take many of them
-BESIDE = {"occlusion": "normalised", "hidden_surfaces": False}
+FILLED = {"occlusion": "normalised", "hidden_surfaces": False}
 
 HIDDEN = Effect(
     "hidden surfaces",
     lambda facts: [
-        Level("filled from around", BESIDE, allowed=False),
+        Level("filled from around", FILLED, allowed=False),
         Level(f"{facts.hidden} fragments{' guessed' * bool(facts.guessed)}", {}),
     ],
     _behind,

@@ -30,6 +30,7 @@ class ViewReader(Source):
         """The view in the recipe's frame, with its margin, at its bands.
 
         base: the folder of the recipe.
+        recipe: the scene's.
 
         Raises InputError for files that cannot be used.
         """
@@ -82,6 +83,9 @@ def frame_indices(shape: tuple[int, ...], recipe: SceneRecipe) -> tuple[np.ndarr
 
     Beyond the border the picture goes on as its mirror image; the sentence says how much of the frame that
     is. Raises InputError if the frame itself (without its margin) is larger than the picture.
+
+    shape: (rows, columns) of the picture.
+    recipe: the scene's; its frame says what is taken.
     """
     frame = recipe.frame
     if frame.height_px > shape[0] or frame.width_px > shape[1]:
@@ -109,6 +113,9 @@ def plain_view(
 
     radiance: float32 [band, y, x].
     inverse_depth: [y, x] in 1/m.
+    recipe: the scene's: name, bands and frame.
+    route: how the view was made, in a word.
+    facts: more about it, for the metadata.
     """
     return View.flat(
         radiance,

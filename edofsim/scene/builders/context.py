@@ -38,11 +38,18 @@ class Context:
     pixel_angle: float = 0.0
 
     def rng(self, purpose: str = "") -> np.random.Generator:
-        """A random generator of this object alone, so that other objects don't change it."""
+        """A random generator of this object alone, so that other objects don't change it.
+
+        purpose: another generator for each.
+        """
         return np.random.default_rng([self.seed, zlib.crc32(f"{self.what}/{purpose}".encode())])
 
     def surface(self, recipe: AnySurface, purpose: str = "surface") -> Surface:
-        """The recipe's surface at the view's wavelengths."""
+        """The recipe's surface at the view's wavelengths.
+
+        recipe: of the surface.
+        purpose: as of `rng`.
+        """
         return build_surface(recipe, self.wavelengths, self.base, self.rng(purpose), self.what)
 
 
@@ -51,7 +58,10 @@ class Builder(Thing):
     the keys that all such objects share; another one by `origin`."""
 
     def build(self, context: Context) -> list[Part]:
-        """Its pieces in local metres: x right, y up, z away from the camera. Raises InputError."""
+        """Its pieces in local metres: x right, y up, z away from the camera. Raises InputError.
+
+        context: bands, folder, seed and name of the object.
+        """
         raise NotImplementedError
 
     def origin(self) -> tuple[float, float, float]:

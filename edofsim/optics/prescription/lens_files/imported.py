@@ -88,10 +88,10 @@ def camera_of(
             f"its object lies {found.rows[0].thickness * 1e-3:.4g} m away; the camera is focused at"
             f" {focus_m:g} m, which [focus] says"
         )
-    told_name = re.sub(r"[^A-Za-z0-9_-]+", "-", name or path.stem).strip("-_") or "lens"
+    recipe_name = re.sub(r"[^A-Za-z0-9_-]+", "-", name or path.stem).strip("-_") or "lens"
     recipe = CameraRecipe.model_validate(
         {
-            "name": told_name[:64],
+            "name": recipe_name[:64],
             "lens": {**lens, "surfaces": surfaces},
             "focus": {"distance_m": focus_m, "plane": "best"},
             "sensor": {"pixel_um": pixel_um},
