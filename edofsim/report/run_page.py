@@ -40,7 +40,7 @@ SHOWN = 5
 FOCUSED = 6
 """Distances of the slider over depth, evenly spaced in dioptres."""
 QUICK = Fidelity(
-    band_groups=2,
+    band_groups=1,
     group_wavelengths=1,
     layers_db=40.0,
     read_noise=False,
@@ -103,7 +103,7 @@ def _focus(shown: Shown, focused: Mapping[float, Tensor]) -> tuple[Block, ...]:
 
     pictures = tuple(in_threads(one, list(focused.items()), torch.device("cpu")))
     caption = (
-        f"{shown.camera} without its mask, focused from near to far: without noise, with two groups of bands "
+        f"{shown.camera} without its mask, focused from near to far: without noise, with one group of bands "
         "a channel and few depth layers."
     )
     return (Sweep(pictures, "Focused at", caption, "images-all"),) if pictures else ()
