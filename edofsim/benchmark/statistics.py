@@ -57,8 +57,7 @@ def interval(values: np.ndarray, seed: int = 0) -> Interval:
 
 
 def differences(by_entry: Mapping[str, np.ndarray], seed: int = 0) -> dict[tuple[str, str], Interval]:
-    """Of every two entries, values [scene, seed] each: how much the first is above the second, photo by
-    photo.
+    """Of every two entries: how much the first is above the second, photo by photo.
 
     by_entry: values [scene, seed] by name of the entry.
     """

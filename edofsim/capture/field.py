@@ -54,8 +54,7 @@ def field_step(camera: Camera, fidelity: Fidelity, frame: Frame, axes: Axes) -> 
 def image_over_field(
     camera: Camera, frame: Frame | None, step: int | None, image: Callable[[Camera, Part], Tensor]
 ) -> Tensor:
-    """An unexposed image [..., y, x] of a frame, each place of it by the PSFs of its place in the field, and
-    as bright as these are.
+    """An unexposed image [..., y, x] of a frame, each place by, and as bright as, the PSFs from there.
 
     step: pixels between places; None for one place, where the part is the whole.
     image: of the part of the frame that a camera sees from its place, [..., y, x].

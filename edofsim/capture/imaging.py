@@ -190,8 +190,7 @@ def sub_aperture_imaging(
 
 
 def some_nodes(nodes: Tensor, fidelity: Fidelity) -> Tensor:
-    """As many nodes [node] from the first to the last as a fidelity has layers, or all where they are no
-    more.
+    """As many nodes from the first to the last as a fidelity has layers, or all if they are no more.
 
     nodes: [node], 1/m.
     fidelity: whose `layers` count.

@@ -241,8 +241,7 @@ def read_exr_rgb(path: Path, what: str) -> np.ndarray:
 
 
 def write_exr(path: Path, channels: Mapping[str, np.ndarray], attributes: Mapping[str, object]) -> Path:
-    """Planes [y, x] by name, with a header, as an OpenEXR file: float32, half where they are float16. Returns
-    the path.
+    """Write an OpenEXR file: float32, half where planes are float16. Returns the path.
 
     channels: planes [y, x] by name.
 

@@ -45,8 +45,7 @@ class Journal:
         return {f"psnr_db.start{of}": value for _, stem, of, value in said if stem and of != "_photo"}
 
     def picture(self, step: int, rows: list[list[Tensor]], height: Tensor | None) -> Path:
-        """Rows of images, each [3, y, x] in [0, 1] and of one size, side by side (8-bit values are
-        intensities); next to them the height map [n, n], dark is low.
+        """Images of one size side by side (8-bit values are intensities), and the height map, dark is low.
 
         rows: of images [3, y, x] in [0, 1].
         height: [n, n], metres; None for none.

@@ -146,9 +146,8 @@ class Camera:
         return max(FEWEST_A_PIXEL, math.ceil(self.pixel * cutoff - 1e-9))
 
     def with_height(self, height: Tensor | None) -> Camera:
-        """The same camera whose mask has the height map `height` [n, n] in metres in place of the recipe's;
-        gradients reach it. Its samples are as far apart as `mask.pitch_um` says where the recipe's mask is a
-        height map too, else they just cover the pupil. None for the recipe's own mask.
+        """The same camera whose mask has another height map; gradients reach it. Samples are as far apart as
+        `mask.pitch_um` says where the recipe's mask is a height map, else they just cover the pupil.
 
         height: [n, n], metres; None for the recipe's own mask.
 

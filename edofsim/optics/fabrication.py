@@ -77,8 +77,7 @@ def made_height(designed: Tensor, fabrication: Fabrication, material: Material) 
 
 
 def height_error(surface: Tensor, fabrication: Fabrication, seed: int) -> Tensor:
-    """By how much [m] each sample of a surface comes out too high: by `height_scale`, and a Gaussian error of
-    its own.
+    """By how much [m] samples come out too high: by `height_scale`, and each by a Gaussian error.
 
     surface: [..., y, x], metres.
     fabrication: the recipe's.

@@ -191,8 +191,7 @@ class _FocalPlane:
         return ((index + self.count // 2) % self.count - self.count // 2) * self.step
 
     def transform(self, depth: int, across: Tensor, up: Tensor, angle_deg: float) -> Tensor:
-        """Fourier transform of |F|^2 at frequencies [1/m] to the right and upwards, complex128 [frequency], 1
-        at frequency 0.
+        """Fourier transform of |F|^2 at frequencies [1/m], complex128 [frequency], 1 at frequency 0.
 
         angle_deg: their direction; along an axis a sum over lines of the pupil does.
         """

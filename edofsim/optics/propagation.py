@@ -167,8 +167,7 @@ def pupil_gradient(wave: Wave, upstream: Tensor, kept: list[Fields]) -> Tensor:
 
 
 def propagate(wave_of_band: Sequence[Wave]) -> Tensor:
-    """`energies` of several wavelengths, [depth, band, pixel, pixel], differentiable by their pupil
-    functions.
+    """`energies` of wavelengths, [depth, band, pixel, pixel], differentiable by pupil functions.
 
     The adjoint is written by hand: between the passes it keeps the fields on the sensor, or where they are
     large the pupil alone, and nothing else, so that it takes less memory than automatic differentiation and

@@ -180,8 +180,7 @@ def chirp(
     dtype: torch.dtype = torch.float32,
     device: torch.device | str = "cpu",
 ) -> Tensor:
-    """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half], for Psi [depth] in
-    float64.
+    """exp(j Psi s^2 / r^2) along half an axis of the pupil, complex [depth, half].
 
     defocus: Psi, [depth], radians, float64.
     grid: of the pupil.

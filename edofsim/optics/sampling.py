@@ -108,8 +108,7 @@ def _what_helps(camera: Camera, wavelengths: Tensor, psi: Tensor) -> str:
 
 
 def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int) -> float:
-    """The coarsest fixed pitch [m] that `plan_sampling` takes, by the paper's bound and with replicas that
-    stay out of the window.
+    """The coarsest fixed pitch [m] that `plan_sampling` takes, with replicas out of the window.
 
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.

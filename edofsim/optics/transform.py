@@ -127,8 +127,7 @@ def fold(pupil: Tensor) -> Tensor:
 
 
 def unfold(parts: Tensor, samples: int) -> Tensor:
-    """Adjoint of `fold`: gradient of the parts back to the complex pupil [samples, samples], or
-    [depth, samples, samples].
+    """Adjoint of `fold`: gradient by the complex pupil, [(depth,) samples, samples].
 
     parts: [2 (parity in x), 2 (re, im), 2 (parity in y), y, depth, x], see `fold`.
     samples: of the pupil, along a side.

@@ -94,8 +94,7 @@ class DCnn(DepthConditioned):
         self.set_distances(psf)
 
     def likely(self, photo: Tensor) -> Tensor | None:
-        """How likely each part of the depth range is at each pixel of a photo [batch, 3, y, x],
-        [batch, distances, y, x]; None where it asks for none.
+        """How likely each part of the depth range is, [batch, distances, y, x]; None where it asks for none.
 
         photo: [batch, 3, y, x].
         """

@@ -59,8 +59,7 @@ class DepthConditioned(Restorer):
         self._matrix, self._constant = explain(transfer)
 
     def depth_probability(self, photo: Tensor, belief: tuple[Tensor, Tensor] | tuple[float, float]) -> Tensor:
-        """How likely each distance is at each pixel of a photo [batch, 3, y, x], far ones first,
-        [batch, depth, y, x].
+        """How likely each distance is at each pixel of a photo, far ones first, [batch, depth, y, x].
 
         photo: [batch, 3, y, x].
         belief: scalars []: how much a block's own likelihood counts, and the mean of its neighbours'.

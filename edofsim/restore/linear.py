@@ -106,8 +106,7 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
 
 
 def local_filters(psf: Tensor, support: int, groups: int, noise: float = NOISE) -> Tensor:
-    """The filters of `local_error`, [group, 3 out, 3 in, support, support], as a convolution of torch takes
-    them.
+    """The filters of `local_error`, [group, 3 out, 3 in, support, support], for a convolution of torch.
 
     psf: [depth, 3, y, x], neighbouring depths next to each other, as many in each group.
     """

@@ -22,6 +22,7 @@ def power_spectrum(size: int, like: Tensor) -> Tensor:
     inverse divides by the number of pixels. After Field, JOSA A 4, 1987: a power of the frequency.
 
     like: any shape [...]: whose type and device the spectrum has.
+    size: pixels along a side.
     """
     fy = torch.fft.fftfreq(size, device=like.device)[:, None]
     fx = torch.fft.rfftfreq(size, device=like.device)[None, :]
@@ -29,10 +30,10 @@ def power_spectrum(size: int, like: Tensor) -> Tensor:
 
 
 def transfer_functions(psf: Tensor, size: int) -> Tensor:
-    """Transfer functions of PSFs [depth, channel, y, x] for periods of `size` pixels, at least as many as the
-    PSFs have, [depth, channel, size, size // 2 + 1].
+    """Transfer functions of PSFs, [depth, channel, size, size // 2 + 1].
 
     psf: [depth, channel, y, x].
+    size: period in pixels, at least the PSFs'.
 
     Light beyond the PSFs' window is veiling glare, the same all over a photo: its mean passes whole.
     """

@@ -137,8 +137,7 @@ def for_any_camera(
     glare: Tensor,
     shares: Tensor | None = None,
 ) -> Tensor:
-    """What a network for any camera that was set for this one makes of a photo [channel, y, x], with its
-    share of Wiener deconvolution, in [0, 1].
+    """What a network for any camera makes of a photo, with its share of Wiener deconvolution, in [0, 1].
 
     image: [channel, y, x].
     psf: [depth, channel, y, x], of `deconvolved`.

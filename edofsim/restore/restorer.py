@@ -83,8 +83,7 @@ class Restorer(nn.Module):
             setattr(self, name, value)
 
     def set_camera(self, psf: Tensor, noise: float) -> None:
-        """Give it the PSFs [depth, 3, y, x] of a camera at `psf_depths`, and the standard deviation of its
-        noise relative to full scale, where `any_camera`.
+        """Give it the PSFs of a camera at `psf_depths`, and its noise, where `any_camera`.
 
         psf: [depth, 3, y, x].
         noise: standard deviation, relative to full scale.

@@ -38,8 +38,7 @@ class Truth:
     noise: PhotoNoise = PhotoNoise()
 
     def restored_noise(self, photo: Tensor, restored: Tensor, restores: Restores) -> Tensor | None:
-        """What noise is left in an image that was restored from a photo, [channel, y, x] each; None where
-        none is known.
+        """What noise is left in an image that was restored from a photo; None where none is known.
 
         photo, restored: [channel, y, x].
         restores: what did it.
@@ -50,8 +49,7 @@ class Truth:
             return restores(photo + self.noise.image) - restored
 
     def compared(self, image: Tensor, noise: Tensor | None) -> tuple[Tensor, Tensor, TruthNoise]:
-        """What `score_parts` and `score_by_depth` compare: an image [channel, y, x], the truth, and their
-        noise.
+        """What `score_parts` and `score_by_depth` compare: an image, the truth, and their noise.
 
         image: [channel, y, x].
         noise: [channel, y, x]: what is left of it in the image, as of `restored_noise`; of the photo,

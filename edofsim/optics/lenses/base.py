@@ -63,8 +63,7 @@ class Lens(KindModel):
         raise NotImplementedError
 
     def phase(self, radius_squared: Tensor, wavelength: float) -> Tensor:
-        """Phase [rad] beyond that of the parabola at squared distances from the axis, float64, same shape;
-        positive where light takes longer.
+        """Phase [rad] beyond that of the parabola, float64, same shape; positive where light takes longer.
 
         radius_squared: any shape [...], m^2.
         wavelength: metres.

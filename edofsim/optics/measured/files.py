@@ -373,7 +373,7 @@ def write_bank(
 
     path: ends in .exr or .npz.
     values: [field, depth, band, y, x], upright, fractions of light about the pixel n // 2.
-    fields_deg, inverse_depths, wavelengths_nm, pixel_um, light: as of `read_bank`, a number a place or axis.
+    fields_deg, inverse_depths, wavelengths_nm, pixel_um, light: as of `Stated`.
     """
     about = {
         "fields_deg": list(fields_deg),

@@ -17,8 +17,7 @@ SAMPLES = 258
 def quantities_at(
     wave: Wave, even: Tensor, odd: Tensor, right: Tensor, up: Tensor, turn: float
 ) -> tuple[Tensor, Tensor]:
-    """What polynomials of a wave's disc say at places [mm] of the pupil, [quantity, ...], and which of these
-    they hold for.
+    """What polynomials say at places of the pupil, [quantity, ...], and which of these they hold for.
 
     even, odd: [term, quantity].
     right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn). On a grid, right

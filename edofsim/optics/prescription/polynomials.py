@@ -52,8 +52,7 @@ def fit(a: Tensor, b: Tensor, weight: Tensor, values: Tensor, odd: bool = False)
 
 
 def values_at(even: Tensor, odd: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    """Quantities [quantity, ...] at places: the odd ones, of coefficients [term, quantity], after the even
-    ones.
+    """Quantities [quantity, ...] at places: the odd ones after the even ones.
 
     even, odd: [term, quantity].
     a: any shape [...], along.

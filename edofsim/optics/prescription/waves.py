@@ -150,8 +150,7 @@ def waves(seen: Pupil, wavelengths: Tensor) -> list[Wave]:
 
 
 def landings(held: Focused, tangents: Tensor) -> Tensor:
-    """How far from the axis [mm] chief rays of tangents [field] land on the sensor, at the reference
-    wavelength.
+    """How far from the axis [mm] chief rays land on the sensor, at the reference wavelength.
 
     tangents: [field].
 
@@ -161,8 +160,7 @@ def landings(held: Focused, tangents: Tensor) -> Tensor:
 
 
 def tangents_of(held: Focused, heights: Tensor) -> Tensor:
-    """Tangents [field] of the chief rays that land at heights [mm] from the axis, above 0: what `landings` is
-    the inverse of.
+    """Tangents [field] of the chief rays that land at these heights: `landings` is the inverse.
 
     heights: [field], mm, above 0.
 
