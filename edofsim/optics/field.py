@@ -24,6 +24,7 @@ from .lenses.base import AXIS, Field, Lens
 from .masks import Mask, mask_amplitude
 from .psf import carries_gradients, psf_bank
 from .psf_field import PsfField
+from .pupil import StrongMask
 from .sensor import response
 
 STEPS = (1024, 512, 256, 128, 64, 32, 16, 8)
@@ -155,6 +156,8 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
         try:
             there = camera.seen_at(place)
             return psfs(there) * (relative_light(there) / own)
+        except StrongMask:
+            raise
         except InputError:  # no light from there reaches the sensor
             return None
 
@@ -200,6 +203,8 @@ def errors_by_step(
         `BLUR_PX`, or what is nearest to them between the ends. Nothing of a picture decides.
     camera: one whose lens `varies`.
     frame: rows and columns of the photo.
+
+    Raises InputError for a mask that bends rays too much.
     """
     bands = torch.as_tensor(wavelengths, dtype=torch.float64).flatten().cpu()
     colours = response(camera, bands) @ bands
@@ -228,6 +233,8 @@ def errors_by_step(
                 transfer, light = seen_at(down + step / 2, right + step / 2)
             else:
                 ends, (transfer, light) = [seen_at(0.0, 0.0)], seen_at(*(part * way for way in along))
+        except StrongMask:
+            raise
         except InputError:  # light from so far outside of the frame does not reach the sensor
             return math.inf
         mean = torch.stack([each for each, _ in ends]).mean(0)

@@ -36,6 +36,8 @@ class PupilGrid:
         return square[:, None] + square[None, :]
 
 
+NO_WRAPS = 1e9
+"""A wave that no map's steps reach."""
 LINES = 16
 """Lines a cell on which the chord of a disc is measured: the area of a disc comes out to 1e-5 and better."""
 
@@ -167,3 +169,33 @@ def _between_wraps(surface: Tensor, matrix: Tensor, nearest: Tensor, wave: float
     the `nearest` [to] samples."""
     taken = torch.nn.functional.pad((surface.detach().diff(dim=-1) / wave).round().cumsum(-1), (1, 0)) * wave
     return (surface - taken) @ matrix.T + taken[:, nearest]
+
+
+def sampled_at(surface: Tensor, grid: PupilGrid, u: Tensor, v: Tensor, wave: float) -> Tensor:
+    """Maps of a grid at other places, bicubic, with their wraps, see `resample`: [..., place].
+
+    surface: [..., samples, samples].
+    u, v: [place], of any shape, to the right and up, in radii.
+    wave: as in `resample`; between wraps, a place is in the same whole wave as the nearest sample.
+    """
+    last = grid.samples - 1
+    across, down = (last / 2 + sign * at * (grid.radius / grid.pitch) for sign, at in ((1, u), (-1, v)))
+    row, column = (at.round().long().clamp(0, last) for at in (down, across))
+    nearest = surface.detach()[..., row, column]
+    total = above = taken = torch.zeros_like(nearest)
+    for y, high in _taps(down, last):
+        before, off = above, taken
+        for tap, (x, broad) in enumerate(_taps(across, last)):
+            value = surface[..., y, x]
+            off = off + ((value.detach() - before) / wave).round()
+            before = value.detach()
+            if tap == 0:
+                above, taken = before, off
+            total = total + (value - off * wave) * (high * broad).to(value)
+    return total - ((total.detach() - nearest) / wave).round() * wave
+
+
+def _taps(at: Tensor, last: int) -> list[tuple[Tensor, Tensor]]:
+    """The four samples around places, from 0 to `last`, and their weights."""
+    first = at.floor()
+    return [((first + tap).long().clamp(0, last), _keys(at - first - tap)) for tap in range(-1, 3)]

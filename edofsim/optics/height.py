@@ -98,10 +98,20 @@ def _without_border(height: Tensor, pitch: float, radius: float, name: str) -> T
             "first in "
             f"row {row}, column {column}; fill them"
         )
+    return nearest_known(height, ~missing)
+
+
+def nearest_known(values: Tensor, known: Tensor) -> Tensor:
+    """Values [n, n], each the nearest of those that are known.
+
+    values: [n, n].
+    known: bool [n, n].
+    """
     from scipy.ndimage import distance_transform_edt
 
-    nearest = distance_transform_edt(missing.numpy(), return_distances=False, return_indices=True)
-    return torch.from_numpy(height.numpy()[tuple(np.asarray(nearest))])
+    nearest = distance_transform_edt(~known.cpu().numpy(), return_distances=False, return_indices=True)
+    rows, columns = torch.from_numpy(np.asarray(nearest)).long().to(values.device)
+    return values[rows, columns]
 
 
 def _check_unit(height: Tensor, camera: Camera, mask: HeightMapMask) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, reduce
 
 import torch
@@ -16,14 +16,27 @@ from torch import Tensor
 
 from ..errors import InputError
 from .camera import Camera
-from .grid import PupilGrid, disc_coverage, resample
-from .height import design_phase_to_height, surface
+from .fabrication import wave_height
+from .grid import NO_WRAPS, PupilGrid, disc_amplitude, disc_coverage, resample, sampled_at
+from .height import design_phase_to_height, design_wavelength, designed_map, nearest_known, surface
 from .lenses.base import Bend
+from .mask_surface import MaskSurface
 from .masks import Mask, asked, mask_amplitude
 
 TRANSMISSION_GRID = PupilGrid(514, 2 / 512, 1.0)
 """Of a pupil of radius 1, for the light that a mask lets through."""
-NO_WRAPS = 1e9  # values that no map's steps reach
+
+
+SLOPE_SAMPLES = 258
+"""Across the pupil, for the slopes of a mask."""
+MISPLACED_WAVES = 0.05
+"""By which light may miss its path behind a mask in the stop."""
+Regions = list[tuple[Tensor, Tensor | float | None]]
+"""Amplitude and height of each part of an aperture."""
+
+
+class StrongMask(InputError):
+    """A mask that bends rays too much for its height map to be added to those that go straight on."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,8 @@ class Aperture:
 def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Aperture:
     """The camera's aperture and mask on a grid, with grey edges; `seed` as in `surface`.
 
-    Raises InputError for a mask that lets no light through, and for a lens that is known by its PSFs alone.
+    Raises InputError for a mask that lets no light through or is too strong for a lens of surfaces, and for a
+    lens that is known by its PSFs alone.
     """
     if camera.lens.measured:
         raise InputError(
@@ -73,6 +87,8 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     seen_from = ""
     right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
     if camera.lens.varies:
+        refuse_strong(camera)
+        regions, light = _in_stop(camera, grid, regions, light)
         share = camera.lens.field_open(right, up, camera.field)
         regions = [(part * share.sqrt(), heights) for part, heights in regions]
         light, round_one = light * share, lens
@@ -92,6 +108,69 @@ def aperture(camera: Camera, grid: PupilGrid, seed: int | None = None) -> Apertu
     if shone.requires_grad:  # PSFs are parts of the light, which learns, too
         regions = [(part * (total / shone).sqrt(), height) for part, height in regions]
     return Aperture(grid, lens, bend, tuple(regions), total, total / whole)
+
+
+def refuse_strong(camera: Camera) -> None:
+    """Raise StrongMask where the mask bends rays so much that the rest of the lens adds another path to them:
+    the mask's own is added where they cross the stop as if it did not bend them. Masks in training are not
+    looked at, nor are stepped ones, whose levels are flat."""
+    maps = camera.height_map, camera.amplitude
+    if not camera.lens.varies or any(each is not None and each.requires_grad for each in maps):
+        return
+    plain = replace(camera, recipe=camera.recipe.model_copy(update={"fabrication": None}))
+    radius, given = camera.aperture_radius, designed_map(camera)
+    samples = max(SLOPE_SAMPLES, 0 if given is None else len(given[0]) + 2)
+    grid = PupilGrid(samples, 2 * radius / (samples - 2), radius)
+    stepped = given is None and asked(camera.mask, "regions", lambda: camera.mask.regions(grid))
+    height, wavelength = None if stepped else surface(plain, grid), design_wavelength(camera)
+    if height is None:
+        return
+    index = float(camera.mask_material.index(wavelength))
+    made = MaskSurface(grid, height.double(), _wrap(camera), index)
+    off = camera.lens.misplaced(made, wavelength, camera.field)
+    if off > MISPLACED_WAVES:
+        angle = math.degrees(math.atan(math.hypot(*camera.field)))
+        raise StrongMask(
+            f"the mask ({camera.mask.kind}) bends rays by so much that {off:.3g} waves (root mean square, at"
+            f" {wavelength * 1e9:.4g} nm, {angle:.3g} degrees off the axis) are missing where its heights are"
+            f" added to rays as if they went straight on, more than {MISPLACED_WAVES:g}; take a weaker mask,"
+            " a narrower field, or a larger f-number"
+        )
+
+
+def _in_stop(camera: Camera, grid: PupilGrid, regions: Regions, light: Tensor) -> tuple[Regions, Tensor]:
+    """Parts of the aperture and their heights, and the light, where rays of the camera's place in the field
+    meet the mask."""
+    right, up = grid.centres[None, :], grid.centres.flip(0)[:, None]
+    places = camera.lens.in_stop(right, up, camera.field)
+    if places is None:
+        return regions, light
+    u, v = places
+    bare, covered = disc_amplitude(grid, grid.radius), disc_coverage(grid, grid.radius)
+    within = grid.radius_squared() < (grid.radius - grid.pitch) ** 2
+
+    def moved(part: Tensor, whole: Tensor) -> Tensor:
+        if part is whole:
+            return part
+        shares = nearest_known(part / whole, within)
+        return whole * sampled_at(shares, grid, u, v, NO_WRAPS)
+
+    wrap = _wrap(camera)
+    found = [
+        (
+            moved(part, bare),
+            sampled_at(height, grid, u, v, wrap) if isinstance(height, Tensor) else height,
+        )
+        for part, height in regions
+    ]
+    return found, moved(light, covered)
+
+
+def _wrap(camera: Camera) -> float:
+    """Height [m] of a wave that may be taken off the mask: of maps, not of formulas."""
+    if designed_map(camera) is None and camera.recipe.fabrication is None:
+        return NO_WRAPS
+    return wave_height(design_wavelength(camera), camera.mask_material)
 
 
 def _own_amplitude(amplitude: Tensor, grid: PupilGrid) -> Tensor:

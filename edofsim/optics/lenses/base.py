@@ -19,6 +19,7 @@ from torch import Tensor
 
 from ...errors import InputError
 from ...recipe.kinds import LENSES, KindModel
+from ..mask_surface import MaskSurface
 from ..materials import Material, material
 
 RIM_SAMPLES = 65
@@ -157,6 +158,20 @@ class Lens(KindModel):
         stop; 0 for a lens that takes all light to pass it along the axis."""
         return 0.0
 
+    def in_stop(self, right: Tensor, up: Tensor, field: Field) -> Tensor | None:
+        """Where light from `field` that leaves the lens there meets a mask in the stop, (u, v) in radii of
+        the pupil, [2, n, n]; None for a lens that takes it to be there, too.
+
+        right: [1, n], metres.
+        up: [n, 1], metres.
+        """
+        return None
+
+    def misplaced(self, surface: MaskSurface, wavelength: float, field: Field) -> float:
+        """By how many waves, root mean square over the pupil, the path of light from `field` differs from
+        what it is where a mask in the stop adds to it and does not bend it. wavelength: metres."""
+        return 0.0
+
     def illumination(self, field: Field) -> float:
         """Light on the sensor from `field` over that from the axis, but for what `field_open` shuts out."""
         return 1.0
@@ -270,6 +285,12 @@ class _Simpler(Lens):
 
     def slant(self, field: Field) -> float:
         return self.lens.slant(field)
+
+    def in_stop(self, right: Tensor, up: Tensor, field: Field) -> Tensor | None:
+        return self.lens.in_stop(right, up, field)
+
+    def misplaced(self, surface: MaskSurface, wavelength: float, field: Field) -> float:
+        return self.lens.misplaced(surface, wavelength, field)
 
     def illumination(self, field: Field) -> float:
         return self.lens.illumination(field)

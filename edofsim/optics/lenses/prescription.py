@@ -14,10 +14,12 @@ from torch import Tensor
 
 from ...errors import InputError
 from ...recipe.base import Positive
+from ..mask_surface import MaskSurface
 from ..materials import Material
 from ..prescription.aim import Focused, axial, chief_planes, focused, on_sphere
+from ..prescription.bent_rays import misplaced
 from ..prescription.first_order import first_order
-from ..prescription.outline import delay, disc, light, opening
+from ..prescription.outline import delay, disc, in_stop, light, opening
 from ..prescription.polynomials import chebyshev
 from ..prescription.pupil import Pupil, pupil, slant_at_stop
 from ..prescription.surfaces import Surface, stack
@@ -151,6 +153,15 @@ class PrescriptionLens(Lens):
     def slant(self, field: Field) -> float:
         tangent = math.hypot(*field)
         return 0.0 if tangent < NEARBY else _slant(self, tangent)
+
+    def in_stop(self, right: Tensor, up: Tensor, field: Field) -> Tensor:
+        wave = _wave(self, math.hypot(*field), self.traced_at_nm * 1e-9)
+        return in_stop(wave, right / MM, up / MM, math.atan2(field[1], field[0]))
+
+    def misplaced(self, surface: MaskSurface, wavelength: float, field: Field) -> float:
+        tangent, turn = math.hypot(*field), math.atan2(field[1], field[0])
+        seen, wave = _pupil(self, tangent, 0.0), _wave(self, tangent, wavelength)
+        return misplaced(seen, wave, wavelength, surface, turn, self.slant(field))
 
     def illumination(self, field: Field) -> float:
         """What is left but for `field_open`, whose area in direction cosines counts cosines and the pupil's

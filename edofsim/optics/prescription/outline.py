@@ -47,6 +47,17 @@ def delay(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
     return path.clamp(*path[holds].aminmax())
 
 
+def in_stop(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
+    """Where rays met the stop, to the right and up, over its radius, [2, ...].
+
+    right: [1, n] or point by point [...], mm.
+    up: [m, 1] or point by point [...], mm.
+    """
+    (along, across), _ = quantities_at(wave, wave.even[:, 1:2], wave.odd, right, up, turn)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    return torch.stack([across * sine + along * cosine, along * sine - across * cosine])
+
+
 def opening(wave: Wave, right: Tensor, up: Tensor, turn: float) -> Tensor:
     """Fraction of each cell of a grid that stop and rims let light through, 0 to 1, by how far away each edge
     is; between single places, 0 or 1.
