@@ -261,8 +261,8 @@ def psf_field(
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
     field_step: tangent from the camera's place in the field to those next to it, for what reaches its place
-        on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene. Other parameters
-        as there.
+        on the sensor (see `psfs_on_sensor`); None: for what leaves its place in the scene.
+    camera, window_px, cache, dtype, device: as of `psf_bank`.
 
     Raises InputError as `psf_bank`.
     """
