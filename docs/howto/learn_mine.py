@@ -1,4 +1,4 @@
-"""A mask, a network and a loss of one's own against two other systems: python learn_mine.py STEPS SEEDS"""
+"""Loss and data of one's own, and two other systems next to it: python learn_mine.py STEPS SEEDS"""
 
 import statistics
 import sys
@@ -6,7 +6,7 @@ import sys
 import matplotlib.pyplot as plt
 import skimage.data
 import torch
-from torch import nn
+from first_training import Cubic, UNet
 from torch.utils.data import Dataset
 
 import edofsim
@@ -21,32 +21,6 @@ class Pictures(Dataset):
 
     def __getitem__(self, index):
         return torch.from_numpy(getattr(skimage.data, self.names[index])()).permute(2, 0, 1)
-
-
-class UNet(nn.Module):
-    def __init__(self, width=16):
-        super().__init__()
-        self.width = width
-        self.fine, self.coarse = (
-            nn.Sequential(nn.Conv2d(a, width, 3, padding=1), nn.ReLU(), nn.Conv2d(width, width, 3, padding=1))
-            for a in (3, width)
-        )
-        self.last = nn.Conv2d(2 * width, 3, 3, padding=1)
-
-    def forward(self, photo):
-        fine = self.fine(photo).relu()
-        coarse = self.coarse(nn.functional.avg_pool2d(fine, 4))
-        return photo + self.last(torch.cat([fine, nn.functional.interpolate(coarse, scale_factor=4)], 1))
-
-
-class Cubic(nn.Module):
-    def __init__(self, micrometres=1.0):
-        super().__init__()
-        self.strength = nn.Parameter(torch.tensor(micrometres))
-
-    def forward(self):  # metres, row 0 the top of the pupil
-        across = torch.linspace(-1, 1, 200)
-        return self.strength * 1e-6 * (across**3 + across.flip(0)[:, None] ** 3)
 
 
 def loss(restored, ideal):

@@ -343,7 +343,23 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     """The script of the page, as a module."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "docs" / "howto"))
     yield import_module("learn_mine")
-    sys.modules.pop("learn_mine", None)
+    for name in ("learn_mine", "first_training"):
+        sys.modules.pop(name, None)
+
+
+def test_a_first_training_takes_thirty_lines(
+    page: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Blank ones are not counted. They run, and what they leave is read where their classes are."""
+    script = Path(page.__file__ or "").with_name("first_training.py")
+    assert sum(map(bool, script.read_text(encoding="utf-8").splitlines())) <= 30
+    command = [sys.executable, str(script), "1"]
+    done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
+    assert "psnr_db.start" in done.stdout and "psnr_db.validation" in done.stdout
+    checkpoint = load_checkpoint(tmp_path / "out" / "fit" / "fit.safetensors")
+    assert checkpoint.network.settings()["of"] == "first_training:UNet"
+    start, learned = page.Cubic()().detach(), checkpoint.height
+    assert not torch.equal(learned, start) and torch.allclose(learned, start, atol=1e-7)
 
 
 def test_the_script_of_the_page_ends_in_its_table(
