@@ -198,17 +198,33 @@ def _used(views: Sequence[View], camera: Camera, fidelity: Fidelity, axes: Axes,
 
 
 @own_precision
+def clean_photo(
+    view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
+) -> Tensor:
+    """The clean photo [channel, y, x] that `capture` makes of a view on the CPU in float32, and nothing else
+    that a photo holds. Raises InputError as that."""
+    _checked([view], camera, fidelity)
+    given, axes = _composited(view.to("cpu", torch.float32), camera, fidelity)
+    how = {"dtype": torch.float32, "device": "cpu"}
+    return _imaged([given], camera, fidelity, axes, layout, Stopwatch(), None, **how)[0][0] * exposure
+
+
+@own_precision
 def sub_aperture_change(
     view: View, camera: Camera, fidelity: Fidelity, exposure: float, layout: Layout | None = None
 ) -> Tensor:
-    """What sub-apertures change in the clean photo that `capture` makes of a view on the CPU in float32,
-    [channel, y, x]; 0 for a fidelity that simulates none."""
+    """What sub-apertures change in `clean_photo`, [channel, y, x]; 0 for a fidelity that simulates none."""
     if not _in_parts(fidelity):
         return torch.zeros(())
-    view = as_composited(view, camera, fidelity)
-    axes = axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
+    given, axes = _composited(view, camera, fidelity)
     imaging = sub_aperture_imaging(camera, fidelity, axes)
-    return imaging.change_by_sub_apertures(imaging.light(view), layout) * exposure
+    return imaging.change_by_sub_apertures(imaging.light(given), layout) * exposure
+
+
+def _composited(view: View, camera: Camera, fidelity: Fidelity) -> tuple[View, Axes]:
+    """A view as it is composited, and what its photo shares."""
+    view = as_composited(view, camera, fidelity)
+    return view, axes_of([view], camera, fidelity, channel_weights(camera, view.wavelengths))
 
 
 def colours_of(views: Sequence[View], weights: Tensor) -> Tensor | None:

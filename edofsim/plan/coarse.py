@@ -11,7 +11,7 @@ from torch import Tensor
 from ..capture.fidelity import Fidelity
 from ..capture.imaging import layout_within
 from ..capture.occlusion.hidden import Layout
-from ..capture.photograph import capture, sub_aperture_change
+from ..capture.photograph import clean_photo, sub_aperture_change
 from ..capture.prepare import blur_per_dioptre, channel_weights
 from ..core.once import Once
 from ..optics import Camera
@@ -56,7 +56,7 @@ class Coarse:
 
         def clean() -> Tensor:
             if fidelity.sub_apertures == 1:
-                return capture(self.view, self.camera, fidelity, **how).clean
+                return clean_photo(self.view, self.camera, fidelity, **how)
             change = sub_aperture_change(self.view, self.camera, fidelity, **how)
             return self._clean(fidelity.changed({"sub_apertures": 1})) + change
 

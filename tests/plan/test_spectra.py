@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 import torch
 
-from edofsim.capture import Fidelity, capture
+from edofsim.capture import Fidelity, capture, photograph
 from edofsim.capture.band_groups import every_band
 from edofsim.capture.checks import check_view
 from edofsim.capture.guessed import with_guessed
@@ -280,6 +280,19 @@ def test_steps_of_less_blur_than_a_coarse_pixel_hide_in_it_as_in_the_view():
     seen = coarse.photo(parted) - coarse.photo(parted.changed({"sub_apertures": 1}))
     fine = torch.nn.functional.avg_pool2d(fine, coarse.times)
     assert 0.5 < float(seen.square().mean() / fine.square().mean()) < 2
+
+
+def test_coarse_photos_are_clean_photos_without_colours(monkeypatch: pytest.MonkeyPatch):
+    """A plan asks for no tables of colours, which take seconds to load, and no noise."""
+    view, plain = two_depths(48, 72, 2), Fidelity(layers=2, band_groups=1, group_wavelengths=1)
+    photo = capture(view, CAMERA, plain, exposure=2.0).clean
+    for name in ("colours_of", "record"):
+        monkeypatch.delattr(photograph, name)
+    coarse = coarse_of(view, CAMERA, 2.0)
+    assert torch.equal(coarse.photo(plain), photo)
+    parted = plain.changed({"sub_apertures": 2})
+    change = sub_aperture_change(view, CAMERA, parted.changed({"field_step_px": 0}), exposure=2.0)
+    assert torch.equal(coarse.photo(parted), photo + change)
 
 
 def test_psfs_of_large_pixels_hold_as_much_light():
