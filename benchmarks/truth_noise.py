@@ -30,8 +30,7 @@ from edofsim.plan import plan_photo
 from edofsim.recipe.load import load_camera, load_scene
 from edofsim.record import record, write_record
 from edofsim.render import render
-from edofsim.restore import restore
-from edofsim.restore.choice import choose_network
+from edofsim.restore import choose_network, restore
 from edofsim.restore.scores import image_psnr, score
 from edofsim.restore.truth import Truth
 

@@ -30,9 +30,8 @@ from .recipe.scene import Bands
 from .render import render
 from .render.seen import assumptions, by_itself, for_preview
 from .render.view import View
-from .restore import restore
+from .restore import any_camera_network, choose_network, restore
 from .restore.checkpoint import Checkpoint
-from .restore.choice import any_camera_network, choose_network
 from .scene.family import members as family_members
 
 NEAREST = 0.5

@@ -45,9 +45,8 @@ from .recipe import CameraRecipe, Loaded, SceneRecipe
 from .record import peak_memory_mib
 from .render import cached, render
 from .render.view import View
-from .restore import channel_psfs, restore
+from .restore import channel_psfs, choose_network, restore
 from .restore.checkpoint import Checkpoint
-from .restore.choice import choose_network
 from .restore.gains import gain_figures, gains
 from .restore.places import Method
 from .restore.scores import DepthScore, Score, TruthNoise, score_by_depth

@@ -35,6 +35,7 @@ MAY_IMPORT["cli"] = {*MAY_IMPORT, "pipeline", "console", "options", "completion"
 COMMON = {"errors", "record", "core"}
 KEPT_OUT = {"recipe": {"mitsuba", "drjit", "torch", "trimesh"}, "scene": {"mitsuba", "drjit", "torch"}}
 MITSUBA_ROOMS = {"render", "reference", "experiments"}
+BEHIND_THE_DOOR = {f"edofsim.restore.{name}" for name in ("choice", "conditioning", "restore", "wiener")}
 ONLY_IN = {"mitsuba": MITSUBA_ROOMS, "drjit": MITSUBA_ROOMS}
 
 
@@ -64,6 +65,7 @@ def test_imports_follow_the_flow_of_data(path: Path):
     rooms = {name.split(".")[1] for name in names if name.startswith("edofsim.")}
     rooms -= COMMON | {room, "__version__"}
     assert rooms <= MAY_IMPORT[room], f"{path.name} in {room}/ imports {sorted(rooms - MAY_IMPORT[room])}"
+    assert room == "restore" or not names & BEHIND_THE_DOOR, "import it from edofsim.restore"
     outside = {name.split(".")[0] for name in names}
     assert not outside & KEPT_OUT.get(room, set())
     for package, homes in ONLY_IN.items():

@@ -80,11 +80,11 @@ def measured(
     from ..capture.framing import seen_through
     from ..experiments import cost as photos
     from ..experiments import cost_stages
-    from ..experiments.cost_scores import Judge
+    from ..experiments.cost_scores import Judge, restoring
     from ..optics import Camera
     from ..plan import planner_of, through_mask_like
     from ..render import render
-    from ..restore.choice import restoring, usual_network
+    from ..restore import usual_network
 
     scene, camera_recipe, folder = scene_and_place
     recipe, base, compute = scene.recipe, scene.base, torch_device(device)

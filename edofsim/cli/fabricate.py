@@ -57,7 +57,7 @@ def fabricate(
     folder = writable_folder(out or Path("out") / f"{name}-mask")
     with begun("fabricate", json, quiet=True):
         from ..learn.fabricate import device, write_device
-        from ..restore.choice import choose_network
+        from ..restore import choose_network
 
         optics = choose_network(None, loaded)[1]
         try:

@@ -65,8 +65,7 @@ def restore(
         from ..capture.device import torch_device
         from ..capture.files import read_colour_matrix
         from ..recipe.scene import Bands
-        from ..restore import restore
-        from ..restore.choice import choose_network, said_of
+        from ..restore import choose_network, restore, said_of
 
         checkpoint, optics = choose_network(network, loaded)
         image = read_image(photo).to(torch_device(device.value))

@@ -139,7 +139,7 @@ def _written(result: Run, folder: Path, chart: Plot | None) -> dict[str, Path]:
 
 def _lines(result: Run, numbers: Mapping[str, float]) -> list[str | Table]:
     """What a run prints."""
-    from ..restore.choice import said_of
+    from ..restore import said_of
     from ..restore.gains import gains_in_words
     from ..restore.truth import noise_sentence
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import torch
 from torch import Tensor
 
 from ..capture import Fidelity, Photo, capture
@@ -15,6 +16,8 @@ from ..capture.noise import photo_noise
 from ..capture.sensor import record, sensor_effects
 from ..optics import Camera
 from ..render.view import View
+from ..restore import restore
+from ..restore.checkpoint import Checkpoint
 from ..restore.scores import image_psnr
 from ..restore.truth import Truth
 
@@ -24,6 +27,21 @@ leaves the windows of its PSFs."""
 Scores = Mapping[str, list[float]]
 """PSNR against the all-in-focus image in dB, by what was restored with: one for each seed."""
 GAIN = "gain over the lens alone"
+
+
+def restoring(
+    camera: Camera, wavelengths: Tensor, inverse_depth: Tensor, checkpoint: Checkpoint | None
+) -> Restore:
+    """What restores photos of a scene.
+
+    wavelengths: [band], metres.
+    inverse_depth: any shape [...], 1/m: of all that the photo may show.
+    camera, checkpoint: as of `restore`.
+    """
+    ends = torch.stack(inverse_depth.double().cpu().aminmax())
+    return lambda photo, truncated: restore(
+        photo, camera, wavelengths, ends, checkpoint=checkpoint, truncated=truncated
+    )[0]
 
 
 @dataclass(frozen=True)

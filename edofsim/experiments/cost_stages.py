@@ -29,7 +29,7 @@ from ..render import render
 from ..render.fetch import run_of
 from ..render.settings import samples_of_a_pass
 from ..render.view import View
-from ..restore import channel_psfs, restore
+from ..restore import channel_psfs, forget, restore, usual_network
 from ..restore.checkpoint import (
     Checkpoint,
     any_camera_checkpoints,
@@ -37,8 +37,6 @@ from ..restore.checkpoint import (
     load_checkpoint,
     shipped_checkpoints,
 )
-from ..restore.choice import usual_network
-from ..restore.conditioning import forget as forget_conditioned
 from ..restore.scores import level_and_error
 from ..restore.truth import Truth
 from .kept import Kept, key_of
@@ -200,7 +198,7 @@ def _restored(
 ) -> dict[str, float]:
     ends = torch.stack(view.inverse_depth.aminmax())
     psf_memory.forget()
-    forget_conditioned()
+    forget()
     truth = Truth(photo.ideal, noise)
 
     def restores(image: Tensor) -> Tensor:

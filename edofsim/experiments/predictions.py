@@ -39,11 +39,10 @@ from ..render import render
 from ..render.view import View
 from ..report import Column, Table
 from ..restore.checkpoint import load_checkpoint
-from ..restore.choice import restoring
 from ..restore.scores import psnr
 from ..scene.family import in_place_of
 from . import cost
-from .cost_scores import Judge
+from .cost_scores import Judge, restoring
 from .experiment import Findings, in_parts
 from .kept import Kept, key_of
 

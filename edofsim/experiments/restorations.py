@@ -15,13 +15,10 @@ from ..capture.sensor import noise_deviation
 from ..errors import InputError
 from ..optics import Camera
 from ..optics.nodes import nodes_between
-from ..restore import channel_psfs, restore
+from ..restore import WIENER, channel_psfs, refusal, restore, wiener_by_depth
 from ..restore.checkpoint import Checkpoint, find_checkpoint, load_checkpoint
-from ..restore.choice import WIENER
-from ..restore.conditioning import refusal
 from ..restore.functions import OwnFunction, PhotoInfo, load_function, names_function
 from ..restore.light import without_glare
-from ..restore.wiener import wiener_by_depth
 
 WIENER_OF_DEPTH = "wiener-depth"
 """In place of a checkpoint: Wiener deconvolution that knows the distance of each pixel."""

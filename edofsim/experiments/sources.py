@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..optics import Camera
 from ..recipe.camera import CameraRecipe
 from ..recipe.load import Loaded, load_camera, shipped, shipped_folder
+from ..restore import usual_network
 from ..restore.checkpoint import (
     Checkpoint,
     camera_with_mask,
@@ -19,7 +20,6 @@ from ..restore.checkpoint import (
     load_checkpoint,
     trained_camera,
 )
-from ..restore.choice import usual_network
 from ..restore.functions import names_function
 from .restorations import WITHOUT_WEIGHTS, ByNetwork, ByWiener, Restoration, digest_of, restoration
 from .training import Training, training_of

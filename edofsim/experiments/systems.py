@@ -17,9 +17,9 @@ from ..optics import cache as bank_cache
 from ..optics.nodes import node_shares
 from ..recipe.fabrication import Fabrication
 from ..recipe.load import load_camera
+from ..restore import wiener
 from ..restore.checkpoint import comparison_checkpoints, shipped_checkpoints
 from ..restore.light import without_glare
-from ..restore.wiener import wiener
 from .failures import Failures
 from .restorations import Restoration, known_of
 from .sources import WITHOUT_TRAINING, one_of_each, system_of

@@ -33,9 +33,8 @@ from ..optics.tolerancing import Draw, Series
 from ..options import NetworkOption, PicturesOption, SeedOption, numbers
 from ..recipe import load_camera
 from ..record import write_csv
+from ..restore import choose_network, restore
 from ..restore.checkpoint import Checkpoint
-from ..restore.choice import choose_network
-from ..restore.restore import restored_here
 from ..restore.scores import image_psnr
 from .experiment import Findings, in_parts
 from .field_figure import usual_fields
@@ -269,9 +268,9 @@ class Bench:
     def _restored(self, photo: Tensor, field: tuple[float, float]) -> Tensor:
         camera = self.camera.at_field(field)
         at = torch.tensor([self.inverse_depth], dtype=torch.float64)
-        how = {"checkpoint": self.checkpoint, "glare": None, "truncated": None}
+        how = {"checkpoint": self.checkpoint, "by_place": False}
         with torch.inference_mode():
-            return restored_here(photo, camera, PAPER_COLOURS, at, psfs=None, **how)[0].clamp(0, 1)
+            return restore(photo, camera, PAPER_COLOURS, at, **how)[0].clamp(0, 1)
 
 
 def _angles(camera: Camera, fields: str | None) -> tuple[float, ...]:

@@ -14,10 +14,10 @@ from ..optics import PAPER_COLOURS
 from ..optics.nodes import node_shares, nodes_between
 from ..optics.sampling import plan_sampling
 from ..recipe.train import CamerasTable, TrainRecipe
+from ..restore import deconvolved
 from ..restore.camera_bank import CameraBank, Conditioning
 from ..restore.depths import closer_about_focus
 from ..restore.light import without_glare
-from ..restore.restore import deconvolved
 from ..restore.restorer import Restorer
 from .random_cameras import RandomCamera, random_camera
 from .schedule import generator_of

@@ -18,10 +18,9 @@ from ..optics import PAPER_COLOURS, Camera
 from ..recipe.load import Loaded, load_camera
 from ..recipe.toml import validate
 from ..recipe.train import TrainRecipe
+from ..restore import choose_network, restore
 from ..restore.checkpoint import Checkpoint
-from ..restore.choice import choose_network
 from ..restore.own_network import OwnNetwork
-from ..restore.restore import restore
 from ..restore.restorer import Restorer
 from ..restore.scores import Score, score
 from .doe import FixedHeight

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-
-import torch
-from torch import Tensor
 
 from ..optics import Camera
 from ..recipe import CameraRecipe, Loaded
@@ -19,7 +15,6 @@ from .checkpoint import (
     read_once,
 )
 from .places import Method
-from .restore import restore
 
 WIENER = "wiener"
 """In place of a checkpoint: Wiener deconvolution, whatever the camera."""
@@ -69,18 +64,3 @@ def said_of(checkpoint: Checkpoint | None, by: Method) -> str | None:
             "restored the photo."
         )
     return f"Wiener deconvolution restored the photo: {by.reason}."
-
-
-def restoring(
-    camera: Camera, wavelengths: Tensor, inverse_depth: Tensor, checkpoint: Checkpoint | None
-) -> Callable[[Tensor, Tensor | None], Tensor]:
-    """What restores photos of a scene: from a photo [channel, y, x] and `Photo.truncated`.
-
-    wavelengths: [band].
-    inverse_depth: any shape [...], 1/m: of all that the photo may show.
-    camera, checkpoint: as of `restore`.
-    """
-    ends = torch.stack(inverse_depth.double().cpu().aminmax())
-    return lambda photo, truncated: restore(
-        photo, camera, wavelengths, ends, checkpoint=checkpoint, truncated=truncated
-    )[0]

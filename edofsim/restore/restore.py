@@ -32,6 +32,7 @@ def restore(
     glare: Tensor | None = None,
     truncated: Tensor | None = None,
     frame: Frame | None = None,
+    by_place: bool = True,
 ) -> tuple[Tensor, Method]:
     """The sharp image of a photo, and what made it.
 
@@ -50,12 +51,13 @@ def restore(
         (`Photo.truncated`), None for that of the camera's PSFs at the middle of the depths.
     frame: where the photo looks, None: about the optical axis; through a lens that varies over the field each
         place is restored by its own PSFs, after the photo is brought to the light of the axis.
+    by_place: False for the PSFs of the one place in the field that the camera looks at.
     camera: whose PSFs and noise count.
     checkpoint: None for Wiener deconvolution.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
-    if not camera.lens.varies:
-        return restored_here(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
+    if not camera.lens.varies or not by_place:
+        return _restored_here(image, camera, wavelengths, inverse_depths, psfs=psfs, **how)
     nodes = (
         inverse_depths if psfs is not None else nodes_between(camera, wavelengths, *inverse_depths.aminmax())
     )
@@ -64,7 +66,7 @@ def restore(
 
     def one(part: Tensor, there: Camera) -> tuple[Tensor, Method]:
         own = channel_psfs(there, few, nodes, weights=weights)
-        return restored_here(part, there, wavelengths, nodes, psfs=own, **how)
+        return _restored_here(part, there, wavelengths, nodes, psfs=own, **how)
 
     given = Frame.about(image.shape[-2], image.shape[-1], camera) if frame is None else frame
     return restored_by_place(image, camera, given, step_of(camera, given, wavelengths, nodes), one)
@@ -80,7 +82,7 @@ def _fewer_bands(wavelengths: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     return torch.tensor(means, dtype=torch.float64), shares
 
 
-def restored_here(
+def _restored_here(
     image: Tensor,
     camera: Camera,
     wavelengths: Tensor,
@@ -91,15 +93,7 @@ def restored_here(
     glare: Tensor | None,
     truncated: Tensor | None,
 ) -> tuple[Tensor, Method]:
-    """`restore` of a photo that the camera's place in the field has all the PSFs of. Raises as that.
-
-    image: [channel, y, x].
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
-    psfs: [depth, channel, y, x].
-    glare, truncated: [channel].
-    camera, checkpoint: as of `restore`.
-    """
+    """`restore` of a photo that the camera's place in the field has all the PSFs of."""
     glare = torch.zeros(len(image)) if glare is None else glare
     why = None if checkpoint is None else refusal(checkpoint, camera)
     if checkpoint is None or why is not None:

@@ -2,7 +2,7 @@
 
 from benchopt import BaseSolver
 
-from edofsim.restore.wiener import wiener
+from edofsim.restore import wiener
 
 NOISE = 0.005
 """Read noise, full scale 1."""
