@@ -55,11 +55,12 @@ def gathered(
     wavelengths: [band].
     response: [channel, band].
     spectrum: [band], of the view's light as a whole.
-    place: [band], a coordinate along which PSFs change, such as Psi. Within a channel the groups are those
-        that leave the least variance of it. With all of its wavelengths a group's PSF is exact for light of
-        the view's own spectrum.
+    place: [band], a coordinate along which PSFs change, such as Psi.
     groups: of each channel.
     colours: wavelengths of each group; 0 for all of its bands.
+
+    Within a channel the groups are those that leave the least variance of it. With all of its wavelengths a
+    group's PSF is exact for light of the view's own spectrum.
     """
     light: list[Tensor] = []
     channels: list[int] = []

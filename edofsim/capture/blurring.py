@@ -63,9 +63,11 @@ class Blurring:
 
         which: int64 [n].
         amount: [n], the coverage of each. It is blurred with the PSFs of each band and weighted by the
-            response, as white light is. An opaque surface blocks everything though part of its light may
-            leave the PSFs' windows: these PSFs sum to 1.
+            response, as white light is.
         view: whose fragments they are.
+
+        An opaque surface blocks everything though part of its light may leave the PSFs' windows: these PSFs
+        sum to 1.
         """
         if self.between is not None:
             return self._smooth_coverage(self._nearby(view, which), view, which, amount)

@@ -56,11 +56,11 @@ def depth_nodes(
 
     inverse_depth: [fragment] in 1/m.
     layers: how many, or "auto" for steps of `DEFOCUS_STEP`, smaller for a higher tolerance.
-    defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m. A scene with no
-        more depths than layers gets exactly its depths: nothing is interpolated then.
+    defocus_per_dioptre: change of Psi with inverse depth at the shortest wavelength, rad m.
     tolerance_db: PSNR that "auto" aims at.
 
-    Raises InputError for fewer than one layer.
+    A scene with no more depths than layers gets exactly its depths: nothing is interpolated then. Raises
+    InputError for fewer than one layer.
     """
     if layers != "auto" and (not isinstance(layers, int) or layers < 1):
         raise InputError(f'{layers!r} depth layers: give a whole number of at least 1, or "auto"')

@@ -254,8 +254,10 @@ def measured_scenes(
     quick: the scenes' small versions.
     resample: views of scenes whose pixels see another angle than a camera's.
     seed: of the sensor's noise.
-    show: called with each scene's images, lens by lens, before it counts as finished. A scene that cannot be
-        read, rendered or photographed is left and named in the outcome, a system in the scene's.
+    show: called with each scene's images, lens by lens, before it counts as finished.
+
+    A scene that cannot be read, rendered or photographed is left and named in the outcome, a system in the
+    scene's.
     """
     kept = Kept(folder / "finished.jsonl")
     done: list[Measured] = []

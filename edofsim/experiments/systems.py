@@ -94,10 +94,10 @@ def evaluated_system(
 
     wavelengths: [band] in metres, that the sensor adds up to its colours; None for the three of the paper's
         training.
-    camera: of a restoration without one, a recipe; None for the paper's with a clear aperture. The default
-        sampling of PSFs is used for the camera of a checkpoint.
+    camera: of a restoration without one, a recipe; None for the paper's with a clear aperture.
 
-    Raises InputError for what is no system.
+    The default sampling of PSFs is used for the camera of a checkpoint. Raises InputError for what is no
+    system.
     """
     system = system_of(source)
     default = load_camera(camera or WITHOUT_TRAINING[0])

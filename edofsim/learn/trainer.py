@@ -92,15 +92,15 @@ def train(
     max_minutes: end after this much time, with the decay of the learning rate fitted to it.
     device: auto, cpu, cuda.
     cache: of rendered views.
-    given: in place of what the recipe names, see `fit`. Under `torchrun` every process takes its share of the
-        batch.
+    given: in place of what the recipe names, see `fit`.
     loaded: the recipe, and the file that it was read from.
     out: folder of what is written.
     progress: is called with the part that is done, 0 to 1, and what is being done.
 
-    Ctrl-C saves and returns with `finished` False. Raises InputError for what cannot be used, EdofsimError
-    where the disk refuses or the loss is no longer finite: then OUT/nan-state.safetensors holds the weights
-    before that step and OUT/nan-batch.safetensors its photos.
+    Under `torchrun` every process takes its share of the batch. Ctrl-C saves and returns with `finished`
+    False. Raises InputError for what cannot be used, EdofsimError where the disk refuses or the loss is no
+    longer finite: then OUT/nan-state.safetensors holds the weights before that step and
+    OUT/nan-batch.safetensors its photos.
     """
     with join_workers(device, loaded.recipe.device) as workers, _denormals_flushed():
         setup = prepare(loaded, data, workers, cache, progress, given)

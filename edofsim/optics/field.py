@@ -142,12 +142,13 @@ def psfs_on_sensor(camera: Camera, step: float, psfs: Callable[[Camera], Tensor]
     """What lands around the camera's place in the field, each pixel from the place that its light comes from.
 
     psfs: of a camera, [..., y, x].
-    step: tangent to the places on both sides, from whose PSFs it follows how they change with the place. A
-        PSF says where light from one place goes; on the sensor, light that lands u pixels from its place is
-        from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope.
-        Light, relative to that of the camera's place, changes likewise. The sum stays: pixels see as much of
-        a white scene as their place has light, however PSFs spread or crowd it.
+    step: tangent to the places on both sides, from whose PSFs it follows how they change with the place.
     camera: at its place in the field.
+
+    A PSF says where light from one place goes; on the sensor, light that lands u pixels from its place is
+    from a place u pixels away, whose PSF is another: to first order, the PSF less u times its slope. Light,
+    relative to that of the camera's place, changes likewise. The sum stays: pixels see as much of a white
+    scene as their place has light, however PSFs spread or crowd it.
     """
     own = relative_light(camera)
     right, up = camera.lens.lands(camera.field)

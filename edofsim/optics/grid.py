@@ -147,12 +147,13 @@ def resample(surface: Tensor, pitch_from: float, grid: PupilGrid, wave: float) -
     """A centred square map [n, n] of pitch `pitch_from` [m] on another grid, bicubic, [samples, samples].
 
     surface: [n, n], centred.
-    wave: height [m] of one wave of the light that the map is designed for. A step between neighbours of more
-        than half of it is a wrap, where whole waves were taken off (K. Itoh, "Analysis of the phase
-        unwrapping algorithm", Appl. Opt. 21, 2470, 1982): it stays a step, halfway between the two. Smoothed
-        into a ramp it would scatter the light that it leaves alone.
+    wave: height [m] of one wave of the light that the map is designed for.
     pitch_from: metres between the map's samples.
     grid: the grid wanted.
+
+    A step between neighbours of more than half a wave is a wrap, where whole waves were taken off (K. Itoh,
+    "Analysis of the phase unwrapping algorithm", Appl. Opt. 21, 2470, 1982): it stays a step, halfway between
+    the two. Smoothed into a ramp it would scatter the light that it leaves alone.
     """
     same_pitch = abs(grid.pitch / pitch_from - 1) < 1e-9
     if same_pitch and surface.shape[-1] == grid.samples:

@@ -50,15 +50,14 @@ def otf(
 
     inverse_depths: [depth], 1/m.
     frequencies: [frequency] in 1/m on the sensor.
-    angle_deg: of the frequency vector in the upright picture, counter-clockwise from the right. The Fourier
-        transform of the whole PSF (Goodman, Introduction to Fourier Optics, section 6.3: the autocorrelation
-        of the pupil function), sampled at the rate of the pupil's own bandwidth, so that it is free of the
-        sensor's aliasing.
+    angle_deg: of the frequency vector in the upright picture, counter-clockwise from the right.
     with_pixel: times the transform of a square pixel. Of a measured lens, the pixel is in it in any case.
     camera: its lens, mask and place in the field.
     wavelength: metres.
 
-    Raises InputError as `psf_bank` does.
+    This is the Fourier transform of the whole PSF (Goodman, Introduction to Fourier Optics, section 6.3: the
+    autocorrelation of the pupil function), sampled at the rate of the pupil's own bandwidth, so that it is
+    free of the sensor's aliasing. Raises InputError as `psf_bank` does.
     """
     return _otfs(camera, wavelength, inverse_depths, frequencies, (angle_deg,), with_pixel)[0]
 

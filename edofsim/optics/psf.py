@@ -187,11 +187,10 @@ def mean_psfs(
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
     height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
-        What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they
-        scatter spreads evenly over the period of the sampled mask.
     camera, window_px, device: as of `psf_bank`.
 
-    Raises as `psf_bank`.
+    What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they scatter
+    spreads evenly over the period of the sampled mask. Raises as `psf_bank`.
     """
     psf = psf_bank(camera, wavelengths, inverse_depths, window_px=window_px, device=device).values
     if height_noise == 0:

@@ -103,9 +103,10 @@ def estimate(
     """Measure levels of the effects that scene and camera have.
 
     more: by effect, one more level, which the user insists on.
-    asked: names of the effects that are looked at, None for all of them. Of levels that err by more than
-        `Facts.allowed` only the coarsest and the finest are looked at, and none of finer ones where the
-        coarsest hardly errs.
+    asked: names of the effects that are looked at, None for all of them.
+
+    Of levels that err by more than `Facts.allowed` only the coarsest and the finest are looked at, and none
+    of finer ones where the coarsest hardly errs.
     """
     rows: list[Estimate] = []
     todo: dict[int, tuple[Effect, tuple[Level, ...], bool]] = {}

@@ -67,11 +67,12 @@ def shadow(lets_by: Tensor, nearer: Tensor, width: float, wavelength: float, gri
     """The light of points behind obstacles, in the pupil: complex [n, s, s], 1 where nothing is in the way.
 
     lets_by: [n, v, u], what rays to a square of `width` [m] around the pupil say.
-    nearer: [n], inverse depth of the obstacle minus that of the point, 1/m. Light bends at edges: by
-        Fresnel's integral the wave behind an obstacle is its geometric shadow convolved with exp(j pi nearer
-        s^2 / lambda), of spectrum exp(-j pi lambda f^2 / nearer). Obstacles go on beyond the square as they
-        are at its border. Where the spectrum would carry light around the square it is cut (Matsushima and
-        Shimobaba, Opt. Express 17, 19662, 2009).
+    nearer: [n], inverse depth of the obstacle minus that of the point, 1/m.
+
+    Light bends at edges: by Fresnel's integral the wave behind an obstacle is its geometric shadow convolved
+    with exp(j pi nearer s^2 / lambda), of spectrum exp(-j pi lambda f^2 / nearer). Obstacles go on beyond the
+    square as they are at its border. Where the spectrum would carry light around the square it is cut
+    (Matsushima and Shimobaba, Opt. Express 17, 19662, 2009).
     """
     pitch = width / lets_by.shape[-1]
     beyond = lets_by.shape[-1] // 2

@@ -75,10 +75,10 @@ def clipped_pupil(
     view: of the scene `model`, through a pinhole.
     where: small, for each fragment within a PSF's reach that is seen in part costs a transform a band.
     response: of the channels to the view's bands [channel, band]; None for the camera's.
-    rays: across a square of twice the pupil's diameter. The light is the view's own: its noise is in this
-        image too, and what differs in a photo is blur and occlusion.
+    rays: across a square of twice the pupil's diameter.
 
-    Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
+    The light is the view's own: its noise is in this image too, and what differs in a photo is blur and
+    occlusion. Raises InputError for a crop outside the frame, EngineError where no rays can be traced.
     """
     settings = dict(window_px=window_px, rays=rays, cache=cache, device=device, progress=progress)
     responses = None if response is None else [response]

@@ -71,9 +71,10 @@ def reference_photo(
     view: of the recipe's scene. The pupil takes the light of the view; the thin lens renders, with `samples`
         a pixel.
     groups: that the pupil gathers each channel's bands in, as photos do, each with the PSFs of its mean
-        wavelength; None for every band. The thin lens always has every band.
+        wavelength; None for every band.
 
-    Raises InputError for a crop outside the frame, and for what the reference cannot show.
+    The thin lens always has every band. Raises InputError for a crop outside the frame, and for what the
+    reference cannot show.
     """
     check_reference(name, camera)
     check_crop(view, where)

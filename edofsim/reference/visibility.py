@@ -42,10 +42,12 @@ def visible(
 
     directions: [fragment, 3] as `pixel_directions`.
     inverse_depth: [fragment] in 1/m, 0 at infinity.
-    points: from `pupil_points`. The second is the sum over blocked points of the difference in inverse depth
-        between what blocks and what is blocked, [fragment] in 1/m.
+    points: from `pupil_points`.
     shift: [fragment, 2], moves all points of a fragment together by this many spacings: the edges of the
         shadows of many then lie where they should on average, and not at the same points always.
+
+    The second is the sum over blocked points of the difference in inverse depth between what blocks and what
+    is blocked, [fragment] in 1/m.
     """
     flat = points.reshape(-1, 2)
     moved = np.zeros((len(directions), 2)) if shift is None else shift * (points[0, 1, 0] - points[0, 0, 0])

@@ -160,11 +160,11 @@ def render_many(
     """Render all tasks that are not in the cache, in any order; outcomes are in theirs.
 
     jobs, cluster, shard: see `Spread`.
-    manifest: JSON-lines file that gets a line a finished view, by default `manifest.jsonl` in the cache. A
-        view that fails is an outcome with an error, and the others go on.
+    manifest: JSON-lines file that gets a line a finished view, by default `manifest.jsonl` in the cache.
 
-    Raises InputError for a shard or folder that cannot be used, EngineError where nothing can render,
-    EdofsimError if the disk is too small or full.
+    A view that fails is an outcome with an error, and the others go on. Raises InputError for a shard or
+    folder that cannot be used, EngineError where nothing can render, EdofsimError if the disk is too small or
+    full.
     """
     say = progress or silent
     tasks = shard_of(tasks, shard)

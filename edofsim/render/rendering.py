@@ -48,10 +48,10 @@ def render_model(
 ) -> Fragments:
     """Render a scene.
 
-    partial: file that keeps finished work when this is interrupted, and that is gone on from. The same model
-        and settings give the same bytes, however often it was interrupted and with any number of threads.
+    partial: file that keeps finished work when this is interrupted, and that is gone on from.
 
-    Raises InputError for a scene that cannot be carried, EngineError where nothing can render.
+    The same model and settings give the same bytes, however often it was interrupted and with any number of
+    threads. Raises InputError for a scene that cannot be carried, EngineError where nothing can render.
     """
     begun = time.perf_counter()
     with interruptible(progress or silent) as say:

@@ -67,10 +67,11 @@ def choose_crops(
 
     inverse_depth: [y, x] in 1/m.
     ideal: linear [3, y, x].
-    size: pixels, made smaller for small pictures. Texture is the gradient of the encoded picture, as the eye
-        sees it, summed over the square's pixels in range; squares with few such pixels are passed over where
-        better filled ones exist, and so are squares that overlap an earlier one by more than a quarter.
-        Without any texture the most central square wins.
+    size: pixels, made smaller for small pictures.
+
+    Texture is the gradient of the encoded picture, as the eye sees it, summed over the square's pixels in
+    range; squares with few such pixels are passed over where better filled ones exist, and so are squares
+    that overlap an earlier one by more than a quarter. Without any texture the most central square wins.
     """
     rows, columns = inverse_depth.shape
     size = max(1, min(size, rows, columns))

@@ -88,8 +88,9 @@ def picture(
     """A linear image [3, y, x] as a picture. Values that are not numbers turn magenta, as in no photograph.
 
     image: [3, y, x], linear.
-    colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours. Images longer
-        than `largest` are averaged, in linear light, over whole blocks of pixels.
+    colours: matrix [3, 3] to linear sRGB, see `developed`; None for the image's own colours.
+
+    Images longer than `largest` are averaged, in linear light, over whole blocks of pixels.
     """
     linear, block = _in_blocks(image.detach().cpu().float(), largest)
     if block > 1:

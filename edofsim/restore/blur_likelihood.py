@@ -36,9 +36,10 @@ def explain(transfer: Tensor, between: int = 1) -> tuple[Tensor, Tensor]:
     """(matrix [contrast * depth, feature], constant [contrast, depth]) that `log_likelihood` needs.
 
     transfer: complex [depth * between, 3, BLOCK, BLOCK // 2 + 1], see `block_transfer`; this many neighbours
-        stand for one distance, and their covariance is the mean. The likelihood's exponent is a sum over
-        frequencies of the inverse covariance times the cross-spectra of the colours: a product of a matrix
-        with the features of a block.
+        stand for one distance, and their covariance is the mean.
+
+    The likelihood's exponent is a sum over frequencies of the inverse covariance times the cross-spectra of
+    the colours: a product of a matrix with the features of a block.
     """
     used = _used(transfer.device)
     alike = torch.tensor(COLOUR_CORRELATION, dtype=torch.float64, device=transfer.device)

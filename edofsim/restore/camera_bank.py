@@ -152,8 +152,10 @@ class CameraBank(FilterBank):
         """What follows from PSFs and the standard deviation of the noise, relative to full scale.
 
         psf: [depth, 3, y, x] at `psf_depths`: a filter is for all that lies within its part of the range,
-            where the blur may change by pixels. Light that leaves their window is taken off a photo before,
-            as much as in the mean over the range; what then is left has more contrast, and more noise.
+            where the blur may change by pixels.
+
+        Light that leaves their window is taken off a photo before, as much as in the mean over the range;
+        what then is left has more contrast, and more noise.
         """
         psf, noise = without_truncated(psf, max(noise, LEAST_NOISE))
         size = BLOCK * -(-psf.shape[-1] // BLOCK)

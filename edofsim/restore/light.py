@@ -41,8 +41,10 @@ def keep_light(photo: Tensor, restored: Tensor, glare: Tensor | None = None) -> 
     """The restoration with the lowest spatial frequencies of its photo, at least 0.
 
     photo, restored: [.., 3, y, x], full scale 1, the restoration not clamped.
-    glare: [3], the part of the light that is spread evenly over the photo, None for none. Places that
-        highlights beyond full scale shine on count little: there a sharp image has less light than its photo.
+    glare: [3], the part of the light that is spread evenly over the photo, None for none.
+
+    Places that highlights beyond full scale shine on count little: there a sharp image has less light than
+    its photo.
     """
     light = photo if glare is None else without_glare(photo, glare)
     # of what is beyond full scale a restoration may hold any amount

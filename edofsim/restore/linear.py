@@ -34,9 +34,10 @@ def _length(at_least: int) -> int:
 def wiener_error(psf: Tensor, noise: float = NOISE) -> Tensor:
     """Mean square error that Wiener deconvolution leaves where every PSF is equally likely, [depth, channel].
 
-    psf: [depth, channel, y, x], light landing in each pixel. With the scene's power spectrum S, the noise's
-    N and the transfer functions H of the depths, the filter is W = E[H*] S / (E|H|^2 S + N), and leaves
-    |1 - W H|^2 S + |W|^2 N at each frequency and depth.
+    psf: [depth, channel, y, x], light landing in each pixel.
+
+    With the scene's power spectrum S, the noise's N and the transfer functions H of the depths, the filter is
+    W = E[H*] S / (E|H|^2 S + N), and leaves |1 - W H|^2 S + |W|^2 N at each frequency and depth.
     """
     size = _length(2 * psf.shape[-1])
     transfer = transfer_functions(psf, size)
@@ -51,10 +52,11 @@ def colour_error(psf: Tensor, noise: float = NOISE, groups: int = 1) -> Tensor:
     """Mean square error of the best filters without bounds that see all colours, [depth, 3].
 
     psf: [depth, 3, y, x], every one equally likely.
-    groups: this many filters, each for as many neighbouring depths. At each frequency the filter is the
-        matrix W = X R^-1, with R the covariance of the photo's colours there and X that of the scene's with
-        them, both in the mean over a group's depths; at a depth it leaves S - 2 Re(W X*) + W R W*. The mean
-        over the photo is not judged: it passes whole.
+    groups: this many filters, each for as many neighbouring depths.
+
+    At each frequency the filter is the matrix W = X R^-1, with R the covariance of the photo's colours there
+    and X that of the scene's with them, both in the mean over a group's depths; at a depth it leaves S - 2
+    Re(W X*) + W R W*. The mean over the photo is not judged: it passes whole.
     """
     # no filter is cut off: a period as long as the PSFs will do
     size = _length(psf.shape[-1])
@@ -91,9 +93,10 @@ def local_error(psf: Tensor, noise: float = NOISE, support: int = SUPPORT, group
 
     psf: [depth, 3, y, x]; every PSF is equally likely.
     groups: this many filters, each for as many neighbouring depths; 1 for a filter that is the same for all.
-        For stationary scenes the filter F solves E[R] F = E[X], with R the covariance of the pixels that it
-        sees and X theirs with the pixel to be restored; at a depth it leaves V - 2 F X + F R F, V the
-        variance of the scene.
+
+    For stationary scenes the filter F solves E[R] F = E[X], with R the covariance of the pixels that it sees
+    and X theirs with the pixel to be restored; at a depth it leaves V - 2 F X + F R F, V the variance of the
+    scene.
     """
     size = _length(2 * psf.shape[-1])
     transfer, spectrum = transfer_functions(psf, size), power_spectrum(size, psf)

@@ -36,11 +36,7 @@ def restore(
 ) -> tuple[Tensor, Method]:
     """The sharp image of a photo, and what made it.
 
-    image: [channel, y, x] linear, full scale 1. Without a checkpoint, Wiener deconvolution for the
-        wavelengths [band] in metres and all that lies between the least and the largest of the inverse depths
-        [depth] in 1/m, each equally likely; `nodes_between` says at which it is looked at. A filter bank is
-        conditioned on the wavelengths, see `conditioning`; where a network for any camera cannot restore,
-        Wiener deconvolution does, and `Method.reason` says why.
+    image: [channel, y, x] linear, full scale 1.
     wavelengths: [band], metres.
     inverse_depths: [depth], 1/m.
     psfs: [depth, channel, y, x], known ones in place of the camera's; `channel_psfs` at the inverse depths,
@@ -54,6 +50,11 @@ def restore(
     by_place: False for the PSFs of the one place in the field that the camera looks at.
     camera: whose PSFs and noise count.
     checkpoint: None for Wiener deconvolution.
+
+    Without a checkpoint, Wiener deconvolution for the wavelengths [band] in metres and all that lies between
+    the least and the largest of the inverse depths [depth] in 1/m, each equally likely; `nodes_between` says
+    at which it is looked at. A filter bank is conditioned on the wavelengths, see `conditioning`; where a
+    network for any camera cannot restore, Wiener deconvolution does, and `Method.reason` says why.
     """
     how = {"checkpoint": checkpoint, "glare": glare, "truncated": truncated}
     if not camera.lens.varies or not by_place:

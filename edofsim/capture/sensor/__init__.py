@@ -50,8 +50,9 @@ def automatic_exposure(ideal: Tensor, *, noisy: bool = False) -> float:
     ideal: [..., y, x], linear.
     noisy: the image has noise of its own, as a view's that is rendered (`View.noise`). Noise would raise the
         percentile, by 8 % of the exposure at 16 samples a pixel, so it is taken of means over 4 x 4 pixels.
-        Smaller where a photo of so little light, or a highlight so bright, would not fit into the image's
-        precision.
+
+    It is smaller where a photo of so little light, or a highlight so bright, would not fit into the image's
+    precision.
     """
     values = ideal.detach()
     if noisy:
