@@ -33,7 +33,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parent))
-from tables import ONE_OF, PLACE, RESULTS, block, is_drawn, plot, record
+from tables import ONE_OF, PLACE, RESULTS, block, is_drawn, one_of, plot, record
 
 ROOT = Path(__file__).parents[1]
 RUNS = "docs/results/runs.md"
@@ -240,9 +240,9 @@ def _values(root: Path, mark: re.Match[str]) -> list[float] | str:
         figures = record(root, name)["figures"]
     except OSError:
         return f"there is no {RESULTS / name}.json"
-    which, _, plain = key.rpartition(":")
+    which, plain = one_of(key)
     found = [float(value) * factor for each, value in figures.items() if fnmatchcase(each, plain)]
-    if not found or (which and which not in ONE_OF):
+    if not found:
         return f"{name}.json has no figure {key}"
     if which:
         found = [ONE_OF[which](found)]

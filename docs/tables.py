@@ -157,7 +157,7 @@ def _fitting(pattern: str, files: list[str], root: Path) -> list[list[str]]:
 
 def _found(key: str, files: list[str], root: Path) -> tuple[str, list[float]] | None:
     """The first file that has a figure, and its value, or the least and the most of those that fit."""
-    which, _, plain = key.rpartition(":")
+    which, plain = one_of(key)
     for file in files:
         figures = record(root, file)["figures"]
         fit = [plain] if plain in figures else [each for each in figures if fnmatchcase(each, plain)]
@@ -167,6 +167,12 @@ def _found(key: str, files: list[str], root: Path) -> tuple[str, list[float]] | 
         if values:
             return file, values if len(values) == 1 else [min(values), max(values)]
     return None
+
+
+def one_of(key: str) -> tuple[str, str]:
+    """(`median`, `least` or `most`, or nothing; the rest) of the name of a figure."""
+    which, _, plain = key.partition(":")
+    return (which, plain) if which in ONE_OF else ("", key)
 
 
 def record(root: Path, name: str) -> dict:
