@@ -70,6 +70,13 @@ class Wave:
         phase = steps * (self.bend[0] + steps * self.bend[1])
         return torch.complex(torch.cos(phase), torch.sin(phase))
 
+    def quarter(self) -> Wave:
+        """The same whose bend is known on a quarter of the pupil, where it is its own mirror image."""
+        if self.bend is None or not all(torch.equal(self.bend, self.bend.flip(axis)) for axis in (1, 2)):
+            return self
+        half = self.bend.shape[-1] // 2
+        return replace(self, bend=self.bend[:, half:, half:].contiguous())
+
     def at_depths(self) -> Tensor:
         """The pupil function without the chirps, [s, s] or [depth, s, s]."""
         turned = self.turned()
@@ -83,12 +90,15 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
     """
     size, real = 2 * len(wave.bases.pixels) - 1, wave.bases.fourier
     energy = torch.empty(len(wave.chirps), size, size, dtype=real.dtype, device=real.device)
-    parts = fold(wave.pupil)
+    whole = parts = fold(wave.pupil)
     even = keep is None and is_even(parts)
     at_once = depths_at_once(wave.bases)
+    wave = wave.quarter()
     for start, out in zip(range(0, len(energy), at_once), energy.split(at_once), strict=True):
         some = wave.part(slice(start, start + at_once))
-        if some.bend is not None:
+        if some.bend is not None and some.bend.shape[-1] < wave.pupil.shape[-1]:
+            parts = _turned(whole[:1, :, :1] if even else whole, some)
+        elif some.bend is not None:
             parts = fold(some.at_depths())
             even = keep is None and is_even(parts)
         if even:
@@ -99,6 +109,15 @@ def energies(wave: Wave, keep: list[Fields] | None = None) -> Tensor:
         if keep is not None:
             keep.append(fields)
     return energy
+
+
+def _turned(parts: Tensor, wave: Wave) -> Tensor:
+    """`fold` of a pupil times what it is `turned` by, of parts of the pupil alone."""
+    turned = wave.turned()
+    assert turned is not None
+    turned = turned.movedim(0, 1)
+    (re, im), (real, imaginary) = parts.unbind(1), (turned.real, turned.imag)
+    return torch.stack([re * real - im * imaginary, re * imaginary + im * real], 1)
 
 
 def shared_energies(wave: Wave, along: Tensor, parts: Sequence[Part]) -> Tensor:
