@@ -42,7 +42,7 @@ def visible(
 
     directions: [fragment, 3] as `pixel_directions`.
     inverse_depth: [fragment] in 1/m, 0 at infinity.
-    points: from `pupil_points`.
+    points: [y, x, 2], from `pupil_points`.
     shift: [fragment, 2], moves all points of a fragment together by this many spacings: the edges of the
         shadows of many then lie where they should on average, and not at the same points always.
 

@@ -20,10 +20,10 @@ def quantities_at(
     """What polynomials say at places of the pupil, [quantity, ...], and which of these they hold for.
 
     even, odd: [term, quantity].
-    right, up: in the frame of the sensor, that of the field runs along (cos turn, sin turn).
+    right, up: [1, n] and [m, 1], a grid, or [...], points; mm in the frame of the sensor, that of the field
+        runs along (cos turn, sin turn).
 
-    On a grid, right [1, n] and up [m, 1], they are products of small matrices; else point by point. Beyond,
-    they stay as they are at the edge.
+    On a grid they are products of small matrices. Beyond, they stay as they are at the edge.
     """
     cosine, sine = math.cos(turn), math.sin(turn)
     x, y = (right - wave.middle * cosine) / wave.half, (up - wave.middle * sine) / wave.half
