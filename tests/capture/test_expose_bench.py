@@ -20,7 +20,7 @@ def camera():
 @pytest.fixture(scope="module")
 def view(camera):
     """The benchmark's slanted surface, with a spectrum that is smooth over its bands."""
-    return photos.synthetic_view(48, 9, camera.pixel_angle, margin=64)
+    return photos.synthetic_view(32, 5, camera.pixel_angle, margin=64)
 
 
 def test_what_a_user_writes_has_the_image_of_the_layers(view, camera):

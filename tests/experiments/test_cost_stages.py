@@ -18,6 +18,7 @@ from edofsim.recipe.camera import PsfSettings
 from edofsim.render.settings import samples_of_a_pass
 from edofsim.render.view import View
 
+BANDS = 7
 RATES = {
     "prepare": {"calls": 1e-3, "moves": 3e-8, "elements": 1e-8},
     "psf": {"calls": 9e-5, "elements": 2e-8, "products": 3e-10},
@@ -35,12 +36,12 @@ def view(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> View:
     monkeypatch.setattr(remember, "_folder", lambda: tmp_path / "plans")
     side = 40 + 2 * 16
     draw = torch.Generator().manual_seed(1)
-    coarse = torch.rand(31, 9, 9, generator=draw)
+    coarse = torch.rand(BANDS, 9, 9, generator=draw)
     radiance = torch.nn.functional.interpolate(coarse[None], (side, side), mode="bilinear")[0]
     return View.flat(
         radiance,
         1.25,
-        wavelengths=torch.linspace(420e-9, 720e-9, 31),
+        wavelengths=torch.linspace(420e-9, 720e-9, BANDS),
         pixel_angle=6e-6 / 36.8975e-3,
         margin=16,
     )

@@ -267,8 +267,8 @@ def start_batch(folder, count, jobs=1):
     )
 
 
-@pytest.mark.parametrize("views, kills", [(2, 2), pytest.param(20, 50, marks=pytest.mark.slow)])
-def test_killed_at_any_time(tmp_path, views, kills):
+@pytest.mark.parametrize("views, kills, most_s", [(2, 2, 4), pytest.param(20, 50, 8, marks=pytest.mark.slow)])
+def test_killed_at_any_time(tmp_path, views, kills, most_s):
     """After SIGKILLs at random moments, one run to the end: every entry is as written, none that was complete
     is rendered again, none is missing."""
     rng = np.random.default_rng(0)
@@ -284,7 +284,7 @@ def test_killed_at_any_time(tmp_path, views, kills):
     for _ in range(kills):
         process = start_batch(folder, views)
         process.stdout.readline()
-        time.sleep(rng.uniform(0, 8))
+        time.sleep(rng.uniform(0, most_s))
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         process.stdout.close()
