@@ -3,43 +3,15 @@ that the paper made."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from ..core.progress import Progress
-from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..recipe.fabrication import Fabrication
-from .experiment import Findings
 from .paper_figures import FABRICATION
 from .planes import Condition
-from .robustness import Study, green_focus, in_paper_too, measured
+from .robustness import Study, command_of, green_focus
 from .systems import READ_NOISE, EvaluatedSystem, fabrication_seed
 
 SIGMAS_D_NM = (20.0, 30.0, 40.0, 50.0)
 DEVICE = "device"
 PITCH_UM = 3.0
-
-
-@in_paper_too
-def run(
-    folder: Path,
-    progress: Progress,
-    data: PicturesOption = None,
-    systems: SystemsOption = None,
-    show: ShowOption = None,
-    limit: LimitOption = None,
-    seed: SeedOption = 0,
-) -> Findings:
-    """Measure the effect of height errors.
-
-    Height errors are 20, 30, 40 and 50 nm, and those of the paper's device, with objects at the green focus.
-
-    The same command resumes interrupted work. A file that cannot be used is named and
-    left out.
-
-    Figures: psnr_db.SYSTEM.{20nm,30nm,40nm,50nm,device}, psnr_db.SYSTEM.photo.*, loss_db.SYSTEM from 20 to
-    50 nm, pictures, left_out.
-    """
-    return measured(STUDY, folder, progress, data=data, systems=systems, show=show, limit=limit, seed=seed)
 
 
 def conditions(system: EvaluatedSystem, seed: int) -> list[Condition]:
@@ -78,4 +50,18 @@ STUDY = Study(
     "that was made. A network that was trained with height errors expects the veiling glare that they make: "
     "with a smoother mask than it knows it may score lower",
     source="Figure “Reconstruction results for increasing height-map noise”",
+)
+
+run = command_of(
+    STUDY,
+    """Measure the effect of height errors.
+
+    Height errors are 20, 30, 40 and 50 nm, and those of the paper's device, with objects at the green focus.
+
+    The same command resumes interrupted work. A file that cannot be used is named and
+    left out.
+
+    Figures: psnr_db.SYSTEM.{20nm,30nm,40nm,50nm,device}, psnr_db.SYSTEM.photo.*, loss_db.SYSTEM from 20 to
+    50 nm, pictures, left_out.
+    """,
 )

@@ -2,39 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from ..core.progress import Progress
-from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
-from .experiment import Findings
 from .paper_figures import NOISE
 from .planes import Condition
-from .robustness import Study, green_focus, in_paper_too, measured
+from .robustness import Study, command_of, green_focus
 from .systems import EvaluatedSystem, paper_test
 
 SIGMAS_S = (0.005, 0.009, 0.015, 0.020)
-
-
-@in_paper_too
-def run(
-    folder: Path,
-    progress: Progress,
-    data: PicturesOption = None,
-    systems: SystemsOption = None,
-    show: ShowOption = None,
-    limit: LimitOption = None,
-    seed: SeedOption = 0,
-) -> Findings:
-    """Measure the effect of read noise.
-
-    Read noise is 0.005, 0.009, 0.015 and 0.02 of full scale, with objects at the green focus.
-
-    The same command resumes interrupted work. A file that cannot be used is named and
-    left out.
-
-    Figures: psnr_db.SYSTEM.SIGMA, psnr_db.SYSTEM.photo.SIGMA, loss_db.SYSTEM, pictures, left_out.
-    """
-    return measured(STUDY, folder, progress, data=data, systems=systems, show=show, limit=limit, seed=seed)
 
 
 def conditions(system: EvaluatedSystem, seed: int) -> list[Condition]:
@@ -56,4 +29,17 @@ STUDY = Study(
     setting="an object at the green focus, height errors of 30 nm; the paper trained with σs from 0.001 to "
     "0.015",
     source="Figure “Reconstruction results for increasing sensor read noise”",
+)
+
+run = command_of(
+    STUDY,
+    """Measure the effect of read noise.
+
+    Read noise is 0.005, 0.009, 0.015 and 0.02 of full scale, with objects at the green focus.
+
+    The same command resumes interrupted work. A file that cannot be used is named and
+    left out.
+
+    Figures: psnr_db.SYSTEM.SIGMA, psnr_db.SYSTEM.photo.SIGMA, loss_db.SYSTEM, pictures, left_out.
+    """,
 )

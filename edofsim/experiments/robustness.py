@@ -12,21 +12,17 @@ from pathlib import Path
 
 from ..core.progress import Progress, part
 from ..optics import focus_distance
+from ..options import LimitOption, PicturesOption, SeedOption, ShowOption, SystemsOption
 from ..report import Column, Key, Keys, Page, Plot, Section, Table, Text, line_plot
 from ..report.page import Block
 from ..report.plot import WIDE_IN
 from ..report.words import decibels, number
-from .experiment import Findings, in_paper
+from .experiment import Findings, InPaper
 from .photographs import Photographs, chosen, photographs
 from .planes import ABOUT, Condition, PictureScore, averages, left_out, measure, pairs, sharp, write_rows
 from .systems import EvaluatedSystem, evaluated_systems
 
 GREEN = 543e-9
-
-in_paper_too = in_paper(
-    lambda paper: {"data": paper.photos, "systems": paper.systems, "limit": paper.limit, "seed": paper.seed}
-)
-"""Makes a study part of `edofsim evaluate paper`, with the photographs, systems and seed of that."""
 
 
 @dataclass(frozen=True)
@@ -74,37 +70,52 @@ def green_focus(system: EvaluatedSystem) -> float:
     return float(focus_distance(system.camera, GREEN))
 
 
-def measured(
-    study: Study,
-    folder: Path,
-    progress: Progress,
-    *,
-    data: Path | None,
-    systems: Sequence[str] | None,
-    show: Sequence[str] | None,
-    limit: int | None,
-    seed: int,
-) -> Findings:
-    """The options are those of the experiments. Raises InputError for what cannot be used."""
-    found = photographs(data, limit)
-    shown = chosen(found.pictures, show or (), 1)
-    every = evaluated_systems(systems)
-    rows: list[PictureScore] = []
-    figures: dict[str, float] = {}
-    for index, system in enumerate(every):
-        tell = part(progress, index / len(every), (index + 1) / len(every))
-        conditions = study.conditions(system, seed)
-        own = measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=tell)
-        means = averages(own)
-        ends = list(study.labels)
-        least, most = (means[f"psnr_db.{system.name}.{label}"] for label in (ends[0], ends[-1]))
-        figures |= means | {f"loss_db.{system.name}": least - most}
-        rows += own
-    figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
-    outputs = {"table": write_rows(folder / f"{study.name}.csv", rows, study.column)}
-    shows = page(study, Result(tuple(rows), found, shown, figures))
-    inputs = {"data": found.source}
-    return Findings(figures, shows, outputs=outputs, problems=found.problems, inputs=inputs)
+def command_of(study: Study, said: str) -> InPaper[...]:
+    """The experiment of a study, also in `edofsim evaluate paper`, with the photographs, systems and seed of
+    that. It raises InputError for what cannot be used.
+
+    said: its help.
+    """
+
+    def run(
+        folder: Path,
+        progress: Progress,
+        data: PicturesOption = None,
+        systems: SystemsOption = None,
+        show: ShowOption = None,
+        limit: LimitOption = None,
+        seed: SeedOption = 0,
+    ) -> Findings:
+        found = photographs(data, limit)
+        shown = chosen(found.pictures, show or (), 1)
+        every = evaluated_systems(systems)
+        rows: list[PictureScore] = []
+        figures: dict[str, float] = {}
+        for index, system in enumerate(every):
+            tell = part(progress, index / len(every), (index + 1) / len(every))
+            conditions = study.conditions(system, seed)
+            own = measure(system, found.pictures, conditions, folder, seed=seed, show=shown, progress=tell)
+            means = averages(own)
+            ends = list(study.labels)
+            least, most = (means[f"psnr_db.{system.name}.{label}"] for label in (ends[0], ends[-1]))
+            figures |= means | {f"loss_db.{system.name}": least - most}
+            rows += own
+        figures |= {"pictures": len(found.pictures), "left_out": len(found.problems)}
+        outputs = {"table": write_rows(folder / f"{study.name}.csv", rows, study.column)}
+        shows = page(study, Result(tuple(rows), found, shown, figures))
+        inputs = {"data": found.source}
+        return Findings(figures, shows, outputs=outputs, problems=found.problems, inputs=inputs)
+
+    run.__doc__ = said
+    return InPaper(
+        run,
+        lambda paper: {
+            "data": paper.photos,
+            "systems": paper.systems,
+            "limit": paper.limit,
+            "seed": paper.seed,
+        },
+    )
 
 
 def page(study: Study, result: Result) -> Page:
