@@ -27,9 +27,7 @@ def key(
 ) -> str:
     """SHA-256 of everything that PSFs depend on, the code that computes them included.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
-    camera, window_px, seed, dtype: as of `psf_bank`.
+    camera, wavelengths, inverse_depths, window_px, seed, dtype: as of `psf_bank`, [band] and [depth].
     """
     said = {"optics": identity(camera), "window": window_px, "seed": seed, "dtype": str(dtype)}
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())

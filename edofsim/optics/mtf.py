@@ -112,9 +112,7 @@ def mtf(
 ) -> Tensor:
     """Modulation transfer function |`otf`|, float64 [depth, frequency]; arguments as for `otf`.
 
-    inverse_depths: [depth], 1/m.
-    frequencies: [frequency], 1/m on the sensor.
-    camera, wavelength, angle_deg: as of `otf`.
+    camera, wavelength, inverse_depths, frequencies, angle_deg: as of `otf`, [depth] and [frequency].
     """
     return otf(camera, wavelength, inverse_depths, frequencies, angle_deg=angle_deg).abs()
 
@@ -128,9 +126,7 @@ def tangential_sagittal(
     """MTFs along the camera's direction in the field and across it, float64 [2, depth, frequency]; arguments
     as for `otf`. On the axis, those of a field above it.
 
-    inverse_depths: [depth], 1/m.
-    frequencies: [frequency], 1/m on the sensor.
-    camera, wavelength: as of `otf`.
+    camera, wavelength, inverse_depths, frequencies: as of `otf`, [depth] and [frequency].
     """
     right, up = camera.field
     along = math.degrees(math.atan2(up, right)) if right or up else 90.0

@@ -184,10 +184,8 @@ def mean_psfs(
 ) -> Tensor:
     """PSFs of a height map whose samples err, in the mean over such masks: float32 [depth, band, y, x].
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
+    camera, wavelengths, inverse_depths, window_px, device: as of `psf_bank`, [band] and [depth].
     height_noise: standard deviation in metres, of a `height-map` mask; with 0 they are those of `psf_bank`.
-    camera, window_px, device: as of `psf_bank`.
 
     What the errors leave in order is the designed PSF (`unscattered_fraction`); the light that they scatter
     spreads evenly over the period of the sampled mask. Raises as `psf_bank`.
@@ -218,12 +216,10 @@ def channel_psfs(
 
     Of many depths or wide windows only some bands are held at a time.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
+    camera, wavelengths, inverse_depths, device: as of `psf_bank`, [band] and [depth].
     weights: of the bands in the channels, [channel, band]; None for the camera's response.
     height_noise: of the mask, as in `mean_psfs`.
     window_px: side of the PSFs; None for the recipe's.
-    camera, device: as of `psf_bank`.
 
     Raises InputError as `psf_bank`.
     """

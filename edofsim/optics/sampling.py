@@ -50,11 +50,9 @@ def plan_sampling(
     steepest phase (lens, defocus and mask together) below half of the sampling's Nyquist slope, and the light
     that the cells of a height map scatter out of the window.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
+    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth].
     by_bound: False leaves the paper's bound out of "auto"; it is twice as fine as the steepest phase asks
         for.
-    camera, window_px: as of `psf_bank`.
 
     Raises InputError, with both numbers, for a fixed sampling that is too coarse, and for work too large to
     begin.
@@ -110,9 +108,7 @@ def _what_helps(camera: Camera, wavelengths: Tensor, psi: Tensor) -> str:
 def coarsest_pitch(camera: Camera, wavelengths: Tensor, inverse_depths: Tensor, window_px: int) -> float:
     """The coarsest fixed pitch [m] that `plan_sampling` takes, with replicas out of the window.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
-    camera, window_px: as of `psf_bank`.
+    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth].
     """
     ends = torch.stack([inverse_depths.min(), inverse_depths.max()])
     return min(coarsest_pitches(camera, wavelengths, ends, window_px))
@@ -123,9 +119,7 @@ def coarsest_pitches(
 ) -> list[float]:
     """The same of each inverse depth [depth] by itself.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
-    camera, window_px: as of `psf_bank`.
+    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth].
     """
     shortest = float(wavelengths.double().min())
     alone = shortest * camera.sensor_distance / (window_px * camera.pixel)
@@ -141,9 +135,7 @@ def sampled_alike(
     long. Those that do with a pitch `OWN_GRID` times as coarse have one of their own, and so on. None is
     coarser than both the finest and a height map's own, whose samples scatter light into the window.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
-    camera, window_px: as of `psf_bank`.
+    camera, wavelengths, inverse_depths, window_px: as of `psf_bank`, [band] and [depth].
     """
     if camera.lens.measured:
         return [(torch.arange(len(inverse_depths)), 2 * camera.aperture_radius / FEWEST_SAMPLES)]

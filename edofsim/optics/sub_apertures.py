@@ -58,15 +58,13 @@ def sub_aperture_psfs(
 ) -> Iterator[Tensor]:
     """What each sub-aperture adds to the PSFs: one tensor [depth, band, y, x] each, as it is needed.
 
-    wavelengths: [band], metres.
-    inverse_depths: [depth], 1/m.
+    camera, wavelengths, inverse_depths, window_px, dtype, device: as of `psf_bank`, [band] and [depth].
     across: sub-apertures along each axis; there are at most across^2, those outside the aperture or behind an
         opaque mask being joined to others.
     side: of the pixels, in pixels of the camera; where it is not 1, the window is the odd one that holds
         `window_px` of these, and samples lie `COARSER` times as far apart.
     coarsely: the pupil is sampled as coarsely as may be for each depth, in place of the recipe's sampling and
         of one that does for all; the sum is then that of such PSFs.
-    camera, window_px, dtype, device: as of `psf_bank`.
 
     Their sum is `psf_bank(...).values`; gradients reach the camera's height map. Raises InputError as there,
     and for a number of sub-apertures out of range.
